@@ -9,7 +9,7 @@ import numpy as np
 
 from certpgo.errors import SpecError
 from certpgo.graph import Estimate, PoseGraph
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, Problem, RotationProblem
 
 from ._baseline import Baseline

@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
-from certpgo.costs import InformationProblem
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
 from certpgo.graph.graph import require_isotropic
+from certpgo.objective.choose_cost import InformationProblem
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.optimize.iterative import Settings
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent

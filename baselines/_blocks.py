@@ -12,7 +12,7 @@ from scipy import sparse
 
 from certpgo.graph import Estimate
 from certpgo.graph.graph import require_isotropic
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.objective.problem import PoseProblem, Problem

@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from certpgo.costs import InformationProblem
-from certpgo.costs.gtsam_graph import factors_of
 from certpgo.errors import CertPGOError, InputError, MissingDependency, NumericalError
 from certpgo.graph import Estimate
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
+from certpgo.objective.choose_cost import InformationProblem
+from certpgo.objective.gtsam_graph import factors_of
 from certpgo.objective.problem import PoseProblem, Problem
 
 #: Information of the prior, whose residual is zero at the optimum.

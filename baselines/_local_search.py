@@ -6,10 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
-from certpgo.costs import InformationProblem
-from certpgo.costs.edge_costs.gtsam import GtsamCost
 from certpgo.errors import InputError, SpecError
 from certpgo.graph import Estimate
+from certpgo.objective.choose_cost import InformationProblem
+from certpgo.objective.costs.gtsam import GtsamCost
 from certpgo.objective.problem import Problem
 from certpgo.optimize.monitor import Stopwatch
 from certpgo.optimize.solution import Status

@@ -22,7 +22,7 @@ import numpy as np
 from certpgo.errors import NumericalError, SpecError
 from certpgo.graph import Estimate
 from certpgo.graph.trees import tree_initialization
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.factor import Factor

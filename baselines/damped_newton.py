@@ -26,9 +26,9 @@ from certpgo.errors import NumericalError, SpecError
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal, scatter_sum
 from certpgo.objective.problem import Problem
+from certpgo.optimize.methods import _memory
 from certpgo.optimize.progress import Progress
 from certpgo.optimize.solution import Status
-from certpgo.solvers import _memory
 
 from ._blocks import block_size
 from ._completion import Completion, Known, LowRank

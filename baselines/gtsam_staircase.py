@@ -10,8 +10,8 @@ import numpy as np
 
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
-from certpgo.graph.lift import Lift, rounded
-from certpgo.linalg import so
+from certpgo.graph.relaxed_point import Lift, rounded
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import Problem
 from certpgo.optimize.monitor import Stopwatch

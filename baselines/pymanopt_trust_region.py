@@ -9,7 +9,7 @@ import numpy as np
 
 from certpgo.errors import MissingDependency, SpecError
 from certpgo.graph import Estimate
-from certpgo.graph.lift import Lift, lifted, rounded
+from certpgo.graph.relaxed_point import Lift, lifted, rounded
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.optimize.iterative import Settings

@@ -25,47 +25,47 @@ from certpgo.graph.ranges import Ranges
 from certpgo.objective.problem import PoseProblem, RotationProblem
 from certpgo.optimize.marginals import Marginals
 from certpgo.optimize.monitor import Iteration, Monitor
-from certpgo.optimize.newton import NewtonSettings
+from certpgo.optimize.riemannian_newton import NewtonSettings
 from certpgo.optimize.solution import Solution, Status
-from certpgo.solvers.certified.disagreement import Disagreement
-from certpgo.solvers.certified.interface import solve
-from certpgo.solvers.certified.result import CertifiedSolution
-from certpgo.solvers.certified.robust import solve_robustly
-from certpgo.solvers.certified.settings import SolveSettings
+from certpgo.solve.outliers import Disagreement
+from certpgo.solve.result import CertifiedSolution
+from certpgo.solve.robust import solve_robustly
+from certpgo.solve.settings import SolveSettings
+from certpgo.solve.solving import solve
 
 if TYPE_CHECKING:
     from certpgo import plot as plot
-    from certpgo.assess.assessment import certify_values
-    from certpgo.assess.sparsifying import Sparsified, SuggestedLoops, sparsify, suggest_loops
     from certpgo.certify.proof_file import check, write_proof
-    from certpgo.costs.gtsam_graph import from_gtsam, to_gtsam
     from certpgo.graph.priors import with_directions, with_priors
     from certpgo.io import read, read_estimate, write
     from certpgo.linalg.distributed.schedulers import scheduler
+    from certpgo.objective.gtsam_graph import from_gtsam, to_gtsam
     from certpgo.registration.reconstruct import reconstruct
     from certpgo.registration.register import register
     from certpgo.registration.sequences import read_sequence
     from certpgo.registry import get_solver
-    from certpgo.solvers.certified.merging import Merged, merge
-    from certpgo.solvers.certified.rejecting import RobustSession
-    from certpgo.solvers.certified.session import Session
-    from certpgo.solvers.certified.standing import Standing
-    from certpgo.solvers.certified.suspicion import Suspicion
+    from certpgo.solve.assessment import certify_values
+    from certpgo.solve.merging import Merged, merge
+    from certpgo.solve.robust_session import RobustSession
+    from certpgo.solve.session import Session
+    from certpgo.solve.session_outliers import Suspicion
+    from certpgo.solve.session_status import Standing
+    from certpgo.solve.sparsifying import Sparsified, SuggestedLoops, sparsify, suggest_loops
     from certpgo.view.show import show
 
 #: Imported on first use, to keep `import certpgo` fast.
 _LATER = {
-    "Merged": "solvers.certified.merging",
-    "Sparsified": "assess.sparsifying",
-    "SuggestedLoops": "assess.sparsifying",
-    "RobustSession": "solvers.certified.rejecting",
-    "Session": "solvers.certified.session",
-    "Standing": "solvers.certified.standing",
-    "Suspicion": "solvers.certified.suspicion",
+    "Merged": "solve.merging",
+    "Sparsified": "solve.sparsifying",
+    "SuggestedLoops": "solve.sparsifying",
+    "RobustSession": "solve.robust_session",
+    "Session": "solve.session",
+    "Standing": "solve.session_status",
+    "Suspicion": "solve.session_outliers",
     "check": "certify.proof_file",
-    "certify_values": "assess.assessment",
-    "from_gtsam": "costs.gtsam_graph",
-    "to_gtsam": "costs.gtsam_graph",
+    "certify_values": "solve.assessment",
+    "from_gtsam": "objective.gtsam_graph",
+    "to_gtsam": "objective.gtsam_graph",
     "read": "io",
     "read_estimate": "io",
     "read_sequence": "registration.sequences",
@@ -73,9 +73,9 @@ _LATER = {
     "write": "io",
     "write_proof": "certify.proof_file",
     "get_solver": "registry",
-    "merge": "solvers.certified.merging",
-    "sparsify": "assess.sparsifying",
-    "suggest_loops": "assess.sparsifying",
+    "merge": "solve.merging",
+    "sparsify": "solve.sparsifying",
+    "suggest_loops": "solve.sparsifying",
     "register": "registration.register",
     "show": "view.show",
     "scheduler": "linalg.distributed.schedulers",

@@ -1,9 +1,9 @@
 """Registry of methods and benchmarks: files found by scanning folders and imported on demand.
 
-A method is a file or folder of ``certpgo/solvers`` or, in a checkout, ``baselines``, that exposes
-``SOLVER``. A checkout also holds the benchmarks, which are not in the wheel: folders of files that
-each expose a specification, loaded by path, and the package ``reports.harness`` with their
-commands. Files whose names start with an underscore are shared code.
+A method is a file of ``certpgo/optimize/methods``, ``certpgo/solve/methods`` or, in a checkout,
+``baselines``, that exposes ``SOLVER``. A checkout also holds the benchmarks, which are not in the
+wheel: folders of files that each expose a specification, loaded by path, and the package
+``reports.harness`` with their commands. Files whose names start with an underscore are shared code.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ NO_CHECKOUT = (
 )
 
 _PACKAGE = Path(__file__).parent
-_SOLVERS = _PACKAGE / "solvers"
+_METHODS = ("optimize.methods", "solve.methods")
 _COMMANDS = "reports/harness/commands"
 
 
@@ -45,7 +45,13 @@ _COMMANDS = "reports/harness/commands"
 
 def solver_names() -> tuple[str, ...]:
     """Names of the available methods: the package's own, and the baselines in a checkout."""
-    return tuple(sorted({*_stems(_SOLVERS), *names_in("baselines")}))
+    return tuple(sorted({*_own_methods(), *names_in("baselines")}))
+
+
+def _own_methods() -> dict[str, str]:
+    """The package's own methods, with the packages that they are in."""
+    folders = {package: _PACKAGE / package.replace(".", "/") for package in _METHODS}
+    return {name: package for package, folder in folders.items() for name in _stems(folder)}
 
 
 def get_solver(name: str) -> type[Solver]:
@@ -68,19 +74,20 @@ def get_solver(name: str) -> type[Solver]:
         ...
     certpgo.errors.SpecError: unknown method 'eigen_r'; did you mean eigen_ra or ...?
     """
-    if name in _stems(_SOLVERS):
-        module = _imported(f"certpgo.solvers.{name}", _SOLVERS / f"{name}.py")
+    if package := _own_methods().get(name):
+        path = _PACKAGE / package.replace(".", "/") / f"{name}.py"
+        module = _imported(f"certpgo.{package}.{name}", path)
     elif name in names_in("baselines"):
         module = load_file("baselines", name)
     else:
         raise unknown_method(name, solver_names())
     solver = exposed(module, "SOLVER")
-    path = module.__file__ or name
+    file = module.__file__ or name
     if not (isinstance(solver, type) and is_dataclass(solver)):
-        raise UnusableFile(path, "SOLVER must be a dataclass of settings")
+        raise UnusableFile(file, "SOLVER must be a dataclass of settings")
     missing = [part for part in ("poses", "rotations", "solve") if not hasattr(solver, part)]
     if missing:
-        raise UnusableFile(path, f"SOLVER lacks {', '.join(missing)}")
+        raise UnusableFile(file, f"SOLVER lacks {', '.join(missing)}")
     return cast("type[Solver]", solver)
 
 

@@ -128,7 +128,7 @@ class Messages:
 
 def trajectory(n, seed=0):
     """Times (nanoseconds) and poses along a walk."""
-    from certpgo.linalg import so
+    from certpgo.linalg import rotations as so
 
     rng = np.random.default_rng(seed)
     times = [1_700_000_000_000_000_000 + 100_000_000 * k for k in range(n)]

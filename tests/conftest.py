@@ -57,7 +57,7 @@ MISCHIEF = """
     from dataclasses import dataclass
     from pathlib import Path
 
-    from certpgo.solvers.spanning_tree import SpanningTree
+    from certpgo.optimize.methods.spanning_tree import SpanningTree
 
     @dataclass(frozen=True)
     class Mischief(SpanningTree):

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from flint import arb, ctx
 
-from certpgo.costs.edge_costs.g2o import G2oCost
 from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.graph.information import InformationGraph
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
+from certpgo.objective.costs.g2o import G2oCost
 
 #: About 90 digits.
 BITS = 300

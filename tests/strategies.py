@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from certpgo.graph import PoseGraph, RotationGraph
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 
 dimensions = st.sampled_from([2, 3])
 seeds = st.integers(0, 2**32 - 1)

@@ -49,7 +49,7 @@ HARNESS_RANKS = {
 
 #: Third-party packages with one home each.
 HOMES = {
-    "cvxpy": ("certpgo/solvers/sdp_",),
+    "cvxpy": ("certpgo/optimize/methods/sdp_",),
     "pymetis": ("certpgo/linalg/factor.py",),
     "pooch": ("certpgo/io/datasets/lookup.py",),
     "rosbags": ("certpgo/io/bags.py",),
@@ -58,7 +58,7 @@ HOMES = {
     "threadpoolctl": (
         "certpgo/linalg/multifrontal.py",
         "certpgo/certify/proof.py",
-        "certpgo/assess/comparison.py",
+        "certpgo/solve/comparison.py",
         "reports/harness/experiments/timing.py",
     ),
     "jinja2": ("certpgo/view/page.py",),
@@ -68,7 +68,7 @@ HOMES = {
     "dask": ("certpgo/linalg/distributed/",),
     "distributed": ("certpgo/linalg/distributed/schedulers.py",),
     "ray": ("reports/harness/experiments/execute.py",),
-    "gtsam": ("certpgo/costs/gtsam_graph.py",),
+    "gtsam": ("certpgo/objective/gtsam_graph.py",),
     "cv2": ("certpgo/registration/",),
     "small_gicp": ("certpgo/registration/dense.py",),
     "skimage": ("certpgo/registration/",),

@@ -13,7 +13,7 @@ from strategies import dimensions, rng_of, seeds
 
 from certpgo import checker
 from certpgo.certify.proof import quaternions
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 
 pytest.importorskip("flint", reason="python-flint is not installed")
 

@@ -18,7 +18,7 @@ from certpgo.errors import FormatError
 from certpgo.io.datasets.synthetic import helix
 from certpgo.io.exact.circle import half_angle_pair
 from certpgo.io.precision_kind import position_weights
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import problem_of
 
 #: How many proofs of the small graph are damaged.

@@ -125,7 +125,7 @@ def test_every_method_has_a_page(made):
     )
     listed = set(re.findall(r"^   \* - ``(\w+)``$", methods["baselines.rst"], re.M))
     assert named | listed == {*registry.solver_names()} - {"certified"}
-    assert "certpgo.solvers.certified.interface.Certified" in described("autoclass")
+    assert "certpgo.solve.methods.certified.Certified" in described("autoclass")
 
 
 @pytest.mark.slow

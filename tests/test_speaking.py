@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import certpgo
-from certpgo.graph.wording import aligned, rounded_up, shown_path
+from certpgo.graph.phrases import aligned, rounded_up, shown_path
 from certpgo.io.datasets import synthetic
 from certpgo.optimize.solution import Status
 

@@ -27,9 +27,9 @@ import numpy as np
 from certpgo.graph import Estimate, Graph, PoseGraph
 from certpgo.graph.edges import symmetric
 from certpgo.linalg.arrays import FloatArray
-from certpgo.linalg.balls import U
+from certpgo.linalg.ball_arithmetic import U
 from certpgo.linalg.blocks import scatter_sum
-from certpgo.linalg.so import rotation_defect
+from certpgo.linalg.rotations import rotation_defect
 from certpgo.objective import operators
 from certpgo.objective.problem import Problem
 

@@ -14,8 +14,8 @@ import numpy as np
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate, RotationGraph
 from certpgo.graph.cycles import is_cycle, walk
-from certpgo.graph.speaking import Brief
-from certpgo.linalg import so
+from certpgo.graph.display import Brief
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.blocks import divided, scatter_sum
 from certpgo.objective.problem import RotationProblem

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from certpgo.certify.case import Case
 from certpgo.certify.certificate import Tier
-from certpgo.certify.own_cost import OwnCostCase
-from certpgo.certify.ranged import RangedCase
-from certpgo.costs.problem import InformationProblem
-from certpgo.costs.ranges import RangeProblem
+from certpgo.certify.range_case import RangedCase
+from certpgo.certify.surrogate_case import OwnCostCase
+from certpgo.certify.tolerances import Case
 from certpgo.errors import InputError, kind_of
 from certpgo.objective.base import Objective
+from certpgo.objective.information_problem import InformationProblem
+from certpgo.objective.range_problem import RangeProblem
 from certpgo.optimize.monitor import Monitor, silent
 
 _KINDS: tuple[tuple[type[Any], type[Case]], ...] = (

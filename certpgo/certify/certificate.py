@@ -14,7 +14,7 @@ from certpgo.certify.obstacle import NOTHING, LimitedBy, Obstacle
 from certpgo.certify.wording import Statement
 from certpgo.errors import SpecError
 from certpgo.graph import Estimate
-from certpgo.graph.wording import cost_shown, gap_shown
+from certpgo.graph.phrases import cost_shown, gap_shown
 from certpgo.io.json_values import plain
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.base import CHORDAL
@@ -124,7 +124,7 @@ class Certificate(Statement):
     bounds : bounds that need no factorization, at ``refined``; None if they failed
     engine : factorization engine
     objective : the cost that the certificate is about: F, or that of another program, see
-        `certpgo.costs`; then F stands for that cost everywhere here
+        `certpgo.objective.choose_cost`; then F stands for that cost everywhere here
     descended : whether ``refined`` comes from local descent
     settled : whether that ended; else it was stopped, or given up as the optimum was known
     support : under the cost of another program, what the lower bound rests on; else None

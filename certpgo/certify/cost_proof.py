@@ -7,16 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo import checker
-from certpgo.certify.case import refuse_unprovable
 from certpgo.certify.certificate import Certificate, Tier
-from certpgo.certify.own_cost import OwnCostCase
 from certpgo.certify.proof import Witness, prove
-from certpgo.costs import COSTS, InformationProblem, information_problem
-from certpgo.costs.problem import Surrogate, surrogate_of
+from certpgo.certify.surrogate_case import OwnCostCase
+from certpgo.certify.tolerances import refuse_unprovable
 from certpgo.errors import NumericalError
 from certpgo.graph import Instance
-from certpgo.graph.wording import counted
+from certpgo.graph.phrases import counted
 from certpgo.linalg.arrays import FloatArray
+from certpgo.objective.choose_cost import COSTS, InformationProblem, information_problem
+from certpgo.objective.information_problem import Surrogate, surrogate_of
 
 #: Shares of an edge's weights by which its constant is lowered until the checker accepts it.
 LOWER = tuple(4.0**k for k in range(-27, -11))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from certpgo.graph.lift import Point
+from certpgo.graph.relaxed_point import Point
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.eigen import krylov_schur
 from certpgo.objective.problem import Problem

@@ -17,17 +17,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from certpgo.certify.anchored import Anchored
-from certpgo.certify.shifted import Shifted
-from certpgo.costs.edge_cost import Minorants
+from certpgo.certify.multipliers import Shifted
 from certpgo.graph import Estimate, PoseGraph
-from certpgo.graph.lift import Point
-from certpgo.graph.speaking import Brief
+from certpgo.graph.display import Brief
+from certpgo.graph.relaxed_point import Point
 from certpgo.linalg import compiled
 from certpgo.linalg.arrays import CSC, BoolArray, FloatArray, IntArray
-from certpgo.linalg.balls import U
+from certpgo.linalg.ball_arithmetic import U
 from certpgo.linalg.blocks import add_to_diagonal, pinned, scatter_sum, with_entries
+from certpgo.linalg.rotations import rotation_defect
 from certpgo.linalg.rounding_bound import OTHERS
-from certpgo.linalg.so import rotation_defect
+from certpgo.objective.edge_cost import Minorants
 from certpgo.objective.operators import degrees
 from certpgo.objective.problem import PoseProblem, Problem
 

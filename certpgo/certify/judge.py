@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from certpgo.certify.bounds import Bounds, bounds
-from certpgo.certify.case import ATOL, RTOL, Basin, refuse_time_limit
 from certpgo.certify.cases import case_of
 from certpgo.certify.certificate import Certificate, Tier
-from certpgo.costs import Certifiable, certifiable
+from certpgo.certify.tolerances import ATOL, RTOL, Basin, refuse_time_limit
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.io.accept_paths import AnyPath, estimated, measured
 from certpgo.io.writing import AnyAnswer
+from certpgo.objective.choose_cost import Certifiable, certifiable
 from certpgo.optimize.monitor import Iteration, Monitor, silent
 from certpgo.optimize.progress import Hopeful
 from certpgo.optimize.solution import Status

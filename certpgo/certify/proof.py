@@ -16,17 +16,17 @@ import numpy as np
 
 from certpgo import checker
 from certpgo.certify.dual import DualBound
-from certpgo.certify.shifted import Shifted
+from certpgo.certify.multipliers import Shifted
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
-from certpgo.graph.lift import Point
+from certpgo.graph.relaxed_point import Point
 from certpgo.io.exact import quaternion
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.linalg.blocks import scatter_sum
-from certpgo.linalg.so import rotation_defect
+from certpgo.linalg.rotations import rotation_defect
 from certpgo.objective import operators
 from certpgo.objective.problem import PoseProblem, Problem
-from certpgo.optimize.newton import NewtonSettings, newton
+from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 
 #: First shift tried, in units of rounding of the mean diagonal (for poses, times the growth), and
 #: its growth per attempt.

@@ -25,17 +25,18 @@ from typing import Any
 
 import numpy as np
 
-from certpgo import checker, costs
-from certpgo.certify.case import Case
+from certpgo import checker
 from certpgo.certify.certificate import CHORDAL, Certificate, Tier
 from certpgo.certify.cost_proof import cost_evidence, problem_of_certificate
 from certpgo.certify.proof import Witness, proof_of, prove
+from certpgo.certify.tolerances import Case
 from certpgo.errors import FormatError, InputError, NumericalError
 from certpgo.graph import Estimate, Instance, PoseGraph
 from certpgo.io.compressed import is_compressed
 from certpgo.io.format import format_of
 from certpgo.io.writing import atomically
 from certpgo.linalg.arrays import FloatArray
+from certpgo.objective import choose_cost as costs
 from certpgo.objective.problem import problem_of
 
 #: Formats that the checker can read.

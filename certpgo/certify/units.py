@@ -12,10 +12,10 @@ from dataclasses import replace
 import numpy as np
 
 from certpgo.certify.certificate import Certificate
-from certpgo.costs.ranges import RangeProblem
 from certpgo.errors import InputError
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import Problem
+from certpgo.objective.range_problem import RangeProblem
 
 
 def unit_of(problem: Problem | RangeProblem) -> float:

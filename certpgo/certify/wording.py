@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.graph import Estimate
-from certpgo.graph.speaking import Speaking
-from certpgo.graph.wording import (
+from certpgo.graph.display import Speaking
+from certpgo.graph.phrases import (
     bound_shown,
     cost_shown,
     counted,

@@ -19,10 +19,10 @@ from certpgo.errors import GraphError, InputError
 
 if TYPE_CHECKING:
     from certpgo import Session, Standing
-    from certpgo.costs.fit import Fit
     from certpgo.graph import Estimate, Instance
     from certpgo.graph.labels import Label
     from certpgo.io.datasets.source import Source
+    from certpgo.solve.fit import Fit
 
 #: The name of a graph that comes from a pipe.
 PIPE = "-"
@@ -120,8 +120,8 @@ class Followed:
     @cached_property
     def fit(self) -> Fit | None:
         """chi^2 of all measurements of a file, if they came and none is put aside."""
-        from certpgo.costs import certifiable
-        from certpgo.costs.fit import fit_of
+        from certpgo.objective.choose_cost import certifiable
+        from certpgo.solve.fit import fit_of
 
         if self.whole is None or not self.ended or self.rejected:
             return None
@@ -132,7 +132,7 @@ class Followed:
     def sentence(self) -> str:
         """What is proven, in a line."""
         from certpgo.certify.wording import named_cost
-        from certpgo.graph.wording import cost_shown, counted, gap_shown
+        from certpgo.graph.phrases import cost_shown, counted, gap_shown
 
         s = self.standing
         if s is None:
@@ -207,8 +207,8 @@ class Stream:
         InputError
             The file has several components, or an option is for files alone.
         """
-        from certpgo.costs import CHORDAL
         from certpgo.graph.streaming import streamed
+        from certpgo.objective.choose_cost import CHORDAL
 
         if source is not None:
             parts = reading.parts(reading.open(source))

@@ -128,8 +128,8 @@ def write_scene(out: Path, found: Reconstruction | Fused, cutoff: float, *, mesh
 
 def write_reconstruction(out: Path, found: Reconstruction | Fused, graph: Path | None) -> None:
     """Write the page of the certificate, with the points and the rejected edges."""
-    from certpgo.assess.assessment import assess
     from certpgo.io.surfaces import Surface
+    from certpgo.solve.assessment import assess
 
     averaged, answer = found.averaged, found.averaged.answer
     given, problem, kept = averaged.instance, answer.problem, averaged.kept

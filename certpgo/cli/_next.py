@@ -9,7 +9,7 @@ from certpgo.cli._reading import Reading
 if TYPE_CHECKING:
     from certpgo.certify import Certificate
     from certpgo.graph import Instance
-    from certpgo.solvers.certified.disagreement import Disagreement
+    from certpgo.solve.outliers import Disagreement
 
 
 class Asked(NamedTuple):

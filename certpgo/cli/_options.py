@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from certpgo.cli._show import notice
-from certpgo.costs import CHORDAL, COSTS, own_cost
 from certpgo.errors import InputError, SpecError
+from certpgo.objective.choose_cost import CHORDAL, COSTS, own_cost
 
 if TYPE_CHECKING:
     from certpgo.graph import Instance

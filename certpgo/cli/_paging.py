@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 from certpgo.cli._show import notice, working
 
 if TYPE_CHECKING:
-    from certpgo.assess.assessment import Assessment
     from certpgo.cli._reading import Reading
-    from certpgo.costs import Certifiable
     from certpgo.graph import Estimate, Instance
+    from certpgo.objective.choose_cost import Certifiable
     from certpgo.optimize.monitor import Iteration
-    from certpgo.solvers.certified.settings import SolveSettings
+    from certpgo.solve.assessment import Assessment
+    from certpgo.solve.settings import SolveSettings
     from certpgo.view.certificate_page import Origin
 
 
@@ -33,9 +33,9 @@ def origin_of(
     settings: SolveSettings | None = None,
 ) -> Origin:
     """Where an estimate came from; without the date, so that pages are reproducible."""
-    from certpgo.assess.provenance import provenance
     from certpgo.linalg.factor import default_engine
     from certpgo.registry import source
+    from certpgo.solve.provenance import provenance
     from certpgo.view.certificate_page import Origin
 
     environment = provenance(default_engine(), source())

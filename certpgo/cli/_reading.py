@@ -191,7 +191,7 @@ class Reading:
         Commands that take no ``distances`` leave them out, which a notice says.
         """
         from certpgo.graph.components import rotations_alone
-        from certpgo.graph.wording import counted
+        from certpgo.graph.phrases import counted
 
         with _reading_progress() as progress:
             chosen: dict[str, Any] = {}
@@ -216,7 +216,7 @@ class Reading:
             The graph is not connected, and ``--components`` is ``refuse``.
         """
         from certpgo.graph.components import connected_parts
-        from certpgo.graph.wording import counted
+        from certpgo.graph.phrases import counted
 
         try:
             parts = connected_parts(instance, self.components.value)
@@ -284,7 +284,7 @@ def covered(
     import numpy as np
 
     from certpgo.graph.components import restricted
-    from certpgo.graph.wording import counted
+    from certpgo.graph.phrases import counted
     from certpgo.io.estimates import read_part
 
     path = source.path()

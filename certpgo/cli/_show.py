@@ -53,7 +53,7 @@ def document(data: Any) -> None:
 
 def facts(pairs: Iterable[tuple[str, str]]) -> None:
     """Print names and values: one pair per line, or in a terminal wrapped between words."""
-    from certpgo.graph.wording import aligned
+    from certpgo.graph.phrases import aligned
 
     for line in aligned(pairs, _terminal()):
         typer.echo(line)

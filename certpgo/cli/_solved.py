@@ -19,14 +19,14 @@ from certpgo.cli._show import facts, notice
 from certpgo.cli._truth import KnownPoses
 
 if TYPE_CHECKING:
-    from certpgo.assess.assessment import Assessment
-    from certpgo.assess.metrics import TrajectoryErrors
-    from certpgo.costs import Certifiable
-    from certpgo.costs.fit import Fit
     from certpgo.graph import Instance
+    from certpgo.objective.choose_cost import Certifiable
     from certpgo.optimize.solution import Solution
-    from certpgo.solvers.certified import CertifiedSolution
-    from certpgo.solvers.certified.disagreement import Disagreement
+    from certpgo.solve.assessment import Assessment
+    from certpgo.solve.fit import Fit
+    from certpgo.solve.metrics import TrajectoryErrors
+    from certpgo.solve.outliers import Disagreement
+    from certpgo.solve.result import CertifiedSolution
 
 UNPROVABLE = (
     "a proof is about all measurements of a file, not about those that a robust method keeps; "
@@ -81,7 +81,7 @@ class Solved(Result):
     @cached_property
     def fit(self) -> Fit | None:
         """chi^2 of the certified measurements."""
-        from certpgo.costs.fit import fit_of
+        from certpgo.solve.fit import fit_of
 
         weights = self.solution.weights
         return fit_of(self.part, self._judged, self.solution.estimate, weights)
@@ -89,7 +89,7 @@ class Solved(Result):
     @cached_property
     def assessment(self) -> Assessment | None:
         """The costliest measurements and the rest of the page; None without a certificate."""
-        from certpgo.assess.assessment import assess
+        from certpgo.solve.assessment import assess
 
         if self.certificate is None:
             return None
@@ -166,7 +166,7 @@ class Solved(Result):
 
     def _search(self, written: str) -> Iterator[tuple[str, str]]:
         """How the estimate was found, as names and values."""
-        from certpgo.assess.provenance import peak_memory
+        from certpgo.solve.provenance import peak_memory
 
         solution, part = self.solution, self.part
         yield "graph", part.name
@@ -189,7 +189,7 @@ class Solved(Result):
 
     def _kept(self) -> Iterator[tuple[str, str]]:
         """What a robust method kept and rejected."""
-        from certpgo.assess.wording import few_edges
+        from certpgo.solve.accuracy_wording import few_edges
 
         solution, part = self.solution, self.part
         if solution.kept is not None:
@@ -200,8 +200,8 @@ class Solved(Result):
 
     def _uncertified(self) -> Iterator[tuple[str, str]]:
         """The numbers that no certificate is about."""
-        from certpgo.assess import wording
-        from certpgo.graph.wording import cost_shown
+        from certpgo.graph.phrases import cost_shown
+        from certpgo.solve import accuracy_wording as wording
 
         solution = self.solution
         if self.certificate is None:
@@ -284,7 +284,7 @@ class Solved(Result):
     @property
     def _problem(self) -> Certifiable:
         """The problem that the estimate solves."""
-        from certpgo.costs import RangeProblem, certifiable
+        from certpgo.objective.choose_cost import RangeProblem, certifiable
 
         posed = certifiable(self.part, self.asked.cost)
         return posed if isinstance(posed, RangeProblem) else self.solution.judged(posed)

@@ -11,12 +11,12 @@ from certpgo.cli._show import notice
 from certpgo.errors import InputError
 
 if TYPE_CHECKING:
-    from certpgo.assess.metrics import TrajectoryErrors
     from certpgo.cli._reading import Reading
     from certpgo.graph import Estimate, Instance
     from certpgo.io.datasets.source import Source
     from certpgo.io.matching import Matching
     from certpgo.linalg.arrays import IntArray
+    from certpgo.solve.metrics import TrajectoryErrors
 
 TruthFile = Annotated[
     str | None,
@@ -70,7 +70,7 @@ class KnownPoses:
 
     def errors(self, estimate: Estimate) -> TrajectoryErrors:
         """The errors of an estimate of the graph, in the order of node ids."""
-        from certpgo.assess.metrics import trajectory_errors
+        from certpgo.solve.metrics import trajectory_errors
 
         known = estimate.subset(self.nodes)
         if self.poses.translations is None:

@@ -11,14 +11,14 @@ import typer
 from certpgo.cli._show import facts, paragraph
 
 if TYPE_CHECKING:
-    from certpgo.assess.assessment import Assessment
-    from certpgo.assess.metrics import TrajectoryErrors
     from certpgo.certify import Certificate
-    from certpgo.costs.fit import Fit
     from certpgo.graph import Instance
     from certpgo.linalg.arrays import IntArray
     from certpgo.optimize.solution import Solution
-    from certpgo.solvers.certified.disagreement import Disagreement
+    from certpgo.solve.assessment import Assessment
+    from certpgo.solve.fit import Fit
+    from certpgo.solve.metrics import TrajectoryErrors
+    from certpgo.solve.outliers import Disagreement
 
 #: Exit code after Ctrl-C.
 INTERRUPTED = 130
@@ -52,9 +52,9 @@ def show(
     fit: Fit | None = None,
 ) -> None:
     """Print the numbers behind a verdict, ``more`` of them, what limits it, and what to do next."""
-    from certpgo.assess import wording
     from certpgo.certify.certificate import CHORDAL
     from certpgo.certify.wording import limits, numbers, stated_objective, trusts
+    from certpgo.solve import accuracy_wording as wording
 
     chordal = certificate.objective == CHORDAL
     facts(

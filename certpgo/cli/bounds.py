@@ -16,8 +16,8 @@ from certpgo.cli._reading import Reading, covered, restricted_to, takes_reading
 from certpgo.cli._show import document, facts, table, working
 
 if TYPE_CHECKING:
-    from certpgo.assess.ladder import Ladder, Rung
     from certpgo.graph import Estimate, Instance
+    from certpgo.solve.bounds_table import Ladder, Rung
 
 
 @takes_reading
@@ -40,10 +40,10 @@ def command(
     reading: Reading,
 ) -> None:
     """Compute bounds on the optimum, cheapest first, and what each implies for an estimate."""
-    from certpgo.assess.ladder import ladder
     from certpgo.io.matching import Matching
     from certpgo.io.timestamps import timed
     from certpgo.objective.problem import problem_of
+    from certpgo.solve.bounds_table import ladder
 
     source, of_estimate = reading.resolve(graph), reading.resolve(estimate)
     instance = timed(reading.open(source), timestamps)
@@ -97,7 +97,7 @@ OPTIONAL = ("what it needs", "seconds")
 
 def _head(part: Instance, found: Ladder) -> Iterable[tuple[str, str]]:
     from certpgo.certify.wording import objective
-    from certpgo.graph.wording import cost_shown
+    from certpgo.graph.phrases import cost_shown
 
     yield "graph", part.name
     source = "of the given estimate" if found.given else "of the best estimate found"

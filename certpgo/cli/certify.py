@@ -35,14 +35,14 @@ from certpgo.cli._truth import KnownPoses, TruthFile, TruthOffset
 from certpgo.errors import InputError
 
 if TYPE_CHECKING:
-    from certpgo.assess.assessment import Assessment
-    from certpgo.assess.batch import JudgedGraph
-    from certpgo.assess.metrics import TrajectoryErrors
-    from certpgo.costs import Certifiable
     from certpgo.graph import Estimate, Instance
     from certpgo.io.datasets.source import Source
     from certpgo.io.matching import Matching
-    from certpgo.solvers.certified.disagreement import Disagreement
+    from certpgo.objective.choose_cost import Certifiable
+    from certpgo.solve.assessment import Assessment
+    from certpgo.solve.batch import JudgedGraph
+    from certpgo.solve.metrics import TrajectoryErrors
+    from certpgo.solve.outliers import Disagreement
 
 
 @takes_reading
@@ -90,12 +90,12 @@ def command(
 
     Ctrl-C prints what is proven by then; a second Ctrl-C aborts.
     """
-    from certpgo.assess.batch import JudgedGraph
     from certpgo.certify.judge import Judge
-    from certpgo.costs import certifiable
     from certpgo.io.digits import writing_of
     from certpgo.io.matching import Matching
     from certpgo.io.timestamps import file_of_times, timed, timed_by
+    from certpgo.objective.choose_cost import certifiable
+    from certpgo.solve.batch import JudgedGraph
 
     _refuse_mixtures(estimates, csv, truth=truth, best=best, proof=proof, html=html)
     tier = tier_for(proof, tier, cost) or "standard"
@@ -173,7 +173,7 @@ class _Assessed(Result):
         outputs.write(self.found.best, instance=self.part.instance)
 
     def show(self, outputs: Outputs) -> None:
-        from certpgo.assess.wording import accuracy
+        from certpgo.solve.accuracy_wording import accuracy
 
         found, instance = self.found, self.part.instance
         steps = steps_after(
@@ -279,7 +279,7 @@ def _is_better_known(found: Assessment, json: bool) -> bool:
 
 def _may_gain(assessment: Assessment, part: JudgedGraph) -> bool:
     """Whether the refined point is so close to the bound that the proof tier may close the gap."""
-    from certpgo.certify.case import PROOF_GAIN
+    from certpgo.certify.tolerances import PROOF_GAIN
 
     certificate = assessment.certificate
     gap = certificate.refined_cost - certificate.lower_bound
@@ -290,8 +290,8 @@ def _may_gain(assessment: Assessment, part: JudgedGraph) -> bool:
 
 def _disagreement(problem: Certifiable, found: Assessment) -> Disagreement | None:
     """Measurements that disagree with the rest, by their residual angles and chordal cost."""
-    from certpgo.costs import RangeProblem
-    from certpgo.solvers.certified.disagreement import disagreement
+    from certpgo.objective.choose_cost import RangeProblem
+    from certpgo.solve.outliers import disagreement
 
     if isinstance(problem, RangeProblem):
         return None
@@ -312,8 +312,8 @@ def _batch(
     """Certify every estimate, with progress on stderr; returns the exit code."""
     from dataclasses import asdict
 
-    from certpgo.assess.batch import JudgedGraph, judge_all, write_rows
-    from certpgo.graph.wording import cost_shown
+    from certpgo.graph.phrases import cost_shown
+    from certpgo.solve.batch import JudgedGraph, judge_all, write_rows
 
     whole, used, rows = judged(instance), list[JudgedGraph](), []
     with working("certifying") as status.line:

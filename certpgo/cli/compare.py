@@ -18,12 +18,12 @@ from certpgo.cli._show import document, notice, paragraph, table, working
 from certpgo.cli._truth import KnownPoses, TruthFile, TruthOffset
 from certpgo.cli._verdict import INTERRUPTED
 from certpgo.errors import CertPGOError, InputError
-from certpgo.graph.wording import counted
+from certpgo.graph.phrases import counted
 
 if TYPE_CHECKING:
-    from certpgo.assess.comparison import Competitor, MethodResult
     from certpgo.graph import Graph, Instance
     from certpgo.io.datasets.source import Source
+    from certpgo.solve.comparison import Competitor, MethodResult
 
 #: Datasets compared by default, if available locally; otherwise small files of the gtsam wheel.
 USUAL = (
@@ -78,9 +78,9 @@ def command(
 
     One cost judges every estimate. Methods minimise it if they can.
     """
-    from certpgo.assess.comparison import as_data
-    from certpgo.assess.comparison_table import notes
     from certpgo.io.matching import Matching
+    from certpgo.solve.comparison import as_data
+    from certpgo.solve.comparison_table import notes
 
     names = None if methods is None else methods.split(",")
     _refuse_unknown(names, cost)
@@ -127,8 +127,8 @@ def _parts(
     CertPGOError
         It cannot be read, is not connected, or does not have this cost.
     """
-    from certpgo.costs import problem_under
     from certpgo.io.timestamps import timed
+    from certpgo.objective.choose_cost import problem_under
 
     instance = timed(reading.open(source, notices=False), timestamps)
     parts = reading.parts(instance)
@@ -182,7 +182,7 @@ class _Results:
 
     def leave_out(self, graph: str, reason: str) -> None:
         """Add a row with the reason why a graph has no results."""
-        from certpgo.assess.comparison import MethodResult
+        from certpgo.solve.comparison import MethodResult
 
         self.left_out.append(f"not compared: {reason}")
         self.add(MethodResult(graph, error=self.left_out[-1]))
@@ -191,9 +191,9 @@ class _Results:
         """Write a result; the first one replaces those of an interrupted run."""
         import json
 
-        from certpgo.assess.comparison import as_data
         from certpgo.io.json_values import plain
         from certpgo.io.writing import folder_to_write
+        from certpgo.solve.comparison import as_data
 
         folder_to_write(self.path.parent)
         line = json.dumps(plain(as_data(result)), allow_nan=False)
@@ -225,8 +225,8 @@ def _compare(
 
     On interruption those so far are shown. Without a spinner, each is printed on stderr.
     """
-    from certpgo.assess.comparison import compare
-    from certpgo.assess.comparison_table import OPTIONAL, TITLE, in_a_line
+    from certpgo.solve.comparison import compare
+    from certpgo.solve.comparison_table import OPTIONAL, TITLE, in_a_line
 
     in_lines = len(methods) > 1 and not sys.stderr.isatty()
     before = len(results.rows)
@@ -258,7 +258,7 @@ def _section(
     results: Sequence[MethodResult], hidden: Sequence[str] = ()
 ) -> tuple[str, Sequence[str], list[Sequence[str]], str]:
     """Title, header, rows and caption of the results on one graph."""
-    from certpgo.assess.comparison_table import captions, cells, columns, title
+    from certpgo.solve.comparison_table import captions, cells, columns, title
 
     rows: list[Sequence[str]] = [cells(result) for result in results]
     header: Sequence[str] = (*columns(results[0]), FAILED)
@@ -274,7 +274,7 @@ def _section(
 
 
 def _markdown(results: Sequence[MethodResult]) -> str:
-    from certpgo.assess.comparison_table import TITLE, notes, title
+    from certpgo.solve.comparison_table import TITLE, notes, title
     from certpgo.view.markdown_tables import markdown_table
 
     lines = [f"# {TITLE}", ""]
@@ -292,7 +292,7 @@ def _markdown(results: Sequence[MethodResult]) -> str:
 
 def _announce(sources: Sequence[Source], names: Sequence[str] | None) -> None:
     """Say which of the default methods are not here, and how long it takes."""
-    from certpgo.assess.comparison import METHODS
+    from certpgo.solve.comparison import METHODS
 
     here = _available()
     absent = dict.fromkeys(method.solver for method in METHODS if method not in here)
@@ -304,7 +304,7 @@ def _announce(sources: Sequence[Source], names: Sequence[str] | None) -> None:
 
 def _available() -> tuple[Competitor, ...]:
     from certpgo import registry
-    from certpgo.assess.comparison import METHODS
+    from certpgo.solve.comparison import METHODS
 
     known = registry.solver_names()
     return tuple(method for method in METHODS if method.solver in known)
@@ -313,8 +313,8 @@ def _available() -> tuple[Competitor, ...]:
 def _refuse_unknown(names: Sequence[str] | None, cost: str | None) -> None:
     """Refuse methods that are neither labels under a cost nor in the registry."""
     from certpgo import registry
-    from certpgo.assess.comparison import methods_under
-    from certpgo.costs import CHORDAL, COSTS
+    from certpgo.objective.choose_cost import CHORDAL, COSTS
+    from certpgo.solve.comparison import methods_under
 
     costs = (CHORDAL, *COSTS) if cost is None else (cost,)
     labels = {one.label for under in costs for one in methods_under(under, _available())}
@@ -326,7 +326,7 @@ def _refuse_unknown(names: Sequence[str] | None, cost: str | None) -> None:
 
 def _methods(names: Sequence[str] | None, cost: str, graph: Graph) -> list[Competitor]:
     """Methods by label or name, suited or not; by default those that suit the graph."""
-    from certpgo.assess.comparison import Competitor, methods_under
+    from certpgo.solve.comparison import Competitor, methods_under
 
     usual = methods_under(cost, _available())
     if names is None:

@@ -12,12 +12,12 @@ import typer
 from certpgo.cli._options import GraphName, Json
 from certpgo.cli._reading import Components, Reading, takes_reading
 from certpgo.cli._show import document, facts, working
-from certpgo.costs import costs_of
-from certpgo.graph.wording import shown_path
+from certpgo.graph.phrases import shown_path
+from certpgo.objective.choose_cost import costs_of
 
 if TYPE_CHECKING:
-    from certpgo.assess.diagnostics import Spectrum, Structure
     from certpgo.graph import Instance
+    from certpgo.solve.diagnostics import Spectrum, Structure
 
 
 @takes_reading
@@ -28,7 +28,7 @@ def command(
     reading: Reading,
 ) -> None:
     """Describe a graph: counts, connectivity, weights, eigenvalues and notices."""
-    from certpgo.assess import diagnostics
+    from certpgo.solve import diagnostics
 
     instance = reading.open(reading.resolve(graph), notices=False, distances=True)
     found = diagnostics.structure(instance)
@@ -94,7 +94,7 @@ def _as_json(
 def _lines(
     instance: Instance, found: Structure, engine: str, left_open: str | None
 ) -> Iterable[tuple[str, str]]:
-    from certpgo.graph.wording import counted, reading_sentence
+    from certpgo.graph.phrases import counted, reading_sentence
 
     yield "name", instance.name
     yield "source", shown_path(instance.source)

@@ -16,7 +16,7 @@ from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import table
 
 if TYPE_CHECKING:
-    from certpgo.solvers.certified.merging import Merged
+    from certpgo.solve.merging import Merged
 
 
 @takes_reading
@@ -53,7 +53,7 @@ def command(
     Each map is certified alone, then all measurements together. The measurements between maps are
     listed with their terms of the chordal cost F, the largest first.
     """
-    from certpgo.solvers.certified.merging import merge
+    from certpgo.solve.merging import merge
 
     outputs = Outputs(estimate=out, json=json)
     outputs.refuse()

@@ -42,8 +42,8 @@ if TYPE_CHECKING:
     from certpgo.io.datasets.source import Source
     from certpgo.io.matching import Matching
     from certpgo.optimize.solution import Solver
-    from certpgo.solvers.certified import CertifiedSolution
-    from certpgo.solvers.certified.disagreement import Disagreement
+    from certpgo.solve.outliers import Disagreement
+    from certpgo.solve.result import CertifiedSolution
 
 
 @takes_reading
@@ -213,7 +213,7 @@ def _refuse_parts(**outputs: Path | None) -> None:
 def _distributed(address: str) -> Iterator[None]:
     """The scheduler; at the end, what it was used for is said."""
     from certpgo import scheduler
-    from certpgo.graph.wording import counted
+    from certpgo.graph.phrases import counted
     from certpgo.linalg.distributed import schedulers
 
     with scheduler(address):
@@ -245,7 +245,7 @@ def _certified(
 
 
 def _hinting(found: Disagreement) -> None:
-    from certpgo.assess.wording import hint
+    from certpgo.solve.accuracy_wording import hint
 
     notice(hint(found))
 

@@ -16,8 +16,8 @@ from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import working
 
 if TYPE_CHECKING:
-    from certpgo.assess.sparsifying import Sparsified
     from certpgo.graph import Instance
+    from certpgo.solve.sparsifying import Sparsified
 
 
 def amount(text: str) -> float:
@@ -55,7 +55,7 @@ def command(
     They are chosen by algebraic connectivity, with a bound on every other choice of as many. The
     whole and the sparse graph are solved and certified. Parallel edges are all read.
     """
-    from certpgo.assess.sparsifying import sparsify
+    from certpgo.solve.sparsifying import sparsify
 
     outputs = Outputs(estimate=out, json=json)
     outputs.refuse()

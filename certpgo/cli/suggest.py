@@ -34,7 +34,7 @@ def command(
     Each raises the algebraic connectivity most, given those before it. New loop closures are
     assumed to have the median precision of those in the graph.
     """
-    from certpgo.assess.sparsifying import suggest_loops
+    from certpgo.solve.sparsifying import suggest_loops
 
     instance = reading.open(reading.resolve(graph), distances=True)
     with working(f"connectivity of {instance.name}"):

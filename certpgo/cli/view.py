@@ -19,7 +19,7 @@ from certpgo.errors import InputError
 
 if TYPE_CHECKING:
     from certpgo.io.datasets.source import Source
-    from certpgo.solvers.certified import CertifiedSolution
+    from certpgo.solve.result import CertifiedSolution
     from certpgo.view.scene import Scene
 
 

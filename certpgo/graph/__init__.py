@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from certpgo.graph.dataset import Instance
 from certpgo.graph.estimate import Estimate
 from certpgo.graph.graph import Graph, PoseGraph, RotationGraph
-from certpgo.graph.instance import Instance
 
 __all__ = ["Estimate", "Graph", "Instance", "PoseGraph", "RotationGraph"]

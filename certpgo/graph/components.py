@@ -7,8 +7,8 @@ from typing import Literal
 
 import numpy as np
 
+from certpgo.graph.dataset import Instance
 from certpgo.graph.graph import PoseGraph, require_connected
-from certpgo.graph.instance import Instance
 from certpgo.linalg.arrays import IntArray
 
 #: How to treat a disconnected graph: refuse it, solve each component, or the largest only.

@@ -10,7 +10,7 @@ from scipy.sparse import csgraph
 
 from certpgo.checker import FAR
 from certpgo.errors import GraphError
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.blocks import adjacency
 

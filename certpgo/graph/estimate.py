@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo.errors import GraphError
+from certpgo.graph.display import Speaking
 from certpgo.graph.keys import NO_KEYS, Keys
+from certpgo.graph.phrases import counted
 from certpgo.graph.picture import drawn
-from certpgo.graph.speaking import Speaking
-from certpgo.graph.wording import counted
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray, IntArray, frozen_floats
 
 

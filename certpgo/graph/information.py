@@ -11,11 +11,11 @@ import numpy as np
 
 from certpgo.checker import FAR
 from certpgo.errors import GraphError
+from certpgo.graph.display import Brief
 from certpgo.graph.edges import induced, symmetric
 from certpgo.graph.pose_graph import PoseGraph
 from certpgo.graph.rotation_graph import RotationGraph
 from certpgo.graph.scale import Scale
-from certpgo.graph.speaking import Brief
 from certpgo.linalg.arrays import (
     BoolArray,
     FloatArray,
@@ -23,7 +23,7 @@ from certpgo.linalg.arrays import (
     frozen_floats,
     frozen_indices,
 )
-from certpgo.linalg.balls import Ball, is_positive_definite
+from certpgo.linalg.ball_arithmetic import Ball, is_positive_definite
 
 #: How far K stays from singular where it is clipped, relative to O's second eigenvalue.
 _MARGIN = 2.0**-20
@@ -39,7 +39,7 @@ class Information(Brief):
         zero for positions alone
     index : (m,) which of them belongs to each edge
     residual : the cost whose residuals they weigh in the program that the file is of, as named in
-        `certpgo.costs`; None if that is not known
+        `certpgo.objective.choose_cost`; None if that is not known
 
     Raises
     ------

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from certpgo.graph.edges import Pairs
-from certpgo.graph.wording import counted
+from certpgo.graph.phrases import counted
 from certpgo.linalg.arrays import BoolArray, IntArray
 
 

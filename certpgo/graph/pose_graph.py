@@ -10,6 +10,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from certpgo.errors import GraphError
+from certpgo.graph.display import Speaking
 from certpgo.graph.edges import (
     Keep,
     broadcast,
@@ -21,10 +22,9 @@ from certpgo.graph.edges import (
     symmetric,
 )
 from certpgo.graph.kinds import kinds_of
+from certpgo.graph.phrases import components_in_words, ranges_of_weights, size_in_words
 from certpgo.graph.picture import circle_of
 from certpgo.graph.rotation_graph import RotationGraph
-from certpgo.graph.speaking import Speaking
-from certpgo.graph.wording import components_in_words, ranges_of_weights, size_in_words
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_flags, frozen_floats
 
 

@@ -13,7 +13,7 @@ from certpgo.graph.edges import broadcast, check_weights, components_of
 from certpgo.graph.graph import has_matrix_weights
 from certpgo.graph.pose_graph import PoseGraph
 from certpgo.graph.rotation_graph import RotationGraph
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
 #: Positions this near to a plane, in the plane to a line, over their extent, leave handedness open.

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo.errors import GraphError
+from certpgo.graph.display import Brief
 from certpgo.graph.edges import check_edges, check_weights, edge_name
-from certpgo.graph.speaking import Brief
 from certpgo.linalg.arrays import FloatArray, IntArray, frozen_floats, frozen_indices
 
 

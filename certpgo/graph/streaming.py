@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from certpgo.errors import InputError
+from certpgo.graph.dataset import Instance
 from certpgo.graph.graph import Graph
 from certpgo.graph.information import Information
-from certpgo.graph.instance import Instance
 from certpgo.graph.labels import Label
 from certpgo.linalg.arrays import IntArray
 

@@ -8,7 +8,8 @@ import numpy as np
 from scipy.sparse import csgraph, csr_array
 
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
-from certpgo.linalg import compiled, so
+from certpgo.linalg import compiled
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.blocks import adjacency
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from certpgo.errors import FormatError, NoEdges, NoMeasurements
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
+from certpgo.graph.phrases import counted
 from certpgo.graph.priors import origin_of, with_priors
 from certpgo.graph.ranges import Ranges
-from certpgo.graph.wording import counted
 from certpgo.io.compressed import uncompressed_name
 from certpgo.io.dialect import Dialect
 from certpgo.io.format import LabelledPoses, ReadOptions

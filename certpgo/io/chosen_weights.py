@@ -9,7 +9,7 @@ import numpy as np
 from certpgo.errors import InputError
 from certpgo.graph import Graph, Instance, PoseGraph
 from certpgo.graph.information import mahalanobis as mahalanobis_weights
-from certpgo.graph.wording import counted
+from certpgo.graph.phrases import counted
 
 #: Notice about lowered Mahalanobis weights, with the number of edges.
 CLIPPED = (

@@ -12,7 +12,7 @@ import numpy as np
 
 from certpgo.errors import FormatError
 from certpgo.graph import Estimate
-from certpgo.graph.wording import counted
+from certpgo.graph.phrases import counted
 from certpgo.io.chunks import without_comments
 from certpgo.io.compressed import opened
 from certpgo.io.exact import quaternion

@@ -11,7 +11,7 @@ import numpy as np
 from certpgo.errors import FormatError, InputError
 from certpgo.graph.edges import symmetric
 from certpgo.graph.information import Information
-from certpgo.graph.wording import counted
+from certpgo.graph.phrases import counted
 from certpgo.io.exact.information import ROW_MAJOR_3D
 from certpgo.io.exact.weighing import weigh
 from certpgo.io.format import ReadOptions

@@ -15,9 +15,9 @@ from certpgo.graph import Estimate, Instance, PoseGraph
 from certpgo.graph.components import restricted
 from certpgo.graph.graph import require_connected
 from certpgo.graph.keys import NO_TIME, Keys, in_seconds
+from certpgo.graph.phrases import counted
 from certpgo.graph.points import with_points
 from certpgo.graph.trees import compose, spanning_tree
-from certpgo.graph.wording import counted
 from certpgo.io.format import (
     LabelledPoses,
     ReadOptions,

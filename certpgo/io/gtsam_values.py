@@ -13,7 +13,7 @@ import numpy as np
 
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
-from certpgo.graph.wording import counted
+from certpgo.graph.phrases import counted
 from certpgo.linalg.arrays import FloatArray, IntArray
 
 _INDEX_BITS = 56

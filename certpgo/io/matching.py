@@ -11,7 +11,7 @@ import numpy as np
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, Instance, PoseGraph
 from certpgo.graph.keys import NO_TIME, SECOND, Keys, in_seconds
-from certpgo.graph.wording import counted
+from certpgo.graph.phrases import counted
 from certpgo.io.format import LabelledPoses, estimate_at
 from certpgo.io.names import named_ids
 from certpgo.io.timestamps import refuse_repeats

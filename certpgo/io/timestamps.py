@@ -12,7 +12,7 @@ import numpy as np
 from certpgo.errors import FormatError, InputError
 from certpgo.graph import Estimate, Instance
 from certpgo.graph.keys import NO_TIME, ROUNDED, SECOND
-from certpgo.graph.wording import counted
+from certpgo.graph.phrases import counted
 from certpgo.io.compressed import opened
 from certpgo.linalg.arrays import IntArray
 

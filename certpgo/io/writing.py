@@ -22,7 +22,7 @@ from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.graph import has_matrix_weights
 from certpgo.graph.keys import SECOND, Keys
 from certpgo.graph.kinds import Kind
-from certpgo.graph.wording import counted
+from certpgo.graph.phrases import counted
 from certpgo.io.format import Format, format_to_write
 from certpgo.io.names import name_numbers
 from certpgo.io.timestamps import node_times, refuse_number

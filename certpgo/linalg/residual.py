@@ -12,7 +12,7 @@ import numpy as np
 from scipy import sparse
 
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
-from certpgo.linalg.balls import U
+from certpgo.linalg.ball_arithmetic import U
 
 #: Bits after the point of L1, for rows of norm about one; a sum of squares has twice as many.
 BITS = 24

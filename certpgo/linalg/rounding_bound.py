@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo.linalg.arrays import CSC, FloatArray
-from certpgo.linalg.balls import U
+from certpgo.linalg.ball_arithmetic import U
 
 #: Relative agreement of a Cholesky factor's squared row norms with the diagonal.
 AGREEMENT = 1e-6

@@ -12,10 +12,11 @@ import numpy as np
 
 from certpgo.errors import InputError, kind_of
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.graph.display import Brief, Speaking
 from certpgo.graph.graph import has_matrix_weights
-from certpgo.graph.lift import Point
-from certpgo.graph.speaking import Brief, Speaking
-from certpgo.linalg import factor, so
+from certpgo.graph.relaxed_point import Point
+from certpgo.linalg import factor
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import CSC, BoolArray, FloatArray, IntArray
 from certpgo.linalg.blocks import BlockPattern, Layout, pinned
 from certpgo.linalg.factor import Analysis, Factor, Symbolic

@@ -11,8 +11,9 @@ from functools import cached_property
 import numpy as np
 
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
-from certpgo.graph.lift import Point, translations_of
-from certpgo.linalg import compiled, so
+from certpgo.graph.relaxed_point import Point, translations_of
+from certpgo.linalg import compiled
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.compiled import LARGEST_RANK
 from certpgo.objective import operators, residuals

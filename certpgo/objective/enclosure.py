@@ -10,8 +10,8 @@ import numpy as np
 
 from certpgo.graph import Estimate, Graph, PoseGraph
 from certpgo.linalg.arrays import FloatArray
-from certpgo.linalg.balls import U
-from certpgo.linalg.so import rotation_defect
+from certpgo.linalg.ball_arithmetic import U
+from certpgo.linalg.rotations import rotation_defect
 from certpgo.objective import operators
 from certpgo.objective.edge_sums import EdgeSums
 

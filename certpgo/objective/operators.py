@@ -14,8 +14,8 @@ import numpy as np
 
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.edges import symmetric
-from certpgo.graph.lift import Point, translations_of
-from certpgo.linalg import so
+from certpgo.graph.relaxed_point import Point, translations_of
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.blocks import BlockPattern, scatter_sum
 

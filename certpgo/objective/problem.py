@@ -15,10 +15,10 @@ import numpy as np
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.graph import require_connected
-from certpgo.graph.lift import Point, translations_of
 from certpgo.graph.priors import require_determined
+from certpgo.graph.relaxed_point import Point, translations_of
 from certpgo.graph.scale import Scale
-from certpgo.linalg import network
+from certpgo.linalg import scalar_least_squares as network
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.factor import Factor, default_engine

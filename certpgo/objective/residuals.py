@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective import operators
 

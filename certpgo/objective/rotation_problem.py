@@ -11,7 +11,7 @@ from certpgo.errors import GraphError, NumericalError
 from certpgo.graph import Estimate, RotationGraph
 from certpgo.graph.edges import components_of, edge_name
 from certpgo.graph.graph import require_connected
-from certpgo.graph.lift import Point
+from certpgo.graph.relaxed_point import Point
 from certpgo.graph.scale import Scale
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.factor import default_engine

@@ -7,15 +7,13 @@ serves later steps as long as they converge fast.
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol, Self, TypeVar
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
 from certpgo.graph import Estimate
-from certpgo.graph.lift import Point
-from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal
-from certpgo.linalg.factor import Factor
+from certpgo.objective.quadratic_model import QuadraticModel
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.progress import Progress
 from certpgo.optimize.solution import Solution, Status
@@ -30,53 +28,6 @@ MIN_GAIN, GOOD_GAIN = 1e-3, 0.5
 FAST = 0.5
 #: Relative decrease of a step below which the exact Hessian is tried.
 SLOW = 0.3
-
-
-class QuadraticModel(Protocol):
-    """The model f + 2 g x + x H x of a cost near a point; N is the number of coordinates of x."""
-
-    @property
-    def point(self) -> Point:
-        """The point."""
-
-    @property
-    def cost(self) -> float:
-        """The cost f there."""
-
-    @property
-    def rounding(self) -> float:
-        """A decrease of the cost that may be lost in rounding."""
-
-    @property
-    def gradient(self) -> FloatArray:
-        """(N,) half the gradient g."""
-
-    @property
-    def gauge(self) -> FloatArray | float:
-        """(N,) damping that is always there, since motions of the whole do not change f."""
-
-    @property
-    def gauss_newton(self) -> CSC:
-        """The Gauss-Newton matrix H, positive semidefinite."""
-
-    @property
-    def hessian(self) -> CSC:
-        """The Riemannian Hessian H; the Gauss-Newton matrix where it is not known."""
-
-    def scale(self, H: CSC) -> FloatArray:
-        """(N,) the curvature of each coordinate, in units of which steps are damped."""
-
-    def raised(self, damping: float) -> float:
-        """The damping after a step that failed with this one."""
-
-    def stationarity(self, scale: FloatArray) -> float:
-        """The largest entry of g over ``scale``: radians, and relative translations."""
-
-    def factor(self, A: CSC) -> Factor | None:
-        """The factor of a matrix with the pattern of H; None if it is not positive definite."""
-
-    def moved(self, x: FloatArray) -> Self:
-        """The model at the point after a step x (N,)."""
 
 
 class Modelled(Protocol):
@@ -179,18 +130,3 @@ def minimise(here: AnyModel, progress: Progress) -> AnyModel:
         last = _Step(float(np.linalg.norm(step)), gain, True)
         here, stationarity = there, ahead
     return here
-
-
-def largest_step(gradient: FloatArray, curvature: FloatArray, moves: int, length: float) -> float:
-    """The largest quotient of gradient and curvature, in radians and shares of a length.
-
-    Parameters
-    ----------
-    gradient, curvature : (n, b) of the nodes' translations, then of their rotations
-    moves : number of coordinates of a translation
-    length : unit of translations
-    """
-    unit = np.r_[np.full(moves, length), np.ones(gradient.shape[1] - moves)]
-    with np.errstate(all="ignore"):
-        size = np.abs(gradient) / (curvature * unit)
-    return float(np.nan_to_num(size, nan=0.0).max())

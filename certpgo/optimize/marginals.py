@@ -11,7 +11,7 @@ from scipy.linalg import block_diag
 
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.blocks import Layout, pinned
 from certpgo.linalg.factor import Factor, Symbolic

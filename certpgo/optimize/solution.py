@@ -10,7 +10,7 @@ from typing import ClassVar, Protocol, Self, TypeVar
 import numpy as np
 
 from certpgo.graph import Estimate
-from certpgo.graph.speaking import Brief
+from certpgo.graph.display import Brief
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.problem import Problem
 from certpgo.optimize.monitor import Iteration, Monitor, silent
@@ -153,7 +153,7 @@ class Solver(Protocol):
     poses, rotations : which kinds of problem it accepts
     takes_initial : whether it uses an initial estimate; optional, True by default
     own_costs : names of the costs of other programs that it minimises if the problem has one, see
-        `certpgo.costs`; optional, none by default
+        `certpgo.objective.choose_cost`; optional, none by default
     compiled : whether it runs in compiled code, which Ctrl-C can only end together with the
         process; optional, False by default
     """

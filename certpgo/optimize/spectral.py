@@ -8,7 +8,7 @@ import numpy as np
 
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal, pinned
 from certpgo.linalg.eigen import Eigenpairs, arpack, krylov_schur, smallest_space

@@ -12,17 +12,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from certpgo.costs import InformationProblem
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.graph.graph import require_connected
 from certpgo.graph.information import Information
 from certpgo.graph.trees import compose, spanning_tree
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.objective.choose_cost import InformationProblem
 from certpgo.registration.pairs import FramePair
-from certpgo.solvers.certified.interface import solve
-from certpgo.solvers.certified.result import CertifiedSolution
-from certpgo.solvers.certified.robust import solve_robustly
+from certpgo.solve.result import CertifiedSolution
+from certpgo.solve.robust import solve_robustly
+from certpgo.solve.solving import solve
 
 #: Residuals of g2o over tangents (rotation, translation): a quaternion's vector is half the angle,
 #: and the translation comes first.

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from certpgo.errors import InputError, MissingDependency
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray, frozen_floats
 
 #: Points of a cloud from which discs are estimated, and pairs from which a motion is.

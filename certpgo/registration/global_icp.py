@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.registration.dense import PreparedCloud
 

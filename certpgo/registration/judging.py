@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from certpgo.errors import InputError, InputNotice
-from certpgo.graph.wording import counted
+from certpgo.graph.phrases import counted
 from certpgo.linalg.arrays import FloatArray
 from certpgo.registration.pairs import FramePair
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo.errors import SpecError
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray
 
 #: Steps of refinement at most, and the step, in standard deviations, at which it ends.

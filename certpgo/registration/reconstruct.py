@@ -12,7 +12,7 @@ import numpy as np
 
 from certpgo.errors import FormatError, InputError, InputNotice, SpecError
 from certpgo.graph import Estimate, Instance
-from certpgo.graph.wording import counted
+from certpgo.graph.phrases import counted
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.registration import features as keypoints
 from certpgo.registration.averaging import Averaged, averaged, composed
@@ -26,7 +26,7 @@ from certpgo.registration.pairs import VOXEL, Clouds, FramePair, Keyframe, measu
 from certpgo.registration.ransac import RansacSettings
 from certpgo.registration.sequences import FrameSequence
 from certpgo.registration.stages import UNKEPT, Arrays, Cache, Progress, digest, each, silent
-from certpgo.solvers.certified.result import CertifiedSolution
+from certpgo.solve.result import CertifiedSolution
 
 #: Keypoints with a depth from which on a frame can be matched.
 FEWEST = 30

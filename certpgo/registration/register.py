@@ -9,7 +9,6 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from certpgo.costs.fit import Fit
 from certpgo.errors import InputError, SpecError
 from certpgo.graph import Estimate, Instance
 from certpgo.linalg.arrays import FloatArray
@@ -17,8 +16,9 @@ from certpgo.registration.dense import PreparedCloud, prepare
 from certpgo.registration.global_icp import GlobalRegistration, global_icp
 from certpgo.registration.pairwise import Pair, aligned_pairs, pose_graph
 from certpgo.registration.scans import Scan, read_scan
-from certpgo.solvers.certified.interface import solve
-from certpgo.solvers.certified.result import CertifiedSolution
+from certpgo.solve.fit import Fit
+from certpgo.solve.result import CertifiedSolution
+from certpgo.solve.solving import solve
 
 Method = Literal["pose_graph", "global_icp"]
 #: Points of a scan that the default voxel leaves, about.

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from certpgo.errors import FormatError, InputError, MissingDependency
 from certpgo.graph import Estimate
-from certpgo.graph.wording import counted
+from certpgo.graph.phrases import counted
 from certpgo.io.chunks import read_rows
 from certpgo.io.exact import quaternion
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.registration.camera import Camera, camera_of, read_camera
 

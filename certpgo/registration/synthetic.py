@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from certpgo.graph import Estimate
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.registration.camera import Camera, depth_noise
 from certpgo.registration.sequences import Frame, FrameSequence

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 from certpgo.certify import Certificate, Tier, Verdict
 from certpgo.certify.obstacle import LimitedBy
-from certpgo.costs import own_cost
 from certpgo.graph import Instance
+from certpgo.objective.choose_cost import own_cost
 from certpgo.optimize.solution import Status
 
 #: A sentence, and a command or an empty text.

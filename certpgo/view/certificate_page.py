@@ -9,22 +9,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from certpgo.assess.assessment import Assessment, CostlyEdge
-from certpgo.assess.diagnostics import kinds_in_words
-from certpgo.assess.ladder import Rung, rungs_of_eigenvalues
-from certpgo.assess.wording import digits, distances, ends, provenance
 from certpgo.certify.certificate import Certificate
 from certpgo.certify.wording import bound_claim, meaning, numbers, part, stated_objective, trusts
-from certpgo.costs import (
-    Certifiable,
-)
 from certpgo.errors import CertPGOError, NumericalError
 from certpgo.graph import Estimate, Instance, PoseGraph
-from certpgo.graph.wording import bound_shown, cost_shown, counted, gap_shown
+from certpgo.graph.phrases import bound_shown, cost_shown, counted, gap_shown
 from certpgo.io.surfaces import Surface
 from certpgo.linalg.arrays import IntArray
+from certpgo.objective.choose_cost import (
+    Certifiable,
+)
 from certpgo.objective.problem import RotationProblem
 from certpgo.optimize.monitor import Iteration
+from certpgo.solve.accuracy_wording import digits, distances, ends, provenance
+from certpgo.solve.assessment import Assessment, CostlyEdge
+from certpgo.solve.bounds_table import Rung, rungs_of_eigenvalues
+from certpgo.solve.diagnostics import kinds_in_words
 from certpgo.view.advice import advice, cost_options
 from certpgo.view.charts import Bars, Curve, Lines, bars, histogram, lines
 from certpgo.view.eigenvalues import CertificateMatrix, certificate_matrix

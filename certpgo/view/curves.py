@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from certpgo.assess.ladder import rungs_of_eigenvalues
 from certpgo.certify import Certificate
-from certpgo.costs import Certifiable, InformationProblem
 from certpgo.errors import InputError, kind_of
 from certpgo.graph import Estimate
-from certpgo.graph.wording import bound_shown, cost_shown, gap_shown
+from certpgo.graph.phrases import bound_shown, cost_shown, gap_shown
+from certpgo.objective.choose_cost import Certifiable, InformationProblem
 from certpgo.objective.problem import Problem
 from certpgo.optimize.monitor import Iteration
 from certpgo.optimize.solution import Solution
-from certpgo.solvers.certified.result import CertifiedSolution
+from certpgo.solve.bounds_table import rungs_of_eigenvalues
+from certpgo.solve.result import CertifiedSolution
 from certpgo.view.eigenvalues import certificate_matrix
 from certpgo.view.maps import GREY, given_or_current
 

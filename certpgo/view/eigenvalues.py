@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 from certpgo.certify import Certificate
 from certpgo.certify.curvature import smallest_eigenvalues
-from certpgo.costs import Certifiable
 from certpgo.linalg.arrays import FloatArray
+from certpgo.objective.choose_cost import Certifiable
 from certpgo.objective.problem import Problem
 
 

@@ -27,10 +27,10 @@ from certpgo.io.surfaces import Surface, is_ply, read_surface
 from certpgo.io.timestamps import timed
 from certpgo.linalg.arrays import BoolArray, IntArray
 from certpgo.objective.problem import problem_of
+from certpgo.optimize.initialization import start_of
+from certpgo.optimize.methods.spanning_tree import SpanningTree
 from certpgo.optimize.solution import Solution
-from certpgo.optimize.starts import start_of
-from certpgo.solvers.certified.result import CertifiedSolution
-from certpgo.solvers.spanning_tree import SpanningTree
+from certpgo.solve.result import CertifiedSolution
 from certpgo.view.layout import Arrangement, layout
 from certpgo.view.placements import aligned, placement, residuals, weights
 from certpgo.view.scene import IN_METRES, Placement, Scene, drawn_edges

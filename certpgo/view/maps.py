@@ -16,7 +16,7 @@ from certpgo.graph.kinds import PRIORS
 from certpgo.graph.picture import principal_frame, seen
 from certpgo.io.surfaces import Surface
 from certpgo.linalg.arrays import FloatArray, round_below
-from certpgo.solvers.certified.result import CertifiedSolution
+from certpgo.solve.result import CertifiedSolution
 from certpgo.view.load_scene import scene_of
 from certpgo.view.scene import Placement, Scene
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from certpgo.graph.kinds import PRIORS, Kind
-from certpgo.graph.wording import counted
+from certpgo.graph.phrases import counted
 from certpgo.io.surfaces import Surface
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.view.scene import Placement, Scene

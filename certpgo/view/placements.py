@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from certpgo.assess import metrics
 from certpgo.graph import Estimate, Instance, PoseGraph
 from certpgo.graph.ranges import Ranges
 from certpgo.io.exact import quaternion
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.solve import metrics
 from certpgo.view.scene import NOT_MEASURED, Measure, Placement
 
 #: Second singular value over the first from which on positions fix a rotation.

@@ -11,10 +11,10 @@ _SOLVER = """\
 {name}
 {line}
 
-.. automodule:: certpgo.solvers.{name}
+.. automodule:: certpgo.optimize.methods.{name}
    :no-members:
 
-.. autoclass:: certpgo.solvers.{name}.{solver}
+.. autoclass:: certpgo.optimize.methods.{name}.{solver}
    :no-members:
 
 Input: {kinds}.
@@ -56,7 +56,7 @@ Competing methods, in the checkout's folder ``baselines`` and not part of the wh
 
 def pages() -> dict[str, str]:
     """Pages by file name: each method of the package, lists of them and of the baselines."""
-    own = [path.stem for path in _files(registry.checkout(), "certpgo/solvers")]
+    own = [path.stem for path in _files(registry.checkout(), "certpgo/optimize/methods")]
     made = {f"{name}.rst": _solver_page(name) for name in own}
     rows = "".join(
         f"   * - ``{path.stem}``\n     - {_summary(path)}\n"
@@ -65,7 +65,9 @@ def pages() -> dict[str, str]:
     made["baselines.rst"] = _BASELINES + rows
     made["overview.txt"] = _OVERVIEW + "".join(
         f"| [`{name}`](methods/{name}.rst) | {_kinds(name)} | {_summary(path)} |\n"
-        for name, path in zip(own, _files(registry.checkout(), "certpgo/solvers"), strict=True)
+        for name, path in zip(
+            own, _files(registry.checkout(), "certpgo/optimize/methods"), strict=True
+        )
     )
     bases = {base for name in own for base in registry.get_solver(name).__mro__}
     shared = sorted((b.__module__, b.__name__) for b in bases if "solvers._" in b.__module__)

@@ -9,9 +9,9 @@ import numpy as np
 from sphinx.application import Sphinx
 
 from certpgo import Instance, certify, solve
-from certpgo.assess.assessment import assess
 from certpgo.io.datasets import synthetic
 from certpgo.objective.problem import problem_of
+from certpgo.solve.assessment import assess
 from certpgo.view.certificate_page import Origin, certificate_page
 
 #: Rings of the sphere, and the noise of its rotations, radians.

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from certpgo import Estimate, PoseGraph
-from certpgo.assess import metrics
 from certpgo.graph import picture
 from certpgo.plot import scale_bar
+from certpgo.solve import metrics
 
 from . import _style
 

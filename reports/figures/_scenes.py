@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from certpgo import Instance, RotationGraph, RotationProblem
-from certpgo.assess.consistency import consistency
 from certpgo.graph import Estimate
 from certpgo.io import datasets
 from certpgo.io.datasets import thesis
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import IntArray
+from certpgo.solve.consistency import consistency
 from reports.harness.experiments.absence import Absence, NotRun
 
 #: The viewing graph of 553 nodes and 103932 edges that the thesis' synthetic scenes have.

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from certpgo import PoseGraph, PoseProblem
-from certpgo.assess import metrics
+from certpgo.optimize.methods.eigen_ma import EigenMA
 from certpgo.optimize.solution import Solver
-from certpgo.solvers.eigen_ma import EigenMA
+from certpgo.solve import metrics
 from reports.harness.experiments.figure import Data
 
 from . import _maps, _scenes, _style

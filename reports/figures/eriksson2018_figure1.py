@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from certpgo import Certificate, Estimate, RotationProblem, certify
-from certpgo.assess import metrics
 from certpgo.io.datasets import synthetic
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.optimize.newton import NewtonSettings, newton
+from certpgo.optimize.riemannian_newton import NewtonSettings, newton
+from certpgo.solve import metrics
 from reports.harness.experiments.claims import Claim
 from reports.harness.experiments.figure import Data, Figure
 

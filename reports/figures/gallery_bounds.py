@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from certpgo import PoseProblem
-from certpgo.assess.ladder import ladder
 from certpgo.objective.problem import problem_of
 from certpgo.registry import get_solver
+from certpgo.solve.bounds_table import ladder
 from reports.harness.experiments.figure import Data, Figure
 from reports.harness.experiments.timing import one_core
 

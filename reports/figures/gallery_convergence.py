@@ -9,8 +9,8 @@ import numpy as np
 
 from certpgo import Iteration, RotationProblem, solve
 from certpgo.errors import CertPGOError
+from certpgo.optimize.methods.spanning_tree import SpanningTree
 from certpgo.registry import get_solver
-from certpgo.solvers.spanning_tree import SpanningTree
 from reports.harness.experiments.figure import Data, Figure
 from reports.harness.experiments.timing import one_core
 

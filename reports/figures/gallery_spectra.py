@@ -8,8 +8,8 @@ import numpy as np
 
 from certpgo import Estimate, RotationProblem, solve
 from certpgo.io.datasets import synthetic
-from certpgo.linalg import so
-from certpgo.optimize.newton import newton
+from certpgo.linalg import rotations as so
+from certpgo.optimize.riemannian_newton import newton
 from reports.harness.experiments.figure import Data, Figure
 
 from . import _scenes, _style

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from certpgo import solve
-from certpgo.assess import metrics
 from certpgo.objective.problem import PoseProblem
-from certpgo.solvers.spanning_tree import SpanningTree
+from certpgo.optimize.methods.spanning_tree import SpanningTree
+from certpgo.solve import metrics
 from certpgo.view.load_scene import scene_of
 from certpgo.view.page_scene import page_scene
 from reports.harness.experiments.figure import VIEWS, Data, Figure

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from certpgo import Estimate
-from certpgo.assess import metrics
-from certpgo.linalg import so
-from certpgo.solvers.riemannian_gradient import RiemannianGradient
+from certpgo.linalg import rotations as so
+from certpgo.optimize.methods.riemannian_gradient import RiemannianGradient
+from certpgo.solve import metrics
 from reports.harness.experiments.figure import Data, Figure
 
 from . import _scenes, _style

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from certpgo import Estimate, RotationProblem
-from certpgo.solvers.eigen_ra import EigenRA
+from certpgo.optimize.methods.eigen_ra import EigenRA
 from reports.harness.experiments.figure import Data, Figure
 
 from . import _scenes, _style

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from certpgo import solve
-from certpgo.solvers.eigen_ra import EigenRA
-from certpgo.solvers.riemannian_gradient import RiemannianGradient
+from certpgo.optimize.methods.eigen_ra import EigenRA
+from certpgo.optimize.methods.riemannian_gradient import RiemannianGradient
 from reports.harness.experiments.claims import Claim
 from reports.harness.experiments.figure import Data, Figure
 

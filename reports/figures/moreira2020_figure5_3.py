@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from certpgo import RotationProblem
-from certpgo.assess import metrics
-from certpgo.solvers.adaptive_trimming import AdaptiveTrimming
-from certpgo.solvers.eigen_rao import EigenRAO
+from certpgo.optimize.methods.adaptive_trimming import AdaptiveTrimming
+from certpgo.optimize.methods.eigen_rao import EigenRAO
+from certpgo.solve import metrics
 from reports.harness.experiments.figure import Data, Figure
 
 from . import _scenes, _style

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from scipy import special
 
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from reports.harness.experiments.figure import Data, Figure
 
 from . import _scenes, _style

@@ -6,9 +6,9 @@ import importlib.util
 from pathlib import Path
 
 from certpgo import Estimate, PoseProblem
-from certpgo.assess import metrics
-from certpgo.optimize.newton import NewtonSettings, newton
+from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 from certpgo.registry import get_solver
+from certpgo.solve import metrics
 from reports.harness.experiments.figure import Data, Figure
 
 from . import _maps, _slam, _style

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from certpgo import PoseProblem
-from certpgo.assess import metrics
 from certpgo.io.datasets import thesis
+from certpgo.optimize.methods.eigen_ma import EigenMA
 from certpgo.registry import get_solver
-from certpgo.solvers.eigen_ma import EigenMA
+from certpgo.solve import metrics
 from reports.harness.experiments.claims import Claim
 from reports.harness.experiments.figure import Data, Figure
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 
 import certpgo
-from certpgo.assess.metrics import angular_errors, position_errors
 from certpgo.errors import InputError, MissingDependency
 from certpgo.registration.fuse import voxel_means
 from certpgo.registration.reconstruct import ReconstructSettings
 from certpgo.registration.synthetic import synthetic_sequence
+from certpgo.solve.metrics import angular_errors, position_errors
 from reports.harness.experiments.figure import Data, Figure
 
 from . import _style

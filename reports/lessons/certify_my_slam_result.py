@@ -23,11 +23,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import certpgo
-from certpgo.assess.assessment import assess
 from certpgo.checker import Refused
 from certpgo.cli import main
 from certpgo.io.gtsam_values import estimate_from_values
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
+from certpgo.solve.assessment import assess
 
 try:
     import gtsam

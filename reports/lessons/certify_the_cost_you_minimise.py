@@ -20,15 +20,15 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from certpgo import PoseGraph, RotationGraph, certify, solve
-from certpgo.costs import InformationProblem, information_problem, surrogate
-from certpgo.costs.edge_costs.g2o import G2oCost
-from certpgo.costs.edge_costs.gtsam import GtsamCost
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
 from certpgo.graph.information import InformationGraph
 from certpgo.io import datasets
 from certpgo.io.datasets.synthetic import grid3d
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
+from certpgo.objective.choose_cost import InformationProblem, information_problem, surrogate
+from certpgo.objective.costs.g2o import G2oCost
+from certpgo.objective.costs.gtsam import GtsamCost
 from certpgo.optimize.levenberg_marquardt import descend
 from reports.harness.experiments.figure import STYLE
 

@@ -23,12 +23,12 @@ import numpy as np
 
 import certpgo
 from certpgo import RotationProblem, get_solver, solve
-from certpgo.assess.ladder import ladder
 from certpgo.errors import InputError
 from certpgo.io import datasets
 from certpgo.io.datasets.synthetic import helix
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import problem_of
+from certpgo.solve.bounds_table import ladder
 from reports.harness.experiments.figure import STYLE
 
 # %% [markdown]
@@ -234,7 +234,7 @@ with plt.rc_context(STYLE):
 # ## The same from the command line
 #
 # `certpgo bounds GRAPH` prints such bounds, each with its run time and implication; `--sdp` adds
-# the program. In Python it is `certpgo.assess.ladder.ladder`. Here it runs on the poses,
+# the program. In Python it is `certpgo.solve.bounds_table.ladder`. Here it runs on the poses,
 # translations included. Its middle entries are residual-angle bounds: Eriksson et al.'s Theorem 4.1
 # states that a stationary point of rotation averaging whose residuals are all below an angle is
 # optimal. For a pose graph they therefore concern rotation averaging on its rotations alone, never

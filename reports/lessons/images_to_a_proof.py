@@ -21,13 +21,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import certpgo
-from certpgo.assess.metrics import angular_errors, position_errors
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
+from certpgo.optimize.methods.graduated_non_convexity import quantiles
 from certpgo.registration.camera import Camera
 from certpgo.registration.features import detect, match, place
 from certpgo.registration.reconstruct import ReconstructSettings
 from certpgo.registration.synthetic import Room, SyntheticSequence
-from certpgo.solvers.graduated_non_convexity import quantiles
+from certpgo.solve.metrics import angular_errors, position_errors
 
 BLUE, VERMILION, GREEN, BLACK = "#0072B2", "#D55E00", "#009E73", "#000000"
 

@@ -18,10 +18,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import certpgo
-from certpgo.assess.metrics import angular_errors, position_errors
 from certpgo.io.datasets import synthetic, thesis
-from certpgo.linalg import so
-from certpgo.solvers.graduated_non_convexity import quantiles
+from certpgo.linalg import rotations as so
+from certpgo.optimize.methods.graduated_non_convexity import quantiles
+from certpgo.solve.metrics import angular_errors, position_errors
 
 BLUE, VERMILION, GREEN, PURPLE, BLACK = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#000000"
 

@@ -19,11 +19,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from certpgo import Estimate, Instance, RotationGraph, RotationProblem, get_solver, solve
-from certpgo.assess.consistency import consistency, perturbation_bound
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.io.datasets.thesis import langevin_graph
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.optimize.spectral import smallest_eigenpairs, spectral_bound
+from certpgo.solve.consistency import consistency, perturbation_bound
 from reports.harness.experiments.figure import STYLE
 
 # %% [markdown]

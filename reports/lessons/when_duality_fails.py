@@ -17,12 +17,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import certpgo
-from certpgo.assess.ladder import ladder
 from certpgo.certify.bounds import alpha_max, fiedler_value, normalized_fiedler_value, row_bound
-from certpgo.graph.lift import Lift
+from certpgo.graph.relaxed_point import Lift
 from certpgo.io.datasets.synthetic import complete, random_graph
-from certpgo.linalg import so
-from certpgo.optimize.newton import newton
+from certpgo.linalg import rotations as so
+from certpgo.optimize.riemannian_newton import newton
+from certpgo.solve.bounds_table import ladder
 
 BLUE, VERMILION, GREEN, PURPLE, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#999999"
 plt.rcParams.update({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False})

@@ -21,13 +21,13 @@ import numpy as np
 
 import certpgo
 from certpgo.certify.curvature import negative_curvature
-from certpgo.graph.lift import Lift
+from certpgo.graph.relaxed_point import Lift
 from certpgo.io.datasets.synthetic import winding_cycle
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective import operators
-from certpgo.optimize.low_rank import descend, tangent_basis
-from certpgo.optimize.newton import newton
-from certpgo.solvers.cycle_closed_form import stationary_point
+from certpgo.optimize.low_rank_descent import descend, tangent_basis
+from certpgo.optimize.methods.cycle_closed_form import stationary_point
+from certpgo.optimize.riemannian_newton import newton
 
 BLUE, VERMILION, GREY = "#0072B2", "#D55E00", "#999999"  # Okabe and Ito's
 n, theta = 24, np.radians(20.0)

@@ -20,12 +20,12 @@ import numpy as np
 
 import certpgo
 from certpgo import PoseProblem
-from certpgo.assess.metrics import mean_symmetry
 from certpgo.registration.fuse import GRID, NEIGHBOURS
 from certpgo.registration.ransac import RansacSettings
 from certpgo.registration.reconstruct import ReconstructSettings
 from certpgo.registration.sequences import FrameSequence
 from certpgo.registration.synthetic import synthetic_sequence
+from certpgo.solve.metrics import mean_symmetry
 
 OUT = Path(__file__).parents[1] / "results" / "appendix_d.md"
 KNOWN = ("synthetic", "redwood5", "seven_scenes")

@@ -17,12 +17,12 @@ import time
 import numpy as np
 
 from certpgo import solve
-from certpgo.costs import COSTS, InformationProblem, surrogate
 from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate, Instance, PoseGraph
 from certpgo.graph.information import InformationGraph
 from certpgo.io import datasets
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
+from certpgo.objective.choose_cost import COSTS, InformationProblem, surrogate
 from reports.harness.experiments.timing import one_core
 
 NAMES = ("smallGrid3D", "sphere2500")

@@ -42,7 +42,7 @@ from certpgo.io.datasets.synthetic import helix
 from certpgo.io.digits import writing_of
 from certpgo.io.exact import quaternion
 from certpgo.io.format import formats
-from certpgo.solvers.certified.interface import solve
+from certpgo.solve.solving import solve
 
 SECONDS, MEGABYTES = 2.0, 500
 #: Seconds after which a call is taken for one that never ends.

@@ -19,12 +19,12 @@ import numpy as np
 
 import certpgo
 from certpgo import Estimate, Instance, PoseProblem, certify
-from certpgo.costs import range_problem
-from certpgo.costs.ranges import RangeProblem
 from certpgo.graph.points import with_points
 from certpgo.graph.trees import tree_initialization
 from certpgo.io import datasets
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
+from certpgo.objective.choose_cost import range_problem
+from certpgo.objective.range_problem import RangeProblem
 
 DATASETS = (
     "cityTrees10000",

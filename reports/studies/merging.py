@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 
 from certpgo import Instance, PoseGraph, RotationGraph, merge, solve
-from certpgo.graph.joining import joined
+from certpgo.graph.concatenate import joined
 from certpgo.io import datasets
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from reports.studies._printing import print_table
 
 GRAPHS = ("sphere2500", "city10000")

@@ -38,7 +38,7 @@ EQUIVALENT = ROOT / "reports" / "studies" / "mutants.toml"
 TESTS = {
     "certpgo/linalg/factor.py": ("linalg/test_factor*",),
     "certpgo/certify/bounds.py": ("certify/test_bounds*",),
-    "certpgo/certify/case.py": (
+    "certpgo/certify/tolerances.py": (
         "certify/test_case*",
         "certify/test_parts*",
         "certify/test_extremes*",
@@ -54,7 +54,7 @@ TESTS = {
         "certify/test_certify*",
         "certify/test_attacks*",
     ),
-    "certpgo/certify/parts.py": ("certify/test_parts*",),
+    "certpgo/certify/bridge_blocks.py": ("certify/test_parts*",),
     "certpgo/certify/proof.py": ("certify/test_proof*", "test_checker*"),
     "certpgo/certify/proof_file.py": ("certify/test_proof*", "test_checker*"),
     "certpgo/certify/residual.py": ("certify/test_residual*",),
@@ -63,7 +63,7 @@ TESTS = {
         "certify/test_dual*",
         "certify/test_extremes*",
     ),
-    "certpgo/certify/shifted.py": ("certify/test_shifted*", "certify/test_dual*"),
+    "certpgo/certify/multipliers.py": ("certify/test_shifted*", "certify/test_dual*"),
     "certpgo/certify/units.py": ("certify/test_extremes*",),
     "certpgo/checker.py": ("test_checker*", "certify/test_proof*", "certify/test_cost_proof*"),
 }

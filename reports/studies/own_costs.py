@@ -25,13 +25,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo import Certificate, Estimate, PoseGraph, RotationGraph, certify, solve
-from certpgo.costs import InformationProblem
-from certpgo.costs.edge_costs.g2o import G2oCost
 from certpgo.graph.information import InformationGraph
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
+from certpgo.objective.choose_cost import InformationProblem
+from certpgo.objective.costs.g2o import G2oCost
+from certpgo.optimize.initialization import start_of
 from certpgo.optimize.levenberg_marquardt import descend
-from certpgo.optimize.starts import start_of
 
 #: Instances that a process is given at once.
 BLOCK = 10

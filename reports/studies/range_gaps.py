@@ -28,13 +28,13 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 import certpgo
-from certpgo.certify.ranged import RangedCase
-from certpgo.costs import range_problem
-from certpgo.costs.ranges import RangeProblem
-from certpgo.costs.signed import SignedProblem
-from certpgo.graph.lift import Lift, translations_of
+from certpgo.certify.range_case import RangedCase
+from certpgo.graph.relaxed_point import Lift, translations_of
 from certpgo.io import datasets
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
+from certpgo.objective.choose_cost import range_problem
+from certpgo.objective.range_problem import RangeProblem
+from certpgo.objective.signed_weights import SignedProblem
 
 DATASETS = ("goats_15", "goats_16", "mrclam5a", "plaza2")
 ROW = "{:14}{:>12}{:>9}{:>9}{:>8}{:>11}{:>9}"

@@ -18,7 +18,7 @@ import numpy as np
 from certpgo.certify import Verdict
 from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.io import datasets, read, write
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective import operators
 from certpgo.objective.problem import problem_of
 from certpgo.optimize import spectral

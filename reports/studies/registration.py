@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 
 import certpgo
-from certpgo.assess.metrics import angular_errors, position_errors
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.registration.ransac import register
 from certpgo.registration.reconstruct import ReconstructSettings
 from certpgo.registration.sequences import FrameSequence
 from certpgo.registration.synthetic import synthetic_sequence
+from certpgo.solve.metrics import angular_errors, position_errors
 
 #: An edge is wrong beyond this: metres, degrees.
 WRONG = 0.1, 3.0

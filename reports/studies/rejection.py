@@ -29,10 +29,10 @@ from certpgo import (
     read_sequence,
     solve_robustly,
 )
-from certpgo.graph.joining import joined
+from certpgo.graph.concatenate import joined
 from certpgo.graph.streaming import arrivals, streamed
 from certpgo.io.datasets.source import resolve
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, IntArray
 from reports.studies._printing import print_table
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from certpgo import Estimate, register
 from certpgo.errors import CertPGOError
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.registration.scans import Scan, read_initial, read_scan
 

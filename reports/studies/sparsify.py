@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 
 from certpgo import solve, sparsify
-from certpgo.assess.metrics import trajectory_errors
 from certpgo.io import datasets
 from certpgo.objective.problem import problem_of
 from certpgo.optimize import connectivity
+from certpgo.solve.metrics import trajectory_errors
 from reports.studies._printing import print_table
 
 GRAPHS = ("sphere2500", "city10000")

@@ -22,10 +22,10 @@ import gtsam
 import numpy as np
 
 from certpgo import Instance, Session, Verdict, solve
-from certpgo.costs import information_problem
-from certpgo.costs.gtsam_graph import factors_of
 from certpgo.graph.streaming import arrivals, streamed
 from certpgo.io import datasets
+from certpgo.objective.choose_cost import information_problem
+from certpgo.objective.gtsam_graph import factors_of
 from reports.studies._printing import print_table
 
 GRAPHS = ("manhattan", "sphere2500", "city10000", "kitti_00")

@@ -17,7 +17,7 @@ from collections.abc import Callable
 import numpy as np
 
 from certpgo import CertPGOError, Estimate, certify, solve
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import problem_of
 from reports.harness.certifiers.campaign import uneven_graph
 

@@ -1,7 +1,7 @@
 """Methods side by side on the SLAM sets found here, or else on the gtsam wheel's own files."""
 
-from certpgo.assess.comparison import METHODS
-from certpgo.assess.comparison_table import NOTES, TITLE
+from certpgo.solve.comparison import METHODS
+from certpgo.solve.comparison_table import NOTES, TITLE
 from reports.harness.experiments.spec import Column, Row, Table, extended
 
 TABLE = Table(

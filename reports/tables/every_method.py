@@ -39,8 +39,8 @@ TABLE = Table(
     seed=1,  # on which no step count hangs on the last digit of a BLAS kernel
     quick=("helix of 16 poses", "random graph of 12 rotations"),
     notes=(
-        "One instance a row, drawn from the table's seed. A file in certpgo/solvers or baselines "
-        "is a method of this table. Seconds are one run's, imports included where a package is "
+        "One instance a row, drawn from the table's seed. A file in certpgo/optimize/methods or "
+        "baselines is a method of this table. Seconds are one run's, imports included where a package is "
         "first used.",
     ),
 )

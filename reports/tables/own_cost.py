@@ -1,6 +1,6 @@
 """Optima under the costs that g2o and GTSAM minimise, with the files' full information."""
 
-from certpgo.costs import CHORDAL
+from certpgo.objective.choose_cost import CHORDAL
 from reports.harness.experiments.spec import Column, Method, Row, Table
 
 #: Of which a prototype's values are known.

@@ -9,18 +9,18 @@ from hypothesis import given, settings
 from strategies import dense_cost, dimensions, point_graph, pose_graph, rng_of, seeds
 
 from certpgo import io, with_priors
-from certpgo.assess.assessment import assess, costly_edges, distance
-from certpgo.assess.batch import JudgedGraph, judge_all, write_rows
 from certpgo.certify import Verdict, certify
 from certpgo.certify.judge import Judge
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, Instance
-from certpgo.graph.wording import bound_shown, cost_shown
+from certpgo.graph.phrases import bound_shown, cost_shown
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.io.digits import writing_of
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
-from certpgo.optimize.newton import newton
+from certpgo.optimize.riemannian_newton import newton
+from certpgo.solve.assessment import assess, costly_edges, distance
+from certpgo.solve.batch import JudgedGraph, judge_all, write_rows
 
 JARGON = (
     "dual",
@@ -225,7 +225,7 @@ def part_of(problem, name="walk"):
 
 
 def test_one_bound_serves_all_answers_that_lead_to_it(monkeypatch):
-    from certpgo.certify import case
+    from certpgo.certify import tolerances as case
 
     computed = []
     original = case.dual_bound

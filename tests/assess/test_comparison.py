@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from certpgo import read, solve
-from certpgo.assess.comparison import METHODS, Competitor, MethodResult, compare, methods_under
-from certpgo.assess.comparison_table import COLUMNS, NOTES, captions, columns, notes, title
 from certpgo.certify import certify
-from certpgo.costs import information_problem
 from certpgo.errors import InputError
 from certpgo.io.datasets.synthetic import winding_cycle
+from certpgo.objective.choose_cost import information_problem
 from certpgo.objective.problem import problem_of
+from certpgo.solve.comparison import METHODS, Competitor, MethodResult, compare, methods_under
+from certpgo.solve.comparison_table import COLUMNS, NOTES, captions, columns, notes, title
 
 NAMES = ("certified", "certified (F)", "spanning_tree")
 

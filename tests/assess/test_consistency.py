@@ -6,12 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import dimensions, rng_of, rotation_graph, seeds
 
-from certpgo.assess.consistency import consistency, inconsistency, perturbation_bound
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, RotationGraph
 from certpgo.io.datasets import synthetic, thesis
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import RotationProblem
+from certpgo.solve.consistency import consistency, inconsistency, perturbation_bound
 
 #: Rounding of an eigenvalue, over the largest eigenvalue.
 ROUNDING = 1e-10

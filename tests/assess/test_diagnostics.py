@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from certpgo.assess.diagnostics import spectra, structure
 from certpgo.graph import Instance, PoseGraph, RotationGraph
 from certpgo.graph.bridges import bridges
 from certpgo.graph.components import connected_parts
 from certpgo.graph.kinds import Kind
 from certpgo.graph.ranges import Ranges
 from certpgo.io.datasets import synthetic
+from certpgo.solve.diagnostics import spectra, structure
 
 
 def graph_of(n, edges):

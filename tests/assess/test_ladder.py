@@ -6,8 +6,6 @@ from hypothesis import given, settings
 from strategies import dimensions, rng_of, rotation_graph, seeds
 
 from certpgo import registry
-from certpgo.assess import ladder as ladder_of
-from certpgo.assess.ladder import PROGRAM, ladder
 from certpgo.certify import Verdict
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate
@@ -15,7 +13,9 @@ from certpgo.io.datasets import synthetic
 from certpgo.objective.problem import RotationProblem, problem_of
 from certpgo.optimize import spectral
 from certpgo.optimize.solution import Relaxation, Solution, Status
-from certpgo.solvers.certified.interface import solve
+from certpgo.solve import bounds_table as ladder_of
+from certpgo.solve.bounds_table import PROGRAM, ladder
+from certpgo.solve.solving import solve
 
 
 def rungs(problem, *arguments, **options):

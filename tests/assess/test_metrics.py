@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from strategies import dimensions, pose_graph, rng_of, seeds
 
-from certpgo.assess import metrics
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
+from certpgo.solve import metrics
 
 
 def in_the_thesis_frame(R, t):

@@ -6,8 +6,8 @@ from hypothesis import given
 from strategies import dimensions, pose_graph, rng_of, seeds
 
 from certpgo import Estimate, InputError
-from certpgo.assess.metrics import trajectory_errors
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
+from certpgo.solve.metrics import trajectory_errors
 
 
 def turned(degrees):

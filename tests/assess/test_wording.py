@@ -9,7 +9,7 @@ from certpgo import PoseProblem, certify, io
 from certpgo.certify import Verdict
 from certpgo.certify.wording import meaning, numbers, trusts
 from certpgo.graph import Estimate
-from certpgo.graph.wording import reading_sentence
+from certpgo.graph.phrases import reading_sentence
 
 EDGES = ("EDGE_SE2 0 1 1 0 0.1", "EDGE_SE2 1 2 1 0 0.1", "EDGE_SE2 2 0 1 0 0.1")
 INFORMATION = " 2 0 0 2 0 3"

@@ -9,12 +9,12 @@ from scipy.optimize import linprog
 from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 
 from certpgo import io, registry
-from certpgo.assess import metrics
 from certpgo.errors import InputError, SpecError
 from certpgo.graph import Estimate, RotationGraph
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import RotationProblem, problem_of
 from certpgo.optimize.solution import Status
+from certpgo.solve import metrics
 
 
 def solver(**settings):

@@ -9,14 +9,14 @@ import strategies
 from hypothesis import given, settings
 
 from certpgo import registry
-from certpgo.assess import metrics
 from certpgo.errors import InputError, SpecError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.io.datasets import synthetic
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.optimize.methods import _memory
 from certpgo.optimize.solution import Status
-from certpgo.solvers import _memory
+from certpgo.solve import metrics
 
 NAMES = (
     "expectation_maximization",

@@ -8,12 +8,12 @@ from hypothesis import given
 from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 
 from certpgo import registry
-from certpgo.assess import metrics
 from certpgo.errors import SpecError
 from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.io.datasets import synthetic
 from certpgo.objective.problem import RotationProblem, problem_of
 from certpgo.optimize.solution import Status
+from certpgo.solve import metrics
 
 VECTORS = ["eigen", "singular"]
 KINDS = ["poses", "rotations"]

@@ -8,12 +8,12 @@ from hypothesis import given
 from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 
 from certpgo import io, registry
-from certpgo.assess import metrics
 from certpgo.errors import SpecError
 from certpgo.graph import Estimate, PoseGraph
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import problem_of
 from certpgo.optimize.solution import Status
+from certpgo.solve import metrics
 
 KINDS = ["poses", "rotations"]
 

@@ -10,9 +10,9 @@ from certpgo import registry
 from certpgo.certify import Verdict
 from certpgo.errors import InputError, MissingDependency, SpecError
 from certpgo.graph import PoseGraph
-from certpgo.graph.lift import Lift
+from certpgo.graph.relaxed_point import Lift
 from certpgo.io.datasets import synthetic
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 from certpgo.optimize.solution import Status
 

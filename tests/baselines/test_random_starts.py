@@ -7,9 +7,9 @@ from certpgo import registry
 from certpgo.certify import certify
 from certpgo.errors import SpecError
 from certpgo.io.datasets import synthetic
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import RotationProblem
-from certpgo.solvers.cycle_closed_form import stationary_point
+from certpgo.optimize.methods.cycle_closed_form import stationary_point
 
 pytest.importorskip("gtsam")
 

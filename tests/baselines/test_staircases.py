@@ -13,7 +13,7 @@ from certpgo.certify import Verdict
 from certpgo.errors import InputError, MissingDependency, NumericalError, SpecError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.io.datasets import synthetic
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, RotationProblem
 from certpgo.optimize.solution import Status
 

@@ -18,9 +18,10 @@ from certpgo.certify import cost_upper, dual, dual_bound
 from certpgo.certify.anchored import Anchored, EdgeForces
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.io.datasets.synthetic import winding_cycle
-from certpgo.linalg import factor, so
+from certpgo.linalg import factor
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
-from certpgo.optimize.newton import newton
+from certpgo.optimize.riemannian_newton import newton
 
 
 def anchored(problem, point, enough=-np.inf):

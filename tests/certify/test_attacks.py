@@ -6,17 +6,19 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from certpgo.certify import Verdict, case, certify, dual_bound
+from certpgo.certify import Verdict, certify, dual_bound
+from certpgo.certify import tolerances as case
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.io.datasets.synthetic import helix, winding_cycle
-from certpgo.linalg import factor, so
+from certpgo.linalg import factor
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import CSC
 from certpgo.linalg.rounding_bound import RoundingBound, is_cholesky
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
-from certpgo.optimize.newton import NewtonSettings, newton
+from certpgo.optimize.methods.eigen_ra import EigenRA
+from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 from certpgo.optimize.solution import Status
-from certpgo.solvers.eigen_ra import EigenRA
 
 
 def wound_poses(n, winding, tau=1.0, theta=0.0):

@@ -18,9 +18,9 @@ from certpgo.certify.bounds import (
 from certpgo.graph import Estimate, RotationGraph
 from certpgo.io import read
 from certpgo.io.datasets.synthetic import winding_cycle
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import RotationProblem
-from certpgo.optimize.newton import NewtonSettings, newton
+from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 
 
 def identity_graph(n, edges, kappa=None):

@@ -12,9 +12,9 @@ from strategies import random_edges
 
 from certpgo.certify.bounds import alpha_max, normalized_fiedler_value, row_bound
 from certpgo.graph import Estimate, RotationGraph
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import RotationProblem
-from certpgo.optimize.newton import NewtonSettings, newton
+from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 
 ATTACKS = int(os.environ.get("CERTPGO_ATTACKS", "300"))
 #: Half of the attacks come closer to a bound than this.

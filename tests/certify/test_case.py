@@ -11,14 +11,14 @@ from hypothesis import strategies as st
 from strategies import pose_graph
 
 from certpgo.certify import Tier, Verdict
-from certpgo.certify import case as module
-from certpgo.certify.case import FLOOR, Basin, Case, difference_up
+from certpgo.certify import tolerances as module
 from certpgo.certify.dual import DualBound
+from certpgo.certify.tolerances import FLOOR, Basin, Case, difference_up
 from certpgo.certify.wording import reason_of
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
 from certpgo.io.datasets.synthetic import winding_cycle
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, RotationProblem
 
 positive = st.floats(min_value=1e-300, max_value=1e300)

@@ -5,17 +5,17 @@ import pytest
 from strategies import pose_graph, rng_of
 
 from certpgo import RotationProblem, certify, solve
-from certpgo.certify.climb import climb
 from certpgo.certify.curvature import negative_curvature, resolution
-from certpgo.certify.own_cost import OwnCostCase
-from certpgo.costs import InformationProblem
-from certpgo.costs.edge_costs.g2o import G2oCost
+from certpgo.certify.staircase_bound import climb
+from certpgo.certify.surrogate_case import OwnCostCase
 from certpgo.graph import PoseGraph
 from certpgo.graph.information import InformationGraph
 from certpgo.io.datasets.synthetic import grid3d, winding_cycle
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
+from certpgo.objective.choose_cost import InformationProblem
+from certpgo.objective.costs.g2o import G2oCost
 from certpgo.optimize.levenberg_marquardt import descend
-from certpgo.optimize.newton import newton
+from certpgo.optimize.riemannian_newton import newton
 
 
 def uneven(condition, noise):

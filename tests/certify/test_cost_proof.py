@@ -16,17 +16,17 @@ import certpgo
 from certpgo import checker
 from certpgo.certify import Tier, certify
 from certpgo.certify.cost_proof import NOTHING, claimed, cost_evidence, problem_of_certificate
-from certpgo.certify.own_cost import OwnCostCase
 from certpgo.certify.proof import exact_graph, quaternions
 from certpgo.certify.proof_file import write_proof
-from certpgo.costs import InformationProblem, information_problem, surrogate
-from certpgo.costs.edge_costs.g2o import G2oCost
-from certpgo.costs.problem import surrogate_of
+from certpgo.certify.surrogate_case import OwnCostCase
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.information import InformationGraph
-from certpgo.graph.lift import lifted
-from certpgo.linalg import so
+from certpgo.graph.relaxed_point import lifted
+from certpgo.linalg import rotations as so
+from certpgo.objective.choose_cost import InformationProblem, information_problem, surrogate
+from certpgo.objective.costs.g2o import G2oCost
+from certpgo.objective.information_problem import surrogate_of
 from certpgo.objective.problem import PoseProblem
 from certpgo.optimize.levenberg_marquardt import descend
 

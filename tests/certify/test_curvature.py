@@ -10,12 +10,12 @@ from strategies import dimensions, pose_graph, rng_of, seeds
 
 from certpgo.certify.curvature import negative_curvature, smallest_eigenvalues
 from certpgo.graph import Estimate, PoseGraph
-from certpgo.graph.lift import lifted
+from certpgo.graph.relaxed_point import lifted
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import factor
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
-from certpgo.optimize import low_rank
-from certpgo.optimize.newton import NewtonSettings, newton
+from certpgo.optimize import low_rank_descent as low_rank
+from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 
 
 def eliminated(problem, point):

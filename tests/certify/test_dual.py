@@ -15,12 +15,13 @@ from strategies import dimensions, pose_graph, rng_of, seeds
 
 from certpgo.certify import cost_upper, dual, dual_bound
 from certpgo.graph import Estimate, PoseGraph
-from certpgo.graph.lift import Lift, lifted
+from certpgo.graph.relaxed_point import Lift, lifted
 from certpgo.io.datasets.synthetic import winding_cycle
-from certpgo.linalg import factor, so, superlu
+from certpgo.linalg import factor, superlu
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
-from certpgo.optimize.newton import NewtonSettings, newton
-from certpgo.solvers.low_rank import LowRank, descend
+from certpgo.optimize.methods.low_rank import LowRank, descend
+from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 
 
 def optimum(seed, d, poses, n=7, noise=0.15):

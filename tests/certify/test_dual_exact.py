@@ -10,13 +10,13 @@ from hypothesis import strategies as st
 from strategies import dimensions, pose_graph, rng_of, seeds
 
 from certpgo.certify import dual
-from certpgo.certify.shifted import Shifted, _exponent
+from certpgo.certify.multipliers import Shifted, _exponent
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import factor, rounding_bound, superlu
 from certpgo.linalg.arrays import CSC
-from certpgo.linalg.so import rotation_defect
+from certpgo.linalg.rotations import rotation_defect
 from certpgo.objective.problem import PoseProblem, problem_of
-from certpgo.optimize.newton import newton
+from certpgo.optimize.riemannian_newton import newton
 
 U = 2.0**-53
 

@@ -13,10 +13,10 @@ from certpgo.certify import dual
 from certpgo.certify.dual import dual_bound
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
-from certpgo.graph.lift import Lift
-from certpgo.linalg import so
+from certpgo.graph.relaxed_point import Lift
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, cost_upper, problem_of
-from certpgo.optimize.newton import newton
+from certpgo.optimize.riemannian_newton import newton
 
 #: With the files' own rotational information (OBJECTIVES, section 2), and relative gaps.
 GOLDEN = {

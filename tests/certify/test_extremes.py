@@ -14,7 +14,7 @@ from certpgo.certify.units import in_units, scaled_blocks, scaled_down, scaled_u
 from certpgo.errors import FormatError, GraphError, InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.io.datasets.synthetic import winding_cycle
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 
 TIERS = [Tier.STANDARD, Tier.PROOF]

@@ -10,19 +10,19 @@ from strategies import pose_graph, rng_of
 
 from certpgo.certify import Tier, Verdict, certify, judge
 from certpgo.certify.judge import Judge
-from certpgo.certify.own_cost import OwnCostCase
+from certpgo.certify.surrogate_case import OwnCostCase
 from certpgo.certify.units import unit_of
-from certpgo.costs import InformationProblem, RangeProblem
-from certpgo.costs.edge_costs.g2o import G2oCost
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.information import InformationGraph
 from certpgo.graph.ranges import Ranges
 from certpgo.io.datasets.synthetic import winding_cycle
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
+from certpgo.objective.choose_cost import InformationProblem, RangeProblem
+from certpgo.objective.costs.g2o import G2oCost
 from certpgo.objective.problem import PoseProblem, RotationProblem
 from certpgo.optimize import spectral
-from certpgo.optimize.newton import newton
+from certpgo.optimize.riemannian_newton import newton
 from certpgo.optimize.solution import Status
 
 

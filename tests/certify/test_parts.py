@@ -7,13 +7,13 @@ from hypothesis import strategies as st
 
 import certpgo
 from certpgo.certify import Tier, Verdict, certify
-from certpgo.certify.case import Case
+from certpgo.certify.bridge_blocks import outside, parts, sum_of_bounds
 from certpgo.certify.dual import DualBound
-from certpgo.certify.parts import outside, parts, sum_of_bounds
+from certpgo.certify.tolerances import Case
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.bridges import bridges
 from certpgo.io.datasets.synthetic import winding_cycle
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, RotationProblem
 
 

@@ -14,7 +14,8 @@ from certpgo.certify.proof_file import write_proof
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate, PoseGraph
 from certpgo.io.datasets.synthetic import corridor, winding_cycle
-from certpgo.linalg import factor, so
+from certpgo.linalg import factor
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import problem_of
 
 

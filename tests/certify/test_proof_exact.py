@@ -20,7 +20,7 @@ from certpgo.certify.proof import (
     proven_bound,
     quaternions,
 )
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import problem_of
 
 

@@ -7,8 +7,8 @@ import pytest
 from strategies import random_edges, rng_of
 
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
-from certpgo.linalg import so
-from certpgo.linalg.so import rotation_defect
+from certpgo.linalg import rotations as so
+from certpgo.linalg.rotations import rotation_defect
 from certpgo.objective.problem import PoseProblem, RotationProblem, cost_upper
 
 U = 2.0**-53

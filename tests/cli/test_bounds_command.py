@@ -50,7 +50,7 @@ def test_bounds_of_an_estimate_given(certpgo, wound):
 
 
 def test_a_program_too_large_for_memory_says_how_to_force_it(certpgo, wound, monkeypatch):
-    monkeypatch.setattr("certpgo.solvers._memory.available_bytes", lambda: 1000.0)
+    monkeypatch.setattr("certpgo.optimize.methods._memory.available_bytes", lambda: 1000.0)
     refused = certpgo("bounds", wound[0], "--sdp", "--json").json["bounds"]
     [rung] = [rung for rung in refused if rung["key"] == "sdp"]
     assert rung["value"] is None

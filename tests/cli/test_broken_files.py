@@ -5,7 +5,7 @@ import pytest
 REQUIRED = """
 from dataclasses import dataclass
 
-from certpgo.solvers.spanning_tree import SpanningTree
+from certpgo.optimize.methods.spanning_tree import SpanningTree
 
 @dataclass(frozen=True, kw_only=True)
 class Demanding(SpanningTree):

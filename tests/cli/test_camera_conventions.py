@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from certpgo.io.exact.quaternion import to_write
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 
 N = 6
 R = so.random(np.random.default_rng(0), N, 3)

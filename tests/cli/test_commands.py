@@ -458,7 +458,7 @@ def files(folder):
 def test_a_comparison_that_is_cut_short_keeps_what_is_done(
     certpgo, square, tmp_path, monkeypatch, count, error
 ):
-    from certpgo.assess import comparison
+    from certpgo.solve import comparison
 
     common = ("compare", square, "--methods", "newton,eigen_ma", "--out", tmp_path / "r")
     certpgo(*common)
@@ -491,7 +491,7 @@ def test_a_comparison_that_is_cut_short_keeps_what_is_done(
 
 
 def test_rows_of_a_comparison_are_written_as_they_come(certpgo, square, tmp_path, monkeypatch):
-    from certpgo.assess import comparison
+    from certpgo.solve import comparison
 
     solved, written = comparison.solution_of, []
 
@@ -523,7 +523,7 @@ def test_without_a_checkout_the_default_methods_are_those_of_the_wheel(
 
 
 def test_methods_are_compared_on_one_thread(certpgo, square, tmp_path, monkeypatch):
-    from certpgo.solvers.spanning_tree import SpanningTree
+    from certpgo.optimize.methods.spanning_tree import SpanningTree
 
     solve, threads = SpanningTree.solve, []
 
@@ -540,7 +540,7 @@ def test_methods_are_compared_on_one_thread(certpgo, square, tmp_path, monkeypat
 
 
 def test_a_method_that_breaks_is_a_row_with_the_reason(certpgo, square, tmp_path, monkeypatch):
-    from certpgo.solvers.spanning_tree import SpanningTree
+    from certpgo.optimize.methods.spanning_tree import SpanningTree
 
     def breaks(self, problem, **more):
         raise ZeroDivisionError("by design\nand more")

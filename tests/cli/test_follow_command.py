@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import certpgo as package
-from certpgo.costs import problem_under
 from certpgo.io.datasets.synthetic import helix
+from certpgo.objective.choose_cost import problem_under
 
 
 @pytest.fixture

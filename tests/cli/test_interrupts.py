@@ -17,10 +17,10 @@ import typer
 from certpgo.cli._interrupting import heard_late
 from certpgo.io import write
 from certpgo.io.datasets.synthetic import winding_cycle
+from certpgo.optimize.methods._sdp import Semidefinite
 from certpgo.optimize.progress import Stop
 from certpgo.optimize.solution import Status
-from certpgo.solvers._sdp import Semidefinite
-from certpgo.solvers.certified.interface import solve
+from certpgo.solve.solving import solve
 
 ROOT = Path(__file__).parents[2]
 needs_signals = pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals")
@@ -122,7 +122,7 @@ def test_bounds_of_half_a_search_are_not_shown(certpgo, tmp_path, monkeypatch, g
         found = solve(graph, initial=initial)
         return replace(found, solution=replace(found.solution, status=Status.INTERRUPTED))
 
-    monkeypatch.setattr("certpgo.assess.ladder.solve", interrupted)
+    monkeypatch.setattr("certpgo.solve.bounds_table.solve", interrupted)
     instance, wound = winding_cycle(12, 0.1, 1)  # no optimum: its bounds need a search
     graph, estimate = tmp_path / "cycle.npz", tmp_path / "wound.npz"
     write(graph, instance)

@@ -9,7 +9,7 @@ import pytest
 
 import certpgo as package
 from certpgo import plot
-from certpgo.graph.wording import bound_shown, cost_shown, gap_shown
+from certpgo.graph.phrases import bound_shown, cost_shown, gap_shown
 from certpgo.io.datasets.synthetic import helix
 
 NUMBER = re.compile(r"\d+\.?\d*(?:e[-+]?\d+)?")

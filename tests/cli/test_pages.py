@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from certpgo.graph.wording import rounded_up
+from certpgo.graph.phrases import rounded_up
 
 
 def scene_of(page):

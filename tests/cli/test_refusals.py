@@ -257,7 +257,7 @@ def test_an_interrupt_is_exit_code_130(certpgo, square, monkeypatch):
     def interrupted(*args, **kwargs):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("certpgo.assess.diagnostics.structure", interrupted)
+    monkeypatch.setattr("certpgo.solve.diagnostics.structure", interrupted)
     done = certpgo("info", square)
     assert done.code == 130
     assert done.err == "certpgo: interrupted\n"

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from certpgo import read, write
-from certpgo.assess.metrics import trajectory_errors
 from certpgo.io import read_estimate
 from certpgo.io.datasets import synthetic
+from certpgo.solve.metrics import trajectory_errors
 
 FILE = """\
 FIX 0

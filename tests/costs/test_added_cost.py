@@ -15,19 +15,19 @@ from strategies import definite
 import certpgo
 from certpgo import Estimate, PoseGraph, RotationGraph, Session, certify, solve, write
 from certpgo.cli import main
-from certpgo.costs import (
+from certpgo.errors import SpecError, UnusableFile
+from certpgo.graph import Instance
+from certpgo.graph.information import Information, InformationGraph
+from certpgo.linalg import rotations as so
+from certpgo.linalg.ball_arithmetic import Ball
+from certpgo.objective import costs as edge_costs
+from certpgo.objective.choose_cost import (
     COSTS,
     InformationProblem,
     costs_of,
     edge_cost,
-    edge_costs,
     information_problem,
 )
-from certpgo.errors import SpecError, UnusableFile
-from certpgo.graph import Instance
-from certpgo.graph.information import Information, InformationGraph
-from certpgo.linalg import so
-from certpgo.linalg.balls import Ball
 
 ADDED = Path(__file__).parents[1] / "data" / "edge_costs"
 PRIOR = "and a planar-motion prior"
@@ -75,7 +75,7 @@ def test_the_file_is_short_and_found_by_its_name(added):
 
 def test_a_file_that_is_no_cost_is_named(added, tmp_path):
     (tmp_path / "broken.py").write_text("1 / 0\n")
-    (tmp_path / "other.py").write_text("from certpgo.costs.edge_costs.g2o import COST\n")
+    (tmp_path / "other.py").write_text("from certpgo.objective.costs.g2o import COST\n")
     added(tmp_path)
     with pytest.raises(UnusableFile, match=r"broken\.py: cannot be loaded: ZeroDivisionError"):
         COSTS["broken"]

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from flint import arb, fmpq
 
-from certpgo.costs import angle_functions as functions
-from certpgo.costs.angle_functions import AngleFunctions
-from certpgo.costs.gtsam_space import CURVED, SWEPT, TURNED
-from certpgo.linalg.balls import Ball
+from certpgo.linalg.ball_arithmetic import Ball
+from certpgo.objective import angle_functions as functions
+from certpgo.objective.angle_functions import AngleFunctions
+from certpgo.objective.gtsam_space import CURVED, SWEPT, TURNED
 
 ANGLES = np.r_[
     functions.SMALL, 10.0 ** np.arange(-9, 0), np.linspace(0.2, 3.1, 40), np.pi - functions.EDGE

@@ -8,12 +8,12 @@ from scipy import stats
 
 import certpgo
 from certpgo import Instance, PoseGraph, PoseProblem, Ranges, RotationGraph, RotationProblem
-from certpgo.costs import information_problem, range_problem
-from certpgo.costs.fit import Fit, fit_of, goodness_of_fit, squares
 from certpgo.graph import Estimate
 from certpgo.graph.information import Information, InformationGraph
 from certpgo.io.datasets.synthetic import helix
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
+from certpgo.objective.choose_cost import information_problem, range_problem
+from certpgo.solve.fit import Fit, fit_of, goodness_of_fit, squares
 
 NODES, EDGES, RUNS = 12, 30, 25
 SQUARE = """\

@@ -6,13 +6,13 @@ from hypothesis import given, settings
 from scipy.spatial.transform import Rotation
 from strategies import dimensions, rng_of, seeds
 
-from certpgo.costs import InformationProblem
-from certpgo.costs.edge_costs.g2o import G2oCost
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.information import InformationGraph
-from certpgo.linalg import so
-from certpgo.linalg.balls import Ball
-from certpgo.linalg.so import rotation_defect
+from certpgo.linalg import rotations as so
+from certpgo.linalg.ball_arithmetic import Ball
+from certpgo.linalg.rotations import rotation_defect
+from certpgo.objective.choose_cost import InformationProblem
+from certpgo.objective.costs.g2o import G2oCost
 
 pytest.importorskip("flint", reason="python-flint is not installed")
 

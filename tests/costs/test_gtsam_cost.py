@@ -8,12 +8,12 @@ import pytest
 from flint import arb, fmpq
 
 from certpgo import PoseGraph, RotationGraph
-from certpgo.costs import gtsam_plane, gtsam_space
-from certpgo.costs.edge_cost import Minorants
-from certpgo.costs.edge_costs.gtsam import GtsamCost
 from certpgo.graph.information import InformationGraph
-from certpgo.linalg import so
-from certpgo.linalg.balls import Ball, near_rotations
+from certpgo.linalg import rotations as so
+from certpgo.linalg.ball_arithmetic import Ball, near_rotations
+from certpgo.objective import gtsam_plane, gtsam_space
+from certpgo.objective.costs.gtsam import GtsamCost
+from certpgo.objective.edge_cost import Minorants
 
 KINDS = ("plane", "plane without cross terms", "isotropic", "anisotropic", "cross terms")
 

@@ -13,9 +13,14 @@ from strategies import definite, dimensions, pose_graph, rng_of, seeds
 
 import certpgo
 from certpgo import Estimate, PoseGraph, RotationGraph, certify, read, solve, write
-from certpgo.certify.own_cost import OwnCostCase
+from certpgo.certify.surrogate_case import OwnCostCase
 from certpgo.cli import main
-from certpgo.costs import (
+from certpgo.errors import GraphError, InputError, NumericalError, SpecError
+from certpgo.graph import Instance
+from certpgo.graph.components import connected_parts
+from certpgo.graph.information import Information, InformationGraph
+from certpgo.linalg import rotations as so
+from certpgo.objective.choose_cost import (
     InformationProblem,
     edge_cost,
     information_problem,
@@ -23,16 +28,11 @@ from certpgo.costs import (
     problem_under,
     surrogate,
 )
-from certpgo.costs.edge_costs.g2o import G2oCost
-from certpgo.costs.problem import NormalEquations
-from certpgo.errors import GraphError, InputError, NumericalError, SpecError
-from certpgo.graph import Instance
-from certpgo.graph.components import connected_parts
-from certpgo.graph.information import Information, InformationGraph
-from certpgo.linalg import so
+from certpgo.objective.costs.g2o import G2oCost
+from certpgo.objective.information_problem import NormalEquations
+from certpgo.optimize.initialization import start_of
 from certpgo.optimize.levenberg_marquardt import descend
 from certpgo.optimize.solution import Status
-from certpgo.optimize.starts import start_of
 
 few = settings(max_examples=10)
 

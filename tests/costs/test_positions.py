@@ -11,12 +11,18 @@ from strategies import definite, dimensions, point_graph, rng_of, seeds
 
 import certpgo
 from certpgo import Estimate, InputError, certify, solve
-from certpgo.costs import COSTS, InformationProblem, information_problem, own_cost, surrogate
-from certpgo.costs.positions import WithPositions
 from certpgo.graph.information import InformationGraph, of_positions
-from certpgo.linalg import so
-from certpgo.linalg.balls import Ball
-from certpgo.linalg.so import rotation_defect, tangent_dim
+from certpgo.linalg import rotations as so
+from certpgo.linalg.ball_arithmetic import Ball
+from certpgo.linalg.rotations import rotation_defect, tangent_dim
+from certpgo.objective.choose_cost import (
+    COSTS,
+    InformationProblem,
+    information_problem,
+    own_cost,
+    surrogate,
+)
+from certpgo.objective.position_costs import WithPositions
 from certpgo.optimize.levenberg_marquardt import descend
 
 few = settings(max_examples=12)

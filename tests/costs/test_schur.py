@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given, settings
 from strategies import definite, dimensions, pose_graph, rng_of, seeds
 
-from certpgo.costs import COSTS
-from certpgo.costs.edge_costs.g2o import G2oCost
-from certpgo.costs.edge_costs.gtsam import GtsamCost
-from certpgo.costs.g2o_space import quaternions
-from certpgo.costs.schur import blocks, lowered, remainder, set_aside
 from certpgo.graph.information import InformationGraph
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
+from certpgo.objective.choose_cost import COSTS
+from certpgo.objective.costs.g2o import G2oCost
+from certpgo.objective.costs.gtsam import GtsamCost
+from certpgo.objective.g2o_space import quaternions
+from certpgo.objective.marginalized import blocks, lowered, remainder, set_aside
 
 few = settings(max_examples=20)
 

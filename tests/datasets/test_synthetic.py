@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from certpgo.errors import InputError
 from certpgo.io.datasets import synthetic
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 
 ROUNDING = 1e-12  # relative, or absolute where the exact value is zero

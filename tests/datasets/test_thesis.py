@@ -8,7 +8,7 @@ import pytest
 from certpgo.errors import GraphError, InputError, SpecError
 from certpgo.graph.components import component, rotations_alone
 from certpgo.io.datasets import edges, thesis
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, RotationProblem
 from reports.harness.experiments.instances import load_row
 from reports.harness.experiments.spec import Row

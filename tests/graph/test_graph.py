@@ -8,7 +8,7 @@ from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 from certpgo.errors import GraphError
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.graph.graph import require_connected
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 
 EDGES = np.array([[0, 1], [1, 2], [2, 0]])
 EYES = np.tile(np.eye(3), (3, 1, 1))

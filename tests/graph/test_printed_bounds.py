@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from certpgo.graph.wording import rounded_down, rounded_up
+from certpgo.graph.phrases import rounded_down, rounded_up
 
 
 def test_bounds_are_rounded_outward():

@@ -8,7 +8,8 @@ from strategies import dimensions, pose_graph, rng_of, seeds
 
 from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.graph.trees import compose, spanning_tree
-from certpgo.linalg import compiled, so
+from certpgo.linalg import compiled
+from certpgo.linalg import rotations as so
 
 
 @given(seeds, dimensions)

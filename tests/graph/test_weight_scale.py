@@ -7,7 +7,7 @@ from strategies import dimensions, pose_graph, rng_of, seeds
 
 import certpgo
 from certpgo.graph import PoseGraph
-from certpgo.graph.joining import joined
+from certpgo.graph.concatenate import joined
 from certpgo.graph.scale import Scale
 from certpgo.objective.problem import PoseProblem
 

@@ -153,10 +153,10 @@ def test_errors_vanish_without_noise_and_are_larger_on_sparser_graphs(quick):
 
 def test_eigen_rao_s_iterates_are_its_answers(quick, dataset):
     from certpgo import RotationProblem
-    from certpgo.assess import metrics
     from certpgo.io.datasets import truth
-    from certpgo.solvers.eigen_ra import EigenRA
-    from certpgo.solvers.eigen_rao import EigenRAO
+    from certpgo.optimize.methods.eigen_ra import EigenRA
+    from certpgo.optimize.methods.eigen_rao import EigenRAO
+    from certpgo.solve import metrics
 
     record = quick("moreira2020_figure5_3")
     instance = dataset("Ellis_Island")

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from certpgo import registry
-from certpgo.assess.comparison import solution_of
-from certpgo.costs import COSTS, information_problem
 from certpgo.errors import InputError, SpecError
 from certpgo.graph import Estimate
 from certpgo.io import read
+from certpgo.objective.choose_cost import COSTS, information_problem
 from certpgo.objective.problem import problem_of
+from certpgo.solve.comparison import solution_of
 from reports.harness.experiments import plan, scan
 from reports.harness.experiments.journal import read_entries
 from reports.harness.experiments.records import Record

@@ -4,12 +4,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from certpgo.assess.provenance import provenance
 from certpgo.errors import FormatError, InputError
 from certpgo.graph import Estimate
 from certpgo.io.datasets.edges import viewing_edges
 from certpgo.optimize.monitor import Iteration
 from certpgo.optimize.solution import Solution, Status
+from certpgo.solve.provenance import provenance
 from reports.harness.experiments.absence import Absence, missing
 from reports.harness.experiments.journal import Journal, from_line, latest, read_entries, to_line
 from reports.harness.experiments.records import TRACED, Record, trace_of

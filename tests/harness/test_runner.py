@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from certpgo import registry
-from certpgo.assess.comparison import solution_of
 from certpgo.errors import InputError, SpecError
 from certpgo.graph.trees import compose, spanning_tree
 from certpgo.io.datasets.synthetic import cycle
@@ -12,6 +11,7 @@ from certpgo.objective.problem import problem_of
 from certpgo.optimize.monitor import Iteration
 from certpgo.optimize.solution import Solution, Status
 from certpgo.registry import parse_settings
+from certpgo.solve.comparison import solution_of
 from reports.harness.experiments.absence import Absence
 from reports.harness.experiments.instances import load_row, seed_of
 from reports.harness.experiments.runner import run_table

@@ -14,7 +14,7 @@ from certpgo.certify import Verdict
 from certpgo.certify.judge import Judge
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, RotationGraph
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 from reports.harness.certifiers import campaign, made, oracle, rules, search, summary, zoo
 from reports.harness.certifiers.families import FAMILIES

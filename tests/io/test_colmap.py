@@ -12,7 +12,7 @@ from certpgo.certify import Verdict, certify
 from certpgo.errors import FormatError, GraphError, InputNotice
 from certpgo.graph import Instance
 from certpgo.io.exact.quaternion import to_write
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import RotationProblem
 
 HEADER = "# Image list with two lines of data per image:\n#   IMAGE_ID, QW, QX, QY, QZ, TX, ...\n"

@@ -10,7 +10,7 @@ import certpgo
 from certpgo.errors import FormatError, InputError, InputNotice
 from certpgo.io.exact.quaternion import to_write
 from certpgo.io.format import format_of
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 
 #: Multiplied with the first image of a pair.
 MAX_IMAGES = 2**31 - 1

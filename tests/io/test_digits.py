@@ -11,7 +11,7 @@ from certpgo.errors import FormatError, InputError
 from certpgo.graph import Estimate
 from certpgo.io.digits import Digits, Writing, digits_of, writing_of
 from certpgo.io.format import formats, get_format
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 
 SPREAD = [0.012345678901, -0.00456789012, 0.05, 3.14159265358979, 1234.56789012345, 2e-3, 0.07, 0.0]
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from certpgo.errors import InputError
 from certpgo.io.exact import circle, quaternion
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 
 EPSILON = 2.0**-52
 numbers = st.floats(-1e3, 1e3).filter(lambda x: x == 0.0 or abs(x) > 1e-100)

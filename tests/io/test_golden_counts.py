@@ -5,7 +5,7 @@ import pytest
 
 from certpgo import io
 from certpgo.graph import PoseGraph, RotationGraph
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 
 POSES = {
     "outliers/grid1000_10p_measurements.g2o": (1000, 1488),

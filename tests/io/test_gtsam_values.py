@@ -10,7 +10,7 @@ from certpgo.certify import Verdict
 from certpgo.errors import GraphError, InputError
 from certpgo.graph import Estimate, Instance, RotationGraph
 from certpgo.objective.problem import problem_of
-from certpgo.optimize.newton import newton
+from certpgo.optimize.riemannian_newton import newton
 
 N = 6
 

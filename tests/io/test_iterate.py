@@ -7,11 +7,11 @@ from strategies import dimensions, rng_of, seeds
 
 from certpgo.certify import Verdict, certify
 from certpgo.errors import FormatError
-from certpgo.graph.lift import Lift, rounded
+from certpgo.graph.relaxed_point import Lift, rounded
 from certpgo.io import read_estimate
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem
-from certpgo.optimize.newton import newton
+from certpgo.optimize.riemannian_newton import newton
 
 #: F of the optimum; the files hold about five digits.
 OPTIMA = {

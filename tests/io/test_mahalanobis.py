@@ -10,7 +10,7 @@ from certpgo.errors import InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.information import Information, mahalanobis
 from certpgo.io.datasets.synthetic import helix
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import problem_of
 from tests.strategies import rng_of
 

@@ -9,7 +9,7 @@ import certpgo
 from certpgo.errors import FormatError, InputError, InputNotice, NoMeasurements
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.io.datasets.synthetic import helix
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 
 #: A quarter turn about z, and (1, 2, 3): source points to target points.
 QUARTER = [0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0, 1, 2, 3, 1]

@@ -6,7 +6,7 @@ import pytest
 import certpgo
 from certpgo import FormatError, InputError, io
 from certpgo.errors import InputNotice
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 
 SQUARE = """\
 VERTEX_SE2 0 0 0 0

@@ -13,7 +13,7 @@ from certpgo.errors import InputNotice
 from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.io.format import formats
 from certpgo.io.formats import g2o
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 
 UNIT = "1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 1 0 0 1 0 1"
 

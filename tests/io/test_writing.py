@@ -17,7 +17,7 @@ from certpgo import io
 from certpgo.errors import FormatError, InputError, InputNotice, SpecError
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.io.datasets import synthetic
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 
 seeds = st.integers(0, 2**32 - 1)
 

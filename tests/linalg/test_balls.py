@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from flint import arb
 
-from certpgo.linalg import so
-from certpgo.linalg.balls import (
+from certpgo.linalg import rotations as so
+from certpgo.linalg.ball_arithmetic import (
     WIDE,
     Ball,
     arctan2,

@@ -7,7 +7,7 @@ from scipy.special import ive
 from scipy.stats import kstest
 
 from certpgo.errors import InputError
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 
 CONCENTRATIONS = [0.0, 1e-3, 0.3, 1.0, 7.0, 100.0, 1e4, 1e8]
 

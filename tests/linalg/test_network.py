@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from certpgo.linalg import network
+from certpgo.linalg import scalar_least_squares as network
 
 
 def test_ties_that_underflow_are_none() -> None:

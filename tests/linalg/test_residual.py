@@ -13,7 +13,7 @@ from certpgo.linalg.arrays import CSC
 from certpgo.linalg.blocks import add_to_diagonal
 from certpgo.linalg.residual import measured_residual
 from certpgo.objective.problem import PoseProblem, problem_of
-from certpgo.optimize.newton import newton
+from certpgo.optimize.riemannian_newton import newton
 
 
 def definite(seed, n=12, spread=3.0):

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from strategies import dimensions, rng_of, seeds
 
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 
 
 def test_quarter_turn_about_z():

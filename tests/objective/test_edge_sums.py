@@ -7,12 +7,13 @@ from hypothesis import strategies as st
 from strategies import dimensions, general_graph, pose_graph, rng_of, rotation_graph, seeds
 
 from certpgo.certify import dual
-from certpgo.certify.shifted import Shifted
+from certpgo.certify.multipliers import Shifted
 from certpgo.errors import GraphError
 from certpgo.graph import Estimate, PoseGraph
 from certpgo.graph.edges import symmetric
-from certpgo.graph.lift import Lift, lifted
-from certpgo.linalg import compiled, so
+from certpgo.graph.relaxed_point import Lift, lifted
+from certpgo.linalg import compiled
+from certpgo.linalg import rotations as so
 from certpgo.linalg.blocks import BlockPattern, diagonal_places, pinned, scatter_sum
 from certpgo.objective import operators, residuals
 from certpgo.objective.edge_sums import LARGEST_RANK, EdgeSums

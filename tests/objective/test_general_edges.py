@@ -18,12 +18,12 @@ from certpgo import get_solver, solve
 from certpgo.errors import GraphError, InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.graph import require_isotropic
-from certpgo.graph.lift import Lift
+from certpgo.graph.relaxed_point import Lift
 from certpgo.io.datasets.synthetic import winding_cycle
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
+from certpgo.linalg.rotations import tangent_basis
 from certpgo.objective import operators
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
-from certpgo.optimize.low_rank import tangent_basis
 
 few = settings(max_examples=20)
 

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from strategies import dimensions, pose_graph, rng_of, seeds
 
 from certpgo.graph import Estimate
-from certpgo.graph.lift import Lift, lifted, rounded
-from certpgo.linalg import so
+from certpgo.graph.relaxed_point import Lift, lifted, rounded
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, problem_of
 
 

@@ -8,7 +8,7 @@ from strategies import dense_cost, dimensions, pose_graph, rng_of, rotation_grap
 from certpgo import certify
 from certpgo.errors import GraphError, InputError
 from certpgo.graph import Estimate, RotationGraph
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.linalg.factor import engines
 from certpgo.objective import operators
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
@@ -205,7 +205,7 @@ GOLDEN_SCALES = {"sphere2500": 4949, "torus3D": 9048}
 @pytest.mark.parametrize("name", GOLDEN_SCALES)
 def test_unit_weights_tie_cost_to_likelihood(name, dataset):
     """F = 2 d m - 2 f_ML at unit weights (DESIGN, golden values)."""
-    from certpgo.assess import metrics
+    from certpgo.solve import metrics
 
     graph = dataset(name).graph
     problem = PoseProblem(graph).with_unit_weights()

@@ -8,12 +8,13 @@ from strategies import dimensions, pose_graph, rng_of, seeds
 
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
-from certpgo.graph.lift import Lift
+from certpgo.graph.relaxed_point import Lift
 from certpgo.io.datasets.synthetic import winding_cycle
-from certpgo.linalg import factor, so
+from certpgo.linalg import factor
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 from certpgo.objective.reduced import ELIMINATED_SHIFTS, SHIFTS, Reduced
-from certpgo.optimize.newton import newton
+from certpgo.optimize.riemannian_newton import newton
 
 
 def dense(problem, matrix=None):

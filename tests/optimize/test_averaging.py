@@ -10,12 +10,12 @@ from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 
 from certpgo.graph import Estimate, RotationGraph
 from certpgo.graph.trees import compose, spanning_tree
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, RotationProblem
-from certpgo.optimize.averaging import laplacian_gauss_newton
-from certpgo.optimize.newton import newton
+from certpgo.optimize.laplacian_averaging import laplacian_gauss_newton
+from certpgo.optimize.methods.laplacian_gauss_newton import LaplacianGaussNewton
+from certpgo.optimize.riemannian_newton import newton
 from certpgo.optimize.solution import Status
-from certpgo.solvers.laplacian_gauss_newton import LaplacianGaussNewton
 
 #: DESIGN section 5: rotations alone, the files' kappa.
 OPTIMA = {

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from certpgo.optimize.chord import FLATTEST, STEEPEST, Chord
+from certpgo.optimize.chord_method import FLATTEST, STEEPEST, Chord
 
 
 def chord(decrease=1e-6, last=1e-2, curvature=1.0):

@@ -8,9 +8,9 @@ from strategies import dimensions, general_graph, pose_graph, rng_of, rotation_g
 
 import certpgo
 from certpgo import Estimate, InputError, Marginals, NumericalError, PoseGraph, RotationGraph
-from certpgo.costs import problem_under
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective import operators
+from certpgo.objective.choose_cost import problem_under
 from certpgo.objective.problem import problem_of
 
 few = settings(max_examples=15)

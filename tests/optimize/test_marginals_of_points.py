@@ -8,12 +8,12 @@ from strategies import definite, dimensions, point_graph, rng_of, seeds
 
 import certpgo
 from certpgo import Estimate, InputError, Marginals, NumericalError, PoseGraph, RotationGraph
-from certpgo.costs import InformationProblem
-from certpgo.costs.edge_costs.g2o import G2oCost
-from certpgo.costs.positions import WithPositions
 from certpgo.graph.information import InformationGraph, of_positions
-from certpgo.linalg import so
-from certpgo.linalg.so import tangent_dim
+from certpgo.linalg import rotations as so
+from certpgo.linalg.rotations import tangent_dim
+from certpgo.objective.choose_cost import InformationProblem
+from certpgo.objective.costs.g2o import G2oCost
+from certpgo.objective.position_costs import WithPositions
 from certpgo.objective.problem import problem_of
 
 few = settings(max_examples=12)

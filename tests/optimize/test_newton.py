@@ -12,13 +12,14 @@ from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 
 from certpgo.errors import SpecError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
-from certpgo.linalg import compiled, factor, multifrontal, so
+from certpgo.linalg import compiled, factor, multifrontal
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, RotationProblem
 from certpgo.optimize import spectral
+from certpgo.optimize.initialization import start_of
 from certpgo.optimize.monitor import Iteration, Stopwatch, TableMonitor, silent
-from certpgo.optimize.newton import NewtonSettings, _Descent, _State, newton
+from certpgo.optimize.riemannian_newton import NewtonSettings, _Descent, _State, newton
 from certpgo.optimize.solution import Status
-from certpgo.optimize.starts import start_of
 
 #: DESIGN section 5: SE-Sync's weights, poses and rotations alone.
 OPTIMA = {

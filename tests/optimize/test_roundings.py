@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from strategies import dimensions, pose_graph, rng_of, seeds
 
 from certpgo.graph import Estimate
-from certpgo.graph.lift import Lift
-from certpgo.linalg import so
+from certpgo.graph.relaxed_point import Lift
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import problem_of
-from certpgo.optimize.roundings import _Candidates, roundings
+from certpgo.optimize.randomized_rounding import _Candidates, roundings
 
 
 def some_problem(seed, d, poses, noise=0.5):

@@ -7,10 +7,11 @@ from hypothesis import strategies as st
 from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
-from certpgo.linalg import factor, so
+from certpgo.linalg import factor
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, RotationProblem
 from certpgo.optimize import spectral
-from certpgo.solvers.eigen_q import EigenQ
+from certpgo.optimize.methods.eigen_q import EigenQ
 
 #: Thesis Table 5.6, unit weights; the printed digits.
 TABLE_5_6 = {

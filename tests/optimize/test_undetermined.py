@@ -7,10 +7,10 @@ from strategies import dimensions, rng_of, seeds
 
 import certpgo
 from certpgo import Estimate, GraphError, PoseGraph, RotationGraph
-from certpgo.costs.ranges import RangeProblem
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import problem_of
-from certpgo.optimize.undetermined import undetermined
+from certpgo.objective.range_problem import RangeProblem
+from certpgo.optimize.unobservable import undetermined
 
 
 def graph_of(d, n, edges, kappa, tau, points=None):

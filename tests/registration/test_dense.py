@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from certpgo.errors import InputError
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 
 pytest.importorskip("small_gicp")
 

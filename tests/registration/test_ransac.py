@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from certpgo.errors import SpecError
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.registration.ransac import THESIS, RansacSettings, procrustes, register
 
 SIGMA = 0.002

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 import certpgo
-from certpgo.assess.metrics import angular_errors, position_errors
 from certpgo.cli import main
 from certpgo.errors import InputError, InputNotice
 from certpgo.io.surfaces import read_surface
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.registration.averaging import averaged_graph
 from certpgo.registration.calibration import calibrated
 from certpgo.registration.camera import Camera
@@ -24,6 +23,7 @@ from certpgo.registration.ransac import Motion
 from certpgo.registration.reconstruct import ReconstructSettings
 from certpgo.registration.sequences import FolderSequence
 from certpgo.registration.synthetic import SyntheticSequence, synthetic_sequence
+from certpgo.solve.metrics import angular_errors, position_errors
 
 cv2 = pytest.importorskip("cv2")
 pytest.importorskip("small_gicp")

@@ -14,7 +14,7 @@ from certpgo.cli import application
 from certpgo.errors import GraphError, InputError, SpecError
 from certpgo.graph import Estimate
 from certpgo.io.surfaces import Surface, read_surface, write_surface
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.registration.scans import Scan, read_initial, read_scan
 
 pytest.importorskip("small_gicp")

@@ -5,7 +5,7 @@ import pytest
 
 from certpgo.errors import FormatError, InputError
 from certpgo.io.surfaces import Surface, read_surface, write_surface
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.registration.scans import Scan, read_initial, read_scan
 
 POINTS = np.array([[0.5, -1.25, 3.0], [1.0, 2.0, -0.125], [0.0, 0.0, 4.0]])

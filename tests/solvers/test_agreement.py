@@ -9,11 +9,11 @@ from strategies import rng_of, rotation_graph
 import certpgo
 from certpgo.io.datasets.synthetic import cycle
 from certpgo.objective.problem import RotationProblem
-from certpgo.solvers.block_coordinate_descent import BlockCoordinateDescent
-from certpgo.solvers.cycle_closed_form import CycleClosedForm
-from certpgo.solvers.rotation_coordinate_descent import RotationCoordinateDescent
-from certpgo.solvers.sdp_dual import DualSDP
-from certpgo.solvers.sdp_primal import PrimalSDP
+from certpgo.optimize.methods.block_coordinate_descent import BlockCoordinateDescent
+from certpgo.optimize.methods.cycle_closed_form import CycleClosedForm
+from certpgo.optimize.methods.rotation_coordinate_descent import RotationCoordinateDescent
+from certpgo.optimize.methods.sdp_dual import DualSDP
+from certpgo.optimize.methods.sdp_primal import PrimalSDP
 
 #: Random instances; more on demand.
 INSTANCES = int(os.environ.get("CERTPGO_INSTANCES", "12"))

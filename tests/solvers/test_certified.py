@@ -15,24 +15,25 @@ from strategies import dimensions, pose_graph, random_edges, rng_of, rotation_gr
 
 from certpgo import SolveSettings, certify, solve
 from certpgo.certify import Tier, Verdict
-from certpgo.certify.case import Case
 from certpgo.certify.curvature import resolution
 from certpgo.certify.dual import _Attempts
+from certpgo.certify.tolerances import Case
 from certpgo.errors import GraphError, InputError, NumericalError, SpecError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.io.datasets.synthetic import corridor, grid3d, helix, winding_cycle
-from certpgo.linalg import factor, so
+from certpgo.linalg import factor
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import RotationProblem, problem_of
-from certpgo.optimize import low_rank
+from certpgo.optimize import low_rank_descent as low_rank
+from certpgo.optimize.initialization import Start
+from certpgo.optimize.methods.low_rank import LowRank
 from certpgo.optimize.monitor import Iteration, silent
-from certpgo.optimize.newton import NewtonSettings, newton
 from certpgo.optimize.progress import Stop
+from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 from certpgo.optimize.solution import Level, Status
-from certpgo.optimize.starts import Start
-from certpgo.solvers.certified import staircase
-from certpgo.solvers.certified.loop import Search
-from certpgo.solvers.certified.staircase import Staircase
-from certpgo.solvers.low_rank import LowRank
+from certpgo.solve import staircase
+from certpgo.solve.search_loop import Search
+from certpgo.solve.staircase import Staircase
 
 #: DESIGN section 5: SE-Sync's weights, poses and rotations alone.
 OPTIMA = {
@@ -861,7 +862,7 @@ def test_an_error_in_the_climb_loses_nothing(monkeypatch, where):
         raise NumericalError("not today")
 
     module, _, name = where.rpartition(".")
-    place = "certpgo.optimize.low_rank" if module else "certpgo.solvers.certified.staircase"
+    place = "certpgo.optimize.low_rank_descent" if module else "certpgo.solve.staircase"
     monkeypatch.setattr(importlib.import_module(place), name, fails)
     problem = RotationProblem(instance.graph)
     answer = solve_from(instance.graph, wound)

@@ -10,7 +10,7 @@ from certpgo.certify import certify
 from certpgo.errors import CertPGOError, GraphError, MissingDependency, SpecError
 from certpgo.graph import Estimate
 from certpgo.io.datasets import synthetic
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, problem_of
 from certpgo.optimize.solution import Solution, Status
 from certpgo.registry import build, defaults

@@ -12,13 +12,13 @@ import certpgo
 from certpgo.errors import SpecError
 from certpgo.graph import Estimate
 from certpgo.io.datasets.synthetic import cycle, random_graph, winding_cycle
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.optimize.methods._coordinates import Coordinates, _coloring, stacked
+from certpgo.optimize.methods._relaxed import ALONE
+from certpgo.optimize.methods.block_coordinate_descent import BlockCoordinateDescent
+from certpgo.optimize.methods.rotation_coordinate_descent import RotationCoordinateDescent
 from certpgo.optimize.solution import Status
-from certpgo.solvers._coordinates import Coordinates, _coloring, stacked
-from certpgo.solvers._relaxed import ALONE
-from certpgo.solvers.block_coordinate_descent import BlockCoordinateDescent
-from certpgo.solvers.rotation_coordinate_descent import RotationCoordinateDescent
 
 ORDERS = ["colors", "cyclic", "random"]
 

@@ -12,10 +12,10 @@ from certpgo.errors import GraphError
 from certpgo.graph import RotationGraph
 from certpgo.graph.cycles import walk
 from certpgo.io.datasets import synthetic
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import RotationProblem
-from certpgo.solvers.certified.interface import solve
-from certpgo.solvers.cycle_closed_form import CycleClosedForm, shares, stationary_point
+from certpgo.optimize.methods.cycle_closed_form import CycleClosedForm, shares, stationary_point
+from certpgo.solve.solving import solve
 
 ROUNDING = 1e-12
 

@@ -7,8 +7,8 @@ from strategies import dimensions, pose_graph, rng_of, seeds
 
 import certpgo
 from certpgo import Estimate, InputError, PoseProblem, solve, with_directions, with_priors
-from certpgo.linalg import so
-from certpgo.optimize.newton import newton
+from certpgo.linalg import rotations as so
+from certpgo.optimize.riemannian_newton import newton
 
 few = settings(max_examples=12)
 

@@ -9,15 +9,16 @@ from hypothesis import strategies as st
 from strategies import rng_of
 
 import certpgo
-from certpgo.assess import metrics
 from certpgo.certify import Verdict
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.io.datasets import synthetic
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import RotationProblem, problem_of
-from certpgo.optimize.newton import newton
-from certpgo.optimize.starts import start_of
-from certpgo.solvers.certified.disagreement import (
+from certpgo.optimize.initialization import start_of
+from certpgo.optimize.methods.graduated_non_convexity import GraduatedNonConvexity
+from certpgo.optimize.riemannian_newton import newton
+from certpgo.solve import metrics
+from certpgo.solve.outliers import (
     Disagreement,
     agrees,
     disagreement,
@@ -25,7 +26,6 @@ from certpgo.solvers.certified.disagreement import (
     select,
     states_noise,
 )
-from certpgo.solvers.graduated_non_convexity import GraduatedNonConvexity
 
 
 def fitted(problem):

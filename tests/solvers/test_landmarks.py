@@ -9,10 +9,10 @@ from strategies import dense_cost, dimensions, point_graph, rng_of, seeds
 
 import certpgo
 from certpgo import Estimate, GraphError, PoseGraph, PoseProblem, RotationGraph, certify, solve
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.linalg.factor import engines
-from certpgo.optimize import low_rank
-from certpgo.optimize.newton import newton
+from certpgo.optimize import low_rank_descent as low_rank
+from certpgo.optimize.riemannian_newton import newton
 
 few = settings(max_examples=12)
 

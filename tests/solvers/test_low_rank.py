@@ -11,16 +11,18 @@ from strategies import dimensions, pose_graph, rng_of, seeds
 from certpgo.certify.curvature import negative_curvature
 from certpgo.errors import SpecError
 from certpgo.graph import Estimate
-from certpgo.graph.lift import Lift, lifted
+from certpgo.graph.relaxed_point import Lift, lifted
 from certpgo.io.datasets.synthetic import winding_cycle
-from certpgo.linalg import factor, so
+from certpgo.linalg import factor
+from certpgo.linalg import rotations as so
+from certpgo.linalg.rotations import tangent_basis
 from certpgo.objective import operators
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
-from certpgo.optimize import low_rank
-from certpgo.optimize.low_rank import _Tangent, descend, leave, tangent_basis
-from certpgo.optimize.newton import newton
+from certpgo.optimize import low_rank_descent as low_rank
+from certpgo.optimize.low_rank_descent import _Tangent, descend, leave
+from certpgo.optimize.methods.low_rank import LowRank
+from certpgo.optimize.riemannian_newton import newton
 from certpgo.optimize.solution import Status
-from certpgo.solvers.low_rank import LowRank
 
 SMALL_GRID = 1025.398056  # DESIGN section 5
 

@@ -99,7 +99,7 @@ def test_a_wrong_joint_is_named_and_left_out(graph):
     turned = RotationGraph(2, [[0, 1]], [np.diag([1.0, -1.0, -1.0])], [1e4])
     wrong = PoseGraph(turned, [[9.0, 9.0, 9.0]], [1e4])
     nodes = joints.graph.num_nodes
-    both = certpgo.graph.joining.joined(
+    both = certpgo.graph.concatenate.joined(
         [joints.graph, wrong], nodes + 1, None, [joints.graph.edges, np.array([[0, nodes]])]
     )
     ids = np.array([*joints.ids, 117])

@@ -10,9 +10,9 @@ from strategies import dense_cost, dimensions, pose_graph, rng_of, seeds
 import certpgo
 from certpgo import Estimate, PoseGraph, RotationGraph, Verdict, certify, solve, with_priors
 from certpgo.io.datasets.synthetic import helix
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem
-from certpgo.optimize.newton import newton
+from certpgo.optimize.riemannian_newton import newton
 
 few = settings(max_examples=15)
 

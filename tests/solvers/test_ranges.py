@@ -19,17 +19,17 @@ from certpgo import (
     RotationGraph,
     solve,
 )
-from certpgo.certify.ranged import RangedCase, Relaxed, range_bound
-from certpgo.costs import range_problem
-from certpgo.costs.range_saddles import escape
-from certpgo.costs.ranges import RangeProblem
-from certpgo.costs.signed import SignedProblem, quarter_turn
-from certpgo.graph.lift import Lift
-from certpgo.linalg import so
+from certpgo.certify.range_case import RangedCase, Relaxed, range_bound
+from certpgo.graph.relaxed_point import Lift
+from certpgo.linalg import rotations as so
+from certpgo.objective.choose_cost import range_problem
+from certpgo.objective.range_problem import RangeProblem
+from certpgo.objective.signed_weights import SignedProblem, quarter_turn
 from certpgo.optimize.levenberg_marquardt import descend, minimise
-from certpgo.optimize.low_rank import orthonormal
+from certpgo.optimize.low_rank_descent import orthonormal
 from certpgo.optimize.monitor import Stopwatch, silent
 from certpgo.optimize.progress import Progress
+from certpgo.optimize.range_saddles import escape
 from certpgo.optimize.solution import Status
 
 few = settings(max_examples=12)

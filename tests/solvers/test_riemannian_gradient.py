@@ -7,11 +7,11 @@ from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 
 from certpgo.graph import Estimate
 from certpgo.io.datasets import synthetic
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.optimize.methods.riemannian_gradient import RiemannianGradient
 from certpgo.optimize.solution import Status
-from certpgo.solvers.certified.interface import solve
-from certpgo.solvers.riemannian_gradient import RiemannianGradient
+from certpgo.solve.solving import solve
 
 
 @pytest.mark.parametrize("rule", ["barzilai_borwein", "constant"])

@@ -8,21 +8,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import rng_of, rotation_graph
 
-from certpgo.assess import metrics
 from certpgo.certify import Verdict, certify
 from certpgo.errors import GraphError, SpecError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.io.datasets import synthetic, thesis, truth
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
-from certpgo.solvers._robust import connected
-from certpgo.solvers.adaptive_trimming import AdaptiveTrimming
-from certpgo.solvers.eigen_rao import EigenRAO, _restored
-from certpgo.solvers.graduated_non_convexity import (
+from certpgo.optimize.methods._robust import connected
+from certpgo.optimize.methods.adaptive_trimming import AdaptiveTrimming
+from certpgo.optimize.methods.eigen_rao import EigenRAO, _restored
+from certpgo.optimize.methods.graduated_non_convexity import (
     GraduatedNonConvexity,
     quantiles,
     surrogate_weights,
 )
+from certpgo.solve import metrics
 
 ROBUST = [EigenRAO(), AdaptiveTrimming()]
 
@@ -75,7 +75,7 @@ def test_outliers_among_exact_measurements_leave_no_trace(solver, d):
 
 @pytest.mark.parametrize("solver", ROBUST, ids=lambda solver: type(solver).__name__)
 def test_outliers_are_resisted_where_eigenvectors_give_way(solver):
-    from certpgo.solvers.eigen_ra import EigenRA
+    from certpgo.optimize.methods.eigen_ra import EigenRA
 
     graph, true, _ = with_outliers(4)
     problem = RotationProblem(graph)

@@ -16,21 +16,21 @@ from certpgo.certify import certify
 from certpgo.errors import InputError, MissingDependency, NumericalError, SpecError
 from certpgo.graph import Estimate, RotationGraph
 from certpgo.io.datasets import synthetic
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, RotationProblem
-from certpgo.optimize.solution import Status
-from certpgo.registry import build, parse_settings
-from certpgo.solvers import _memory, _sdp
-from certpgo.solvers._relaxed import (
+from certpgo.optimize.methods import _memory, _sdp
+from certpgo.optimize.methods._relaxed import (
     ALONE,
     Scaled,
     leading_rows,
     made_feasible,
     null_space_rotations,
 )
-from certpgo.solvers.fixed_point import FixedPoint
-from certpgo.solvers.sdp_dual import DualSDP
-from certpgo.solvers.sdp_primal import PrimalSDP
+from certpgo.optimize.methods.fixed_point import FixedPoint
+from certpgo.optimize.methods.sdp_dual import DualSDP
+from certpgo.optimize.methods.sdp_primal import PrimalSDP
+from certpgo.optimize.solution import Status
+from certpgo.registry import build, parse_settings
 
 BOTH = pytest.mark.parametrize("method", [DualSDP, PrimalSDP])
 #: Complete graphs of random measurements whose relaxation is loose: d, n, seed.

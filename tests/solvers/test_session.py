@@ -8,11 +8,11 @@ import pytest
 
 import certpgo
 from certpgo import Instance, PoseGraph, RotationGraph, Session, Verdict
-from certpgo.costs import problem_under
 from certpgo.errors import GraphError, InputError, SpecError
 from certpgo.graph.information import Information
 from certpgo.graph.streaming import streamed
 from certpgo.io.datasets.synthetic import helix, winding_cycle
+from certpgo.objective.choose_cost import problem_under
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def test_a_cycle_that_closes_has_its_closed_form():
 
 
 def test_an_open_chain_is_optimal_without_a_factorization(monkeypatch, graph):
-    monkeypatch.setattr("certpgo.solvers.certified.terms.problem_of", None)
+    monkeypatch.setattr("certpgo.solve.terms.problem_of", None)
     session = Session(every=1)
     for one, nodes in stream(graph):
         if nodes[1] == nodes[0] + 1 and len(session.nodes) <= nodes[1]:

@@ -17,7 +17,7 @@ from certpgo.errors import GraphError, InputError
 from certpgo.graph.components import restricted
 from certpgo.graph.labels import Landmark
 from certpgo.io.datasets.synthetic import helix
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 
 #: Cuts of each kind of file.
 CUTS = int(os.environ.get("CERTPGO_CUTS", "6"))

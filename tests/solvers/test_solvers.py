@@ -8,18 +8,19 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from strategies import dimensions, pose_graph, rng_of, seeds
 
-from certpgo.assess import metrics
 from certpgo.errors import InputError, SpecError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
-from certpgo.linalg import factor, so
+from certpgo.linalg import factor
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.optimize.methods.eigen_ma import EigenMA, symmetrized_translations
+from certpgo.optimize.methods.eigen_q import EigenQ
+from certpgo.optimize.methods.eigen_ra import EigenRA
+from certpgo.optimize.methods.fixed_point import FixedPoint
+from certpgo.optimize.methods.newton import Newton
+from certpgo.optimize.methods.spanning_tree import SpanningTree
 from certpgo.optimize.solution import Status
-from certpgo.solvers.eigen_ma import EigenMA, symmetrized_translations
-from certpgo.solvers.eigen_q import EigenQ
-from certpgo.solvers.eigen_ra import EigenRA
-from certpgo.solvers.fixed_point import FixedPoint
-from certpgo.solvers.newton import Newton
-from certpgo.solvers.spanning_tree import SpanningTree
+from certpgo.solve import metrics
 
 #: Thesis Table 5.7: f_ML by translations="thesis" to every printed digit, by "ml", mean s; which
 #: the thesis prints as 0.95 for the torus.

@@ -16,19 +16,19 @@ import pytest
 from strategies import point_graph
 
 from certpgo import Ranges
-from certpgo.assess.assessment import assess
 from certpgo.certify import Verdict, certify
 from certpgo.certify.curvature import smallest_eigenvalues
 from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.certify.wording import meaning
-from certpgo.costs import information_problem, surrogate
 from certpgo.graph import Estimate, Instance, RotationGraph
 from certpgo.graph.information import Information
-from certpgo.graph.wording import rounded_down, rounded_up
+from certpgo.graph.phrases import rounded_down, rounded_up
 from certpgo.io.datasets import synthetic
+from certpgo.objective.choose_cost import information_problem, surrogate
 from certpgo.objective.problem import problem_of
 from certpgo.optimize.solution import Status
-from certpgo.solvers.certified.interface import solve
+from certpgo.solve.assessment import assess
+from certpgo.solve.solving import solve
 from certpgo.view.advice import advice as advice_on
 from certpgo.view.certificate_page import Origin, certificate_page
 from certpgo.view.load_scene import scene_of

@@ -13,7 +13,7 @@ from certpgo.graph.keys import Keys
 from certpgo.graph.kinds import Kind
 from certpgo.io.datasets import synthetic
 from certpgo.io.surfaces import Surface, read_surface
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import problem_of
 from certpgo.view.layout import layout
 from certpgo.view.load_scene import scene_of

@@ -12,9 +12,9 @@ import pytest
 from strategies import point_graph
 
 from certpgo import Ranges, read, solve
-from certpgo.costs import certifiable
 from certpgo.graph import Estimate, RotationGraph
 from certpgo.io.datasets import synthetic
+from certpgo.objective.choose_cost import certifiable
 from certpgo.objective.problem import problem_of
 from certpgo.view.charts import Curve, bars, histogram, lines
 from certpgo.view.load_scene import scene_of

@@ -14,7 +14,7 @@ import numpy as np
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.io.datasets.edges import connected_choice, random_edges, viewing_edges
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
 

@@ -3,7 +3,7 @@
 Section 5.2: a measured rotation is E_ij R_ij with E_ij of Lang(I, 1/sigma_R^2), a measured
 translation t_ij + e_ij with e_ij of N(0, sigma_t^2 I). Its measured matrices are ours, see
 `certpgo.graph`. Concentration 1/sigma_R^2 makes the deviation of a rotation vector
-sigma_R/sqrt(2) per axis, see `certpgo.linalg.so.langevin`.
+sigma_R/sqrt(2) per axis, see `certpgo.linalg.rotations.langevin`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from certpgo.errors import InputError
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.io.datasets.edges import edges_of_connectivity, path_with_closures, viewing_edges
 from certpgo.io.datasets.synthetic import at_least, instance
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray, IntArray
 
 

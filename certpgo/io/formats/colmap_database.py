@@ -21,7 +21,7 @@ import numpy as np
 
 from certpgo.errors import FormatError
 from certpgo.graph import Instance, RotationGraph
-from certpgo.graph.wording import counted
+from certpgo.graph.phrases import counted
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Format, ReadOptions
 from certpgo.io.nodes import distinct

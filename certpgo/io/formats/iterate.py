@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.errors import FormatError
-from certpgo.graph.lift import Lift, rounded
+from certpgo.graph.relaxed_point import Lift, rounded
 from certpgo.io.chunks import text_lines
 from certpgo.io.format import Format, LabelledPoses
 from certpgo.linalg.arrays import FloatArray

@@ -16,7 +16,7 @@ import numpy as np
 
 from certpgo.errors import FormatError
 from certpgo.graph import Estimate, Instance, RotationGraph
-from certpgo.graph.wording import counted
+from certpgo.graph.phrases import counted
 from certpgo.io.chunks import first_row, read_rows, refuse_loops, whole
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Format, ReadOptions, format_of

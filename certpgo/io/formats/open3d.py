@@ -25,8 +25,8 @@ import numpy as np
 from certpgo.errors import FormatError, InputError, NoMeasurements
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.graph.keys import Keys
+from certpgo.graph.phrases import counted
 from certpgo.graph.trees import tree_initialization
-from certpgo.graph.wording import counted
 from certpgo.io.compressed import opened, uncompressed_name
 from certpgo.io.edge_weights import weighed
 from certpgo.io.exact import quaternion

@@ -20,7 +20,7 @@ import numpy as np
 from certpgo.errors import FormatError, NoMeasurements
 from certpgo.graph import Instance, PoseGraph, RotationGraph
 from certpgo.graph.keys import SECOND
-from certpgo.graph.wording import counted
+from certpgo.graph.phrases import counted
 from certpgo.io.bags import Bag, opened_bag
 from certpgo.io.edge_weights import weighed
 from certpgo.io.exact import quaternion

@@ -18,7 +18,7 @@ import numpy as np
 
 from certpgo.errors import FormatError, InputError
 from certpgo.graph import Instance, PoseGraph, RotationGraph
-from certpgo.graph.wording import counted
+from certpgo.graph.phrases import counted
 from certpgo.io.chunks import first_row, read_rows, whole
 from certpgo.io.format import Format, ReadOptions
 from certpgo.linalg.arrays import FloatArray, IntArray, numbered

@@ -15,7 +15,7 @@ import numpy as np
 
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate, Graph, PoseGraph, RotationGraph
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.problem import PoseProblem, Problem, RotationProblem, problem_of
 from reports.harness.certifiers import made

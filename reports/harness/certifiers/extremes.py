@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, RotationProblem
 from reports.harness.certifiers import made
 from reports.harness.certifiers.points import (

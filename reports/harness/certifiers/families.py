@@ -18,10 +18,10 @@ from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.components import rotations_alone
 from certpgo.io import datasets, read, read_estimate
 from certpgo.io.datasets import synthetic
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import PoseProblem, RotationProblem
-from certpgo.solvers.certified.interface import solve
+from certpgo.solve.solving import solve
 from reports.harness.certifiers import extremes, located, made, own_costs
 from reports.harness.certifiers.made import Made
 from reports.harness.certifiers.points import (

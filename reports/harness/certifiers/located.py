@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from certpgo.costs import CHORDAL, COSTS, InformationProblem
-from certpgo.costs.positions import WithPositions
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.information import InformationGraph, of_positions
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
+from certpgo.objective.choose_cost import CHORDAL, COSTS, InformationProblem
+from certpgo.objective.position_costs import WithPositions
 from certpgo.objective.problem import PoseProblem
 from reports.harness.certifiers.oracle import RESIDUALS
 from reports.harness.certifiers.points import (

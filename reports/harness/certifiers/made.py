@@ -13,7 +13,7 @@ import numpy as np
 
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.io.datasets.synthetic import winding_cycle
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import PoseProblem, RotationProblem
 

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo.certify import Tier, Verdict, certify
-from certpgo.costs import InformationProblem
 from certpgo.errors import InputError, MissingDependency
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
+from certpgo.objective.choose_cost import InformationProblem
 from certpgo.objective.problem import Problem
 from reports.harness.certifiers import oracle, rules
 from reports.harness.certifiers.points import Known, ZooPoint

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from certpgo.costs import InformationProblem
 from certpgo.errors import MissingDependency
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
+from certpgo.objective.choose_cost import InformationProblem
 from certpgo.objective.problem import PoseProblem, Problem
 
 #: Bits of the balls' midpoints, and of another attempt where long chains have used them up.

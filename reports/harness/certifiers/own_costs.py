@@ -9,15 +9,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from certpgo.costs import COSTS, InformationProblem, information_problem
 from certpgo.errors import InputNotice
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.information import InformationGraph
 from certpgo.graph.trees import compose, spanning_tree
 from certpgo.io import datasets
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray, IntArray
-from certpgo.solvers.certified.interface import solve
+from certpgo.objective.choose_cost import COSTS, InformationProblem, information_problem
+from certpgo.solve.solving import solve
 from reports.harness.certifiers import made
 from reports.harness.certifiers.oracle import RESIDUALS
 from reports.harness.certifiers.points import (

@@ -6,14 +6,14 @@ import math
 from dataclasses import dataclass
 from enum import Enum
 
-from certpgo.certify.case import ATOL, RTOL
-from certpgo.costs import InformationProblem
+from certpgo.certify.tolerances import ATOL, RTOL
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
+from certpgo.objective.choose_cost import InformationProblem
 from certpgo.objective.problem import Problem, RotationProblem
 from certpgo.optimize.levenberg_marquardt import descend
-from certpgo.optimize.newton import NewtonSettings, newton
+from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 from reports.harness.certifiers import oracle, search
 
 #: Of the tolerance: a point this near the optimum is one that a certifier should not miss, and a

@@ -15,7 +15,7 @@ import numpy as np
 
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import RotationProblem
 

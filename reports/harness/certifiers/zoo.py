@@ -10,9 +10,9 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 
 from certpgo import registry
-from certpgo.assess.provenance import provenance
 from certpgo.errors import NumericalError
 from certpgo.linalg.factor import default_engine
+from certpgo.solve.provenance import provenance
 from reports.harness.certifiers import campaign, oracle
 from reports.harness.certifiers.families import FAMILIES
 from reports.harness.certifiers.opinions import certifiers, tally_of

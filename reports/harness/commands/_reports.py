@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from certpgo.cli._show import table
-from certpgo.graph.wording import counted
+from certpgo.graph.phrases import counted
 
 if TYPE_CHECKING:
     from reports.harness.experiments.execute import TaskResult

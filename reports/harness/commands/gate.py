@@ -84,7 +84,7 @@ def command(
 
 
 def _show(found: GateFindings, refused: dict[str, str]) -> None:
-    from certpgo.graph.wording import counted
+    from certpgo.graph.phrases import counted
 
     if found.movements:
         header = ("table", "row", "method", "what", "committed", "new", "change", "")
@@ -138,7 +138,7 @@ def _cell(value: Any) -> str:
 
 
 def _summary(found: GateFindings, against: Path, holds: bool) -> str:
-    from certpgo.graph.wording import counted
+    from certpgo.graph.phrases import counted
 
     compared = f"{counted(found.compared, 'record{s}')} compared with {against}"
     if holds:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import NamedTuple
 
-from certpgo.assess.comparison import in_one_line
 from certpgo.errors import CertPGOError, FileNotHere, InputError, MissingDependency
+from certpgo.solve.comparison import in_one_line
 from reports.harness.experiments.limits import OutOfTime
 
 

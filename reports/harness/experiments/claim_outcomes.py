@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from certpgo.graph.wording import counted
+from certpgo.graph.phrases import counted
 from reports.harness.experiments.averages import summarized
 from reports.harness.experiments.claims import Claim
 from reports.harness.experiments.figure import Data, Figure

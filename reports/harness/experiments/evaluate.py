@@ -8,18 +8,19 @@ from typing import Literal
 
 import numpy as np
 
-from certpgo.assess import metrics
 from certpgo.certify import Certificate, Verdict
 from certpgo.certify.bounds import alpha_max, fiedler_value, normalized_fiedler_value
-from certpgo.certify.case import SETTLED
-from certpgo.costs import InformationProblem
+from certpgo.certify.tolerances import SETTLED
 from certpgo.errors import SpecError
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.objective.choose_cost import InformationProblem
 from certpgo.objective.problem import PoseProblem, Problem
-from certpgo.optimize import newton, spectral
+from certpgo.optimize import riemannian_newton as newton
+from certpgo.optimize import spectral
 from certpgo.optimize.solution import Solution
-from certpgo.solvers.certified.interface import solve
+from certpgo.solve import metrics
+from certpgo.solve.solving import solve
 from reports.harness.experiments.metrics import METRICS, Needs, needing
 
 #: Nodes of which the truth is known, and theirs.

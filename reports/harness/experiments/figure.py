@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from certpgo.assess.provenance import provenance
 from certpgo.errors import MissingDependency
 from certpgo.io.json_values import plain
 from certpgo.io.writing import folder_to_write, write_whole
 from certpgo.linalg.factor import default_engine
 from certpgo.registry import source
+from certpgo.solve.provenance import provenance
 from reports.harness.experiments.claims import Claim
 from reports.harness.experiments.keys import Profile, content_key
 

@@ -7,7 +7,7 @@ import json
 from collections.abc import Mapping
 from typing import Any, Literal
 
-from certpgo.costs import CHORDAL
+from certpgo.objective.choose_cost import CHORDAL
 from reports.harness.experiments.metrics import Needs, needing
 from reports.harness.experiments.spec import Method, Row, Table
 

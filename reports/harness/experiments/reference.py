@@ -8,7 +8,7 @@ from certpgo.graph import Graph, PoseGraph
 from certpgo.linalg.blocks import add_to_diagonal, pinned
 from certpgo.objective.problem import problem_of
 from certpgo.registry import build
-from certpgo.solvers.certified.interface import solve
+from certpgo.solve.solving import solve
 from reports.harness.experiments.spec import FACTORIZATION, Method
 from reports.harness.experiments.timing import Step, one_core, paired
 

@@ -13,15 +13,15 @@ from functools import cached_property
 from pathlib import Path
 
 from certpgo import registry
-from certpgo.assess.comparison import certified, solution_of
-from certpgo.assess.provenance import provenance
-from certpgo.costs import CHORDAL, information_problem
 from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.components import connected_parts, rotations_alone
 from certpgo.linalg.factor import default_engine
+from certpgo.objective.choose_cost import CHORDAL, information_problem
 from certpgo.objective.problem import problem_of
 from certpgo.optimize.solution import Status
+from certpgo.solve.comparison import certified, solution_of
+from certpgo.solve.provenance import provenance
 from reports.harness.experiments import evaluate, reference
 from reports.harness.experiments.absence import Absence, NotRun, missing
 from reports.harness.experiments.instances import known_truth, load_row

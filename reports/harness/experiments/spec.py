@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Literal
 
-from certpgo.assess import comparison
-from certpgo.costs import CHORDAL
 from certpgo.errors import SpecError
 from certpgo.graph.components import Components
+from certpgo.objective.choose_cost import CHORDAL
+from certpgo.solve import comparison
 from reports.harness.experiments.claims import Claim
 from reports.harness.experiments.metrics import METRICS, Better, Needs, metric_of, needing
 
@@ -50,7 +50,7 @@ class Row:
         ``"largest"``
     settings : settings of single methods in this row alone, by the method's label
     absent : why the row cannot be run by anybody, where that is known; it is shown nevertheless
-    cost : the cost by which its estimates are judged, see `certpgo.costs`
+    cost : the cost by which its estimates are judged, see `certpgo.objective.choose_cost`
     """
 
     dataset: str = ""
@@ -84,7 +84,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Method(comparison.Competitor):
-    """A `certpgo.assess.comparison.Competitor` with what else a table says of it.
+    """A `certpgo.solve.comparison.Competitor` with what else a table says of it.
 
     Attributes
     ----------

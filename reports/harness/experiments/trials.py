@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo.costs import CHORDAL
 from certpgo.errors import InputError
+from certpgo.objective.choose_cost import CHORDAL
 from reports.harness.experiments.instances import is_here, seed_of
 from reports.harness.experiments.keys import Profile, record_key
 from reports.harness.experiments.records import Record

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from certpgo.graph.wording import counted
+from certpgo.graph.phrases import counted
 from certpgo.view.markdown_tables import markdown_table
 from reports.harness.experiments import claim_outcomes
 from reports.harness.experiments.claim_outcomes import ClaimOutcome

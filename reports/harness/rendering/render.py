@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from certpgo.assess.comparison_table import remarks, seconds_by_phase, sizes
-from certpgo.graph.wording import counted, reading_sentence
+from certpgo.graph.phrases import counted, reading_sentence
+from certpgo.solve.comparison_table import remarks, seconds_by_phase, sizes
 from certpgo.view.markdown_tables import markdown_table
 from reports.harness.experiments.averages import LOWER, UPPER, summarized
 from reports.harness.experiments.journal import latest

@@ -9,7 +9,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from certpgo.graph.wording import counted
+from certpgo.graph.phrases import counted
 from certpgo.view.charts import Curve, Lines, lines
 from certpgo.view.page import data_uri, page
 from reports.harness.experiments.figure import DARK

@@ -10,10 +10,10 @@ import numpy as np
 from certpgo.certify import Verdict
 from certpgo.graph import Estimate, Graph, PoseGraph, RotationGraph
 from certpgo.io.datasets.edges import random_edges
-from certpgo.linalg import so
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import Problem, problem_of
-from certpgo.optimize.newton import NewtonSettings, newton
-from certpgo.solvers.certified.interface import solve
+from certpgo.optimize.riemannian_newton import NewtonSettings, newton
+from certpgo.solve.solving import solve
 
 #: Noise of the rotations, radians, and of the steps relative to their size; None is uniform.
 NOISES = (0.1, 0.3, 0.6, 1.0, 1.5, None)

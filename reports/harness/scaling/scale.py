@@ -15,13 +15,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from certpgo.assess.provenance import peak_memory, provenance
 from certpgo.errors import CertPGOError, SpecError
 from certpgo.graph import Instance
 from certpgo.graph.components import rotations_alone
 from certpgo.io.datasets import synthetic
 from certpgo.linalg.factor import default_engine
-from certpgo.solvers.certified.interface import solve
+from certpgo.solve.provenance import peak_memory, provenance
+from certpgo.solve.solving import solve
 from reports.harness.experiments.absence import DIED, missing
 from reports.harness.experiments.keys import content_key
 from reports.harness.experiments.records import Record, of_certificate, of_solution

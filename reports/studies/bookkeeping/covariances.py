@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from certpgo import Marginals, solve
-from certpgo.costs import certifiable
+from certpgo.objective.choose_cost import certifiable
 from reports.studies.bookkeeping.drawing import Array, Measurements, draw
 from reports.studies.bookkeeping.judging import Findings, poses_of
 from reports.studies.bookkeeping.oracle import Cost, Poses

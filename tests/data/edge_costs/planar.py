@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from certpgo.costs.edge_costs.g2o import G2oCost
-from certpgo.linalg.balls import Ball
+from certpgo.linalg.ball_arithmetic import Ball
+from certpgo.objective.costs.g2o import G2oCost
 
 
 class PlanarMotion(G2oCost):

@@ -1,1 +1,0 @@
-"""Metrics, bounds and comparisons of graphs, estimates and methods, and their wording."""

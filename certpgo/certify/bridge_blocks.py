@@ -1,0 +1,113 @@
+"""Bounds from the parts of a graph between its bridges.
+
+The measurement of a bridge is met exactly at the optimum, as its sides move like rigid bodies. So
+F* is the sum of the parts' optima, and lower bounds add up too: M is the sum of the parts' M and
+the bridges' terms, which are >= 0, so multipliers of the parts, with zeros elsewhere, are
+multipliers of the whole. Rounding in a part is relative to its own weights and arms, not to those
+of a long bridge.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csgraph
+
+from certpgo.certify.dual import DualBound
+from certpgo.graph import Estimate, PoseGraph
+from certpgo.graph.bridges import bridges
+from certpgo.graph.relaxed_point import Point
+from certpgo.linalg.arrays import IntArray
+from certpgo.linalg.blocks import adjacency
+from certpgo.objective.problem import PoseProblem, Problem, problem_of
+from certpgo.optimize.riemannian_newton import NewtonSettings, newton
+
+#: Newton settings from the whole graph's point, which is nearly stationary in each part.
+FEW_STEPS = NewtonSettings(max_iterations=20)
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A part without bridges.
+
+    Attributes
+    ----------
+    nodes : (k,) indices of its nodes in the graph
+    problem : problem of the measurements among them
+    """
+
+    nodes: IntArray
+    problem: Problem
+
+    def point(self, whole: Point, *, refine: bool) -> Point:
+        """A point of the whole graph restricted to the part, with its best translations."""
+        point = whole.subset(self.nodes)
+        if isinstance(self.problem, PoseProblem):
+            point = point.with_translations(np.zeros(point.rotations.shape[:2]))
+        point = self.problem.settled(point)
+        if not (refine and isinstance(point, Estimate)):
+            return point
+        refined = newton(self.problem, point, FEW_STEPS, near=True).estimate
+        return self.problem.settled(refined)
+
+
+def parts(problem: Problem) -> list[Part]:
+    """The parts with at least two nodes; none if the graph has no bridge, or has partial edges."""
+    graph = problem.graph
+    if isinstance(graph, PoseGraph) and graph.is_partial:
+        return []  # a part may not determine its nodes
+    cut = bridges(graph)
+    if not len(cut):
+        return []
+    pair = np.array([graph.num_nodes, 1])
+    kept = ~np.isin(np.sort(graph.edges, axis=1) @ pair, cut @ pair)
+    i, j = graph.edges[kept].T
+    tied = adjacency(graph.num_nodes, i, j, np.ones(len(i)))
+    labels = csgraph.connected_components(tied, directed=False)[1]
+    order = np.argsort(labels, kind="stable")
+    groups = np.split(order, np.flatnonzero(np.diff(labels[order])) + 1)
+    return [
+        Part(nodes, problem_of(graph.subgraph(nodes), problem.engine))
+        for nodes in groups
+        if len(nodes) > 1
+    ]
+
+
+def outside(problem: Problem, found: list[Part]) -> float:
+    """The share of the graph's weight or length (the larger share) outside all parts."""
+    weight = 1.0 - math.fsum(part.problem.scale for part in found) / problem.scale
+    total = _length(problem)
+    inside = math.fsum(_length(part.problem) for part in found)
+    return max(weight, 1.0 - inside / total if total > 0.0 else 0.0)
+
+
+def _length(problem: Problem) -> float:
+    if not isinstance(problem, PoseProblem):
+        return 0.0
+    return float(np.linalg.norm(problem.graph.translations, axis=1).sum())
+
+
+def sum_of_bounds(
+    problem: Problem, found: list[Part], bound_of: Callable[[Part], DualBound | None]
+) -> DualBound | None:
+    """The bound of the whole graph from its parts; None if no part has one."""
+    multipliers = np.zeros((problem.n, problem.d, problem.d))
+    bounds = []
+    for part in found:
+        bound = bound_of(part)
+        if bound is not None and bound.value > 0.0:
+            bounds.append(bound)
+            multipliers[part.nodes] = bound.multipliers
+    if not bounds:
+        return None
+    return DualBound(
+        value=math.nextafter(math.fsum(bound.value for bound in bounds), -math.inf),
+        multipliers=multipliers,
+        shift=max(bound.shift for bound in bounds),
+        factorizations=sum(bound.factorizations for bound in bounds),
+        nonzeros=max(bound.nonzeros for bound in bounds),
+        loose=any(bound.loose for bound in bounds),
+    )

@@ -1,0 +1,112 @@
+"""Shifted multipliers, which also compensate the rounding of the translations."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from certpgo.errors import NumericalError
+from certpgo.graph.edges import symmetric
+from certpgo.graph.relaxed_point import Point
+from certpgo.linalg import compiled
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.linalg.ball_arithmetic import U
+from certpgo.linalg.compiled import LARGEST_RANK
+from certpgo.objective.problem import PoseProblem, Problem
+
+
+@dataclass(frozen=True, eq=False)
+class Shifted:
+    """The family Lam' = Lam - shift of multipliers, for one point.
+
+    Attributes
+    ----------
+    multipliers : (n, d, d) Lam
+    blocks : (n, r, d) the point's rotations
+    arms : (k, r) of each row of translations, from the pinned pose; none for rotations alone
+    pin : the most central pose, whose translation is pinned; None for rotations alone
+    is_rotation : (N,) which rows of the certificate matrix belong to rotations
+    weights : (N,) weights of its row sums: for translations, a typical arm
+    unit : the unit of rounding of a typical diagonal entry
+    poses : the nodes that have a rotation
+    """
+
+    multipliers: FloatArray
+    blocks: FloatArray
+    arms: FloatArray
+    pin: int | None
+    is_rotation: BoolArray
+    weights: FloatArray
+    unit: float
+    poses: IntArray
+
+    @staticmethod
+    def of(problem: Problem, point: Point) -> Shifted:
+        """The family of a point of any rank."""
+        is_rotation = problem.rotation_rows
+        arms, pin = np.zeros((0, point.rotations.shape[1])), None
+        weights = np.ones(len(is_rotation))
+        if isinstance(problem, PoseProblem) and point.translations is not None:
+            t = point.translations
+            # Pinning the pose nearest the centroid costs least.
+            pin = int(np.argmin(np.linalg.norm(t - t.mean(axis=0), axis=1)))
+            arms = problem.position_rows(t - t[pin]).reshape(-1, t.shape[1])
+            weights[~is_rotation] = 2.0 ** _exponent(arms)
+        unit = U * float(problem.matrix.diagonal()[is_rotation].mean())
+        multipliers = problem.multipliers(point)
+        return Shifted(
+            multipliers, point.rotations, arms, pin, is_rotation, weights, unit, problem.poses
+        )
+
+    def less(self, shift: float, demand: FloatArray) -> FloatArray:
+        """(n, d, d) Lam minus ``shift``, minus the compensation of ``demand`` (N,) on translations.
+
+        Blocks of points stay zero. The null vectors of the certificate matrix are (Y_i^T u,
+        arm_i u) for world directions u: in each, the shift of all rotations compensates the demand
+        of all translations.
+        """
+        d, poses, gauge = self.multipliers.shape[1], self.poses, None
+        if self.pin is not None:
+            weighted = demand[~self.is_rotation, None] * self.arms
+            gauge = self.arms.T @ weighted / len(poses)
+        reduced = self.multipliers.copy()
+        if compiled.AVAILABLE and self.blocks.shape[1] <= LARGEST_RANK:
+            blocks = np.ascontiguousarray(self.blocks)
+            compiled.kernel.lessen(shift, gauge, blocks, poses, d, reduced)
+            return reduced
+        less = shift * np.eye(d)
+        if gauge is not None:
+            blocks = self.blocks[poses]
+            less = less + symmetric(np.swapaxes(blocks, 1, 2) @ gauge @ blocks)
+        reduced[poses] -= less
+        return reduced
+
+    @cached_property
+    def trace(self) -> float:
+        """Sum of the traces of Lam."""
+        return float(np.trace(self.multipliers[self.poses], axis1=1, axis2=2).sum())
+
+    def trace_of_less(self, shift: float, demand: FloatArray) -> float:
+        """What `less` takes off that sum at rank d, up to rounding."""
+        rotations = shift * float(self.multipliers.shape[1] * len(self.poses))
+        if self.pin is None:
+            return rotations
+        return rotations + float(demand[~self.is_rotation] @ np.sum(self.arms**2, axis=1))
+
+
+def _exponent(arms: FloatArray) -> int:
+    """Exponent of the power of two nearest to the root mean square of the arms.
+
+    Raises
+    ------
+    NumericalError
+        Their squares are beyond the range of doubles.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        rms = float(np.sqrt(np.mean(np.sum(arms**2, axis=1))))
+    if not math.isfinite(rms):
+        raise NumericalError("squares of positions are beyond the range of doubles")
+    return round(math.log2(rms)) if rms > 0.0 else 0

@@ -1,0 +1,240 @@
+"""Certificates in the cost of another program, by surrogates.
+
+A surrogate is a pose graph whose cost F' plus a constant C is nowhere above the cost f, and equal
+to it at its expansion point. So F' >= v implies f >= v + C; at a stationary point of f, whose
+surrogate has a positive semidefinite certificate matrix there, that is f itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import numpy as np
+
+from certpgo.certify.bounds import Bounds
+from certpgo.certify.certificate import Certificate, Tier, Verdict
+from certpgo.certify.dual import DualBound, Support, dual_bound
+from certpgo.certify.obstacle import LimitedBy, Obstacle
+from certpgo.certify.proof import proven_surrogate
+from certpgo.certify.staircase_bound import climb
+from certpgo.certify.tolerances import Basin, Case
+from certpgo.errors import GraphError, NumericalError
+from certpgo.graph import Estimate
+from certpgo.graph.relaxed_point import Point
+from certpgo.linalg.arrays import FloatArray
+from certpgo.objective.information_problem import (
+    InformationProblem,
+    Surrogate,
+    surrogate_at,
+    surrogate_of,
+)
+from certpgo.optimize.levenberg_marquardt import descend
+from certpgo.optimize.monitor import Monitor, silent
+from certpgo.optimize.riemannian_newton import NewtonSettings
+from certpgo.optimize.solution import Solution
+
+#: Ranks that a point is lifted by for a bound, and surrogates that are tried.
+RANKS, EXPANSIONS = 3, 6
+#: Stationarity at which a short descent ends; the cost is then exact to rounding.
+STATIONARY = 1e-8
+#: Share of the gap that another surrogate must be able to close.
+WORTH = 0.1
+
+
+@dataclass(frozen=True)
+class Reached:
+    """A point of a surrogate's relaxation, its bound on the cost, and the surrogate's number."""
+
+    point: Point
+    bound: DualBound | None
+    number: int
+
+
+@dataclass(frozen=True)
+class OwnCostCase(Case):
+    """A `Case` whose cost is that of another program; ``problem`` is an `InformationProblem`."""
+
+    problem: InformationProblem  # type: ignore[assignment]
+    #: Ranks above d that points for better bounds reach.
+    ranks: int = RANKS
+
+    @classmethod
+    def of(
+        cls,
+        problem: Any,
+        tier: Tier | str,
+        rtol: float,
+        atol: float,
+        monitor: Monitor = silent,
+    ) -> Self:
+        """Normalize a problem; see `Case.of`.
+
+        Raises
+        ------
+        InputError
+            Also the proof tier of a cost that has none, or information that is not positive
+            definite.
+        """
+        problem.refuse_indefinite()
+        return super().of(problem, tier, rtol, atol, monitor)
+
+    def completed(self, estimate: Estimate) -> Estimate:
+        """The estimate itself: its best translations depend on the cost, and come by descent."""
+        return estimate
+
+    def descent(self, start: Estimate, monitor: Monitor | None = None) -> Solution:
+        """Local descent on the cost from an estimate."""
+        return descend(self.problem, start, monitor=monitor or self.stop, watch=self.stop.watch)
+
+    def short_descent(self, start: Estimate, settings: NewtonSettings) -> Estimate:
+        """The end of a descent that begins near it."""
+        return descend(self.problem, start, tolerance=STATIONARY).estimate
+
+    def bound(
+        self,
+        point: Point,
+        cost: float,
+        *,
+        sharp: bool = True,
+        tight: bool = False,
+        refine: bool = True,
+    ) -> DualBound | None:
+        """The bound by the surrogate expanded at the point; None without one."""
+        if not isinstance(point, Estimate):
+            return None
+        found = next(self.reached(point, cost, sharp=sharp, tight=tight), None)
+        bound = None if found is None else found.bound
+        return bound if bound is None or self.tier is not Tier.PROOF else self.reproven(bound)
+
+    def raised(self, basin: Basin) -> Basin:
+        """The basin with the best bound by surrogates, see `reached`, or else `lowered_bound`."""
+        best: DualBound | None = None
+        enough = basin.cost - self.tolerance(basin.cost)
+        for found in self.reached(basin.point, basin.cost):
+            if found.bound is not None and (best is None or found.bound.value > best.value):
+                best = found.bound
+            if self.stop.cuts() or (best is not None and best.value >= enough):
+                break
+        if (best is None or best.value <= 0.0) and not self.stop.cuts():
+            best = self.lowered_bound(basin.point) or best
+        if best is not None and self.tier is Tier.PROOF:
+            best = self.reproven(best)
+        return basin if best is None or best.value <= basin.value else replace(basin, bound=best)
+
+    def lowered_bound(self, point: Estimate) -> DualBound | None:
+        """The best bound on a cost that is nowhere above this one, at the end of descent on it.
+
+        None if there is no such cost, or no bound.
+        """
+        cost = self.problem.edge_cost.relaxed()
+        if cost is None or not cost.graph.is_definite.all():
+            return None
+        case = replace(self, problem=self.problem.with_cost(cost))
+        end = descend(case.problem, point, monitor=self.stop.of_minorant(0.0)).estimate
+        reached = case.reached(end, case.cost_upper(end))
+        bounds = [found.bound for found in reached if found.bound is not None]
+        best = max(bounds, key=lambda bound: bound.value, default=None)
+        if best is None or best.support is None:
+            return best
+        return replace(best, support=replace(best.support, lowered=True))
+
+    def proven(self, basin: Basin) -> DualBound | None:
+        """The bound of a basin at the proof tier, from that of the standard tier."""
+        return None if basin.bound is None else self.reproven(basin.bound)
+
+    def reproven(self, found: DualBound) -> DualBound | None:
+        """A bound of the standard tier at the proof tier; None if that fails."""
+        if found.support is None:
+            return None
+        minorants = found.support.minorants
+        below = surrogate_of(self.problem, minorants).problem
+        constants = minorants.constant[minorants.exist]
+        return proven_surrogate(below, constants, found.support.point, found)
+
+    def reached(
+        self, start: Estimate, cost: float, *, sharp: bool = True, tight: bool = False
+    ) -> Iterator[Reached]:
+        """Points of surrogates' relaxations, and the bounds on the cost there.
+
+        The first is the start, in the surrogate expanded there. Minima of rising rank follow, and
+        then those of surrogates expanded in between: the largest bound by a surrogate is the
+        minimum of a convex function of the poses' Gram matrix, which surrogates are tangent to.
+        Frank and Wolfe's method (1956) finds it: between the last expansion and the last minimum
+        lies the next expansion, where that function is lowest.
+
+        Parameters
+        ----------
+        start : stationary for the cost
+        cost : the cost there; it decides when a bound suffices
+        sharp, tight : see `certpgo.certify.dual.dual_bound`
+        """
+        v, Q = self.problem.relative(start)
+        point: Point = start
+        expanded = cost
+        for number in range(EXPANSIONS):
+            below = self.below(v, Q)
+            if below is None:
+                return
+            settled, monitor = below.problem.settled(point), self.stop.of_minorant(below.constant)
+            for point in climb(below.problem, settled, self.problem.d + self.ranks, monitor):
+                enough = cost - self.difference(cost) - below.constant
+                bound = dual_bound(
+                    below.problem,
+                    point,
+                    rounding=self.rigorous,
+                    enough=enough,
+                    sharp=sharp,
+                    tight=tight,
+                )
+                if bound is not None:
+                    value = math.nextafter(bound.value + below.constant, -math.inf)
+                    bound = replace(bound, value=value, support=Support(below.minorants, point))
+                yield Reached(point, bound, number)
+            if self.stop.cuts():
+                return
+            there = self.problem.relative(point)
+            fall = expanded - (below.problem.cost(point) + below.constant)
+            bend = self.problem.bend(there[0] - v, below.minorants.tau)
+            gap = cost - expanded + fall
+            if not (gap > self.tolerance(cost) and min(fall, bend) > WORTH * gap):
+                return
+            step = min(0.5 * fall / bend, 1.0)
+            expanded -= step * (fall - step * bend)
+            v, Q = v + step * (there[0] - v), Q + step * (there[1] - Q)
+
+    def certificate(
+        self,
+        estimate: Estimate,
+        own: Basin,
+        other: Basin | None = None,
+        bounds: Bounds | None = None,
+    ) -> Certificate:
+        """The certificate of an estimate, whose gap measurements without a minorant may limit."""
+        found = super().certificate(estimate, own, other, bounds)
+        unproven = found.verdict in (Verdict.BOUNDED, Verdict.UNDECIDED)
+        if not unproven or self.stop.cut is not None:
+            return found
+        try:
+            minorants = self.problem.edge_cost.minorants(*self.problem.relative(own.point))
+        except np.linalg.LinAlgError:
+            return found
+        missing = np.flatnonzero(~minorants.exist)
+        if not len(missing):
+            return found
+        i, j = self.problem.graph.edges[missing[0]].tolist()
+        obstacle = Obstacle(LimitedBy.NO_MINORANT, missing=len(missing), edge=(i, j))
+        return replace(found, obstacle=obstacle)
+
+    def below(self, v: FloatArray, Q: FloatArray) -> Surrogate | None:
+        """The surrogate expanded there; None if too many measurements have no minorant."""
+        try:
+            return surrogate_at(self.problem, v, Q)
+        except (NumericalError, GraphError):  # GraphError: weights beyond their range
+            return None
+
+    def cost_upper(self, estimate: Estimate) -> float:
+        """The cost of the estimate, rounded up."""
+        return self.problem.enclosure(estimate)[1]

@@ -1,0 +1,328 @@
+"""A graph as read, with what else its source says."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from types import MappingProxyType
+
+import numpy as np
+
+from certpgo.errors import GraphError
+from certpgo.graph.display import Speaking
+from certpgo.graph.estimate import Estimate
+from certpgo.graph.graph import Graph, PoseGraph
+from certpgo.graph.information import Information
+from certpgo.graph.keys import NO_TIME, Keys
+from certpgo.graph.kinds import PRIORS, Kind, Measurements, kinds_of
+from certpgo.graph.labels import WORLD, Label, Landmark, numbering
+from certpgo.graph.phrases import (
+    averaged,
+    components_in_words,
+    counted,
+    few,
+    reading_sentence,
+    shown_path,
+)
+from certpgo.graph.picture import closures, drawn
+from certpgo.graph.ranges import Ranges
+from certpgo.linalg.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    frozen_flags,
+    frozen_floats,
+    frozen_indices,
+)
+
+#: kappa of information matrices that are the identity, as some programs write them for want of
+#: better ones: in the plane, in space, and there about quaternions.
+OF_ONES = (0.0, 1.0, 0.5, 0.125)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Instance(Speaking):
+    """A graph as read, with other information from its source.
+
+    Attributes
+    ----------
+    name : short name
+    graph : the measurements, nodes 0 ... n-1
+    ids : (n,) the source's own node ids; node k is ``ids[k]``
+    truth : ground truth, or None
+    initial : the source's initial values (e.g. its VERTEX lines), or None
+    fixed : nodes that the source fixes (FIX lines, priors)
+    source : path or name of a generator
+    options : the reading options used (parallel edges, weights, ...), and ``"information"``:
+        ``"none"`` or ``"some"`` where not all of a file's edges have it
+    notices : what the reader assumed, skipped or found unusual, one sentence each
+    names : (n,) the source's own names of the nodes, e.g. of images; may be empty
+    outliers : (m,) whether each measurement is a known outlier, or None if unknown
+    world : the node that is the world, the last one, from which priors are measured; or None
+    ranges : distances measured between nodes, beside the graph's measurements; None for none
+    origin : (d,) where the graph's world has its origin in the source's frame, metres: near priors
+        that are far from the source's; None for zero
+    apart : (n,) which nodes are landmarks that the source numbers apart from poses, as in
+        LANDMARK2; None for none
+    moved_by : what their ids have more than the source's own numbers
+    information : the source's information matrices as they are, translation before rotation; None
+        where it has none, or other weights were chosen
+    times_ns : the nodes' times, nanoseconds, of all nodes but the world, `NO_TIME` for a node
+        without one; or None
+
+    Examples
+    --------
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
+    >>> instance, _ = winding_cycle(5, 0.1, 0)
+    >>> instance.name, instance.graph.num_nodes, instance.truth.num_nodes
+    ('winding_cycle-5', 5, 5)
+    """
+
+    name: str
+    graph: Graph
+    ids: IntArray
+    truth: Estimate | None = None
+    initial: Estimate | None = None
+    fixed: tuple[int, ...] = ()
+    source: str = ""
+    options: Mapping[str, str] = field(default_factory=dict)
+    notices: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()
+    outliers: BoolArray | None = None
+    information: Information | None = None
+    world: int | None = None
+    origin: FloatArray | None = None
+    ranges: Ranges | None = None
+    apart: BoolArray | None = None
+    moved_by: int = 0
+    times_ns: IntArray | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "ids", frozen_indices(self.ids))
+        object.__setattr__(self, "options", MappingProxyType(dict(self.options)))
+        n = self.graph.num_nodes
+        ordered = np.sort(self.ids, axis=None)  # several times faster than np.unique's hashing
+        if self.ids.shape != (n,) or (ordered[1:] == ordered[:-1]).any():
+            raise GraphError(f"ids must be {n} distinct integers")
+        if self.names and len(set(self.names)) != n:
+            raise GraphError(f"names must be {n} distinct strings, or none")
+        self._check_arrays(n)
+        self._check_world(n)
+        for what, value in (("truth", self.truth), ("initial", self.initial)):
+            if value is None:
+                continue
+            if (value.num_nodes, value.d) != (n, self.graph.d):
+                raise GraphError(f"{what} is for another graph: {value.num_nodes} nodes, not {n}")
+            object.__setattr__(self, what, value.keyed(self.keys))
+        if self.ranges is not None and self.ranges.num_nodes != n:
+            raise GraphError(f"ranges are of {self.ranges.num_nodes} nodes, the graph has {n}")
+        if self.information is not None:
+            self._check_information(self.information)
+
+    def _check_arrays(self, n: int) -> None:
+        """Freeze the arrays that may be there, and refuse those of another length."""
+        m, poses = self.graph.num_edges, len(self.ids[: self.world])
+        for name, freeze, shape, what in (
+            ("times_ns", frozen_indices, (poses,), f"of {poses} nodes"),
+            ("outliers", frozen_flags, (m,), f"{m} flags, one per edge"),
+            ("apart", frozen_flags, (n,), f"{n} flags, one per node"),
+            ("origin", frozen_floats, (self.graph.d,), f"{self.graph.d} coordinates"),
+        ):
+            if (given := getattr(self, name)) is None:
+                continue
+            value = freeze(given)
+            if value.shape != shape:
+                raise GraphError(f"{name} must be {what}, not {value.shape}")
+            object.__setattr__(self, name, value)
+
+    def _check_world(self, n: int) -> None:
+        if self.world not in (None, n - 1):
+            raise GraphError(f"the world must be the last node, {n - 1}, not {self.world}")
+        if (self.graph.edges[:, 1] == self.world).any():
+            raise GraphError("edges leave the world, and none leads to it")
+
+    def _check_information(self, information: Information) -> None:
+        if not isinstance(self.graph, PoseGraph):
+            raise GraphError("information matrices are of poses; this graph measures rotations")
+        p = self.graph.d * (self.graph.d + 1) // 2
+        expected = (self.graph.num_edges, p, p)
+        found = (len(information.index), *information.distinct.shape[1:])
+        if found != expected:
+            raise GraphError(f"information must be {expected}, a matrix per edge, not {found}")
+
+    @classmethod
+    def labelled(
+        cls,
+        name: str,
+        graph: Graph,
+        labels: Sequence[Label],
+        *,
+        origin: FloatArray | None = None,
+        information: Information | None = None,
+    ) -> Instance:
+        """The instance whose nodes have these `labels`; the world, if it is there, is the last.
+
+        Raises
+        ------
+        GraphError
+            Labels that occur twice, or leave no id for a landmark or the world.
+        """
+        ids, names, apart, moved_by, world = numbering(labels)
+        return cls(
+            name,
+            graph,
+            ids,
+            names=names,
+            information=information,
+            world=world,
+            origin=origin,
+            apart=apart,
+            moved_by=moved_by,
+        )
+
+    @cached_property
+    def labels(self) -> tuple[Hashable, ...]:
+        """What the nodes are called among other graphs, as in a session or in merged maps.
+
+        That is `certpgo.WORLD` for the world, a name where the source has names, and otherwise the
+        id; of a landmark that is numbered apart from poses its own number, as a
+        `certpgo.graph.labels.Landmark`.
+        """
+        labels: list[Label] = [*(self.names or self.ids.tolist())]
+        if self.apart is not None and not self.names:
+            for k in np.flatnonzero(self.apart).tolist():
+                labels[k] = Landmark(int(self.ids[k]) - self.moved_by)
+        if self.world is not None:
+            labels[self.world] = WORLD
+        return tuple(labels)
+
+    @cached_property
+    def measurements(self) -> Measurements:
+        """All measurements with their kinds: the graph's edges, then the distances."""
+        graph, ranges = self.graph, self.ranges
+        kinds = kinds_of(graph, graph.from_world | (graph.edges[:, 0] == self.world))
+        if ranges is None:
+            return Measurements(graph.num_nodes, graph.edges, kinds)
+        edges = np.concatenate([graph.edges, ranges.edges])
+        kinds = np.append(kinds, np.full(ranges.num_edges, Kind.RANGE))
+        return Measurements(graph.num_nodes, edges, kinds)
+
+    @property
+    def kinds(self) -> tuple[int, int, int]:
+        """Numbers of points, of sightings of these, and of priors."""
+        are = self.measurements.are
+        sightings, priors = are(Kind.SIGHTING), are(*PRIORS)
+        return int(self.graph.is_point.sum()), int(sightings.sum()), int(priors.sum())
+
+    @property
+    def kinds_in_words(self) -> list[str]:
+        """Numbers of points, and of measurements but relative poses, where there are any."""
+        points = int(self.graph.is_point.sum())
+        of_points = [counted(points, "landmark{s}")] if points else []
+        return [*of_points, *self.measurements.without(Kind.BETWEEN, Kind.ROTATION).in_words]
+
+    @property
+    def states_noise(self) -> bool:
+        """Whether the source states how accurate every measurement is, by other weights than 1."""
+        if self.information is not None:
+            found = self.information.distinct
+            return bool((found != np.eye(found.shape[1])).any())
+        reading, graph = self.options, self.graph
+        of_file = reading.get("weights", "file") in ("file", "mahalanobis")
+        if not reading or not of_file or reading.get("information", "all") != "all":
+            return False
+        if isinstance(graph, PoseGraph) and not np.isin(graph.tau, (0.0, 1.0)).all():
+            return True
+        return not np.isin(graph.rotation.kappa, OF_ONES).all()
+
+    @property
+    def averaged(self) -> str:
+        """What the weights kappa and tau leave out of the information matrices; or empty."""
+        return "" if self.information is None else averaged(self.information.anisotropy)
+
+    @property
+    def _headline(self) -> str:
+        return f"Instance {self.name}: {self.graph.size_in_words}"
+
+    def _facts(self) -> Iterator[tuple[str, str]]:
+        if self.source:
+            yield "source", shown_path(self.source)
+        if found := self.kinds_in_words:
+            yield "among these", ", ".join(found)
+        yield "read with", reading_sentence(self.options)
+        *weights, _, _ = self.graph._facts()
+        yield from weights
+        if self.averaged:
+            yield "", f"kappa and tau average {self.averaged}"
+        yield "connected", components_in_words(self.measurements.component_sizes)
+        yield "initial", "values are in the source" if self.initial is not None else "no values"
+        yield "truth", "known" if self.truth is not None else "not known"
+        if self.fixed:
+            yield "fixed", f"{few(self.ids[list(self.fixed)].tolist())} in the source"
+        for sentence in self.notices:
+            yield "notice", sentence
+        yield "next", "certpgo.solve(instance); certpgo.certify(instance, estimate)"
+
+    def _picture(self) -> str:
+        from certpgo.graph.trees import tree_initialization
+
+        graph, known = self.graph, self.initial if self.truth is None else self.truth
+        if not isinstance(graph, PoseGraph):
+            return graph._picture()
+        if known is None and graph.is_connected and not graph.is_partial:
+            known = tree_initialization(graph)
+        if known is None or known.translations is None:
+            return graph._picture()
+        return drawn(known.translations, closures(graph.edges), self.poses)
+
+    def named(self, node: int) -> str:
+        """What a node is called: ``"node 7"`` by its id, or ``"the world"``."""
+        return "the world" if node == self.world else f"node {self.ids[node]}"
+
+    @property
+    def poses(self) -> IntArray:
+        """The nodes that are poses of the trajectory, ascending: no points, and not the world."""
+        nodes = self.graph.pose_nodes
+        return nodes if self.world is None else nodes[nodes != self.world]
+
+    @property
+    def keys(self) -> Keys:
+        """What the source calls the nodes, the world among them."""
+        times, graph = self.times_ns, self.graph
+        if times is not None and self.world is not None:
+            times = np.append(times, NO_TIME)
+        points = graph.points if isinstance(graph, PoseGraph) else None
+        return Keys(self.ids, times, self.names, points)
+
+    def with_edges(self, chosen: IntArray | BoolArray) -> Instance:
+        """The instance with only the chosen measurements, by index or flag, of all nodes."""
+        return replace(
+            self,
+            graph=self.graph.with_edges(chosen),
+            outliers=None if self.outliers is None else self.outliers[chosen],
+            information=self.information and self.information.subset(chosen),
+        )
+
+    def in_world(self, estimate: Estimate) -> Estimate:
+        """An estimate's poses in the world's frame, without the world; as it is without priors."""
+        if self.world is None:
+            return estimate
+        there = estimate.anchored(self.world).subset(np.arange(self.world))
+        if self.origin is None or there.translations is None:
+            return there
+        return there.with_translations(there.translations + self.origin)
+
+    def with_world(self, estimate: Estimate) -> Estimate:
+        """An estimate of the poses in the world's frame, with the world; reverses `in_world`."""
+        if self.world is None:
+            return estimate
+        d, t = estimate.d, estimate.translations
+        if t is not None:
+            t = t if self.origin is None else t - self.origin
+            t = np.concatenate([t, np.zeros((1, d))])
+        times = estimate.keys.times_ns
+        keys = self.keys
+        if times is not None:
+            keys = replace(keys, times_ns=np.append(times, NO_TIME))
+        return Estimate(np.concatenate([estimate.rotations, np.eye(d)[None]]), t, keys)

@@ -1,0 +1,171 @@
+"""The costs of other programs, edge by edge, and their minorants."""
+
+from __future__ import annotations
+
+from certpgo.errors import InputError, SpecError
+from certpgo.graph import Graph, Instance, PoseGraph
+from certpgo.graph.information import InformationGraph
+from certpgo.graph.priors import require_determined, require_held
+from certpgo.objective.costs import COSTS
+from certpgo.objective.edge_cost import EdgeCost
+from certpgo.objective.information_problem import InformationProblem, Surrogate, surrogate
+from certpgo.objective.position_costs import WithPositions
+from certpgo.objective.problem import Problem, problem_of
+from certpgo.objective.range_problem import RangeProblem
+
+#: What estimates are certified for.
+Certifiable = Problem | InformationProblem | RangeProblem
+#: The name of F itself.
+CHORDAL = "chordal"
+
+__all__ = [
+    "CHORDAL",
+    "COSTS",
+    "Certifiable",
+    "InformationProblem",
+    "RangeProblem",
+    "Surrogate",
+    "certifiable",
+    "costs_of",
+    "edge_cost",
+    "information_problem",
+    "own_cost",
+    "problem_under",
+    "range_problem",
+    "surrogate",
+]
+
+
+def own_cost(instance: Instance) -> str:
+    """The cost that the program of an instance's file minimises, if it can be certified.
+
+    That is ``"g2o"`` for a g2o file whose information matrices are all positive definite, and
+    ``"chordal"`` otherwise.
+    """
+    own = None if instance.information is None else instance.information.residual
+    return own if own is not None and own in COSTS and _is_weighed(instance) else CHORDAL
+
+
+def costs_of(instance: Instance) -> tuple[str, ...]:
+    """The costs that an instance can be certified under, that of `own_cost` first."""
+    own = own_cost(instance)
+    others = COSTS if instance.ranges is None and _is_weighed(instance) else ()
+    return own, *(cost for cost in (CHORDAL, *others) if cost != own)
+
+
+def _is_weighed(instance: Instance) -> bool:
+    """Whether an instance has relative poses, and definite information matrices alone."""
+    information, graph = instance.information, instance.graph
+    if information is None or not isinstance(graph, PoseGraph):
+        return False
+    return bool(graph.rotation.kappa.any() and information.is_definite.all())
+
+
+def problem_under(
+    posed: Graph | Instance | InformationProblem, cost: str | None = None
+) -> Problem | InformationProblem:
+    """The problem under a cost: ``"chordal"``, or see `information_problem`.
+
+    Parameters
+    ----------
+    posed : a graph or an instance; or a problem, which has its cost already and takes no other
+    cost : by default that of `own_cost` for an instance, and ``"chordal"`` for a graph
+
+    Raises
+    ------
+    InputError
+        A cost of another program, and no instance; or an instance with distances, which is
+        `range_problem`'s.
+    """
+    if isinstance(posed, Instance) and posed.ranges is not None:
+        raise InputError(
+            f"{posed.source or posed.name}: graphs with distances are for certpgo solve and "
+            "certify alone, in the cost F"
+        )
+    if isinstance(posed, Instance):
+        cost = own_cost(posed) if cost is None else cost
+        if isinstance(posed.graph, PoseGraph) and posed.graph.is_partial:
+            require_determined(posed.graph, posed.named)
+    if cost not in (None, CHORDAL, *COSTS):
+        raise SpecError.unknown("cost", str(cost), [CHORDAL, *COSTS])
+    if cost not in (None, CHORDAL):
+        if not isinstance(posed, Instance):
+            said = f"cost={cost!r} needs the instance that was read, with its information"
+            raise InputError(said)
+        return information_problem(posed, cost)
+    if isinstance(posed, InformationProblem):
+        return posed
+    return problem_of(posed.graph if isinstance(posed, Instance) else posed)
+
+
+def certifiable(
+    posed: Graph | Instance | InformationProblem | RangeProblem, cost: str | None = None
+) -> Certifiable:
+    """The problem as of `problem_under`, or of `range_problem` if there are distances."""
+    if isinstance(posed, Instance) and posed.ranges is not None:
+        return range_problem(posed, cost)
+    return posed if isinstance(posed, RangeProblem) else problem_under(posed, cost)
+
+
+def range_problem(instance: Instance, cost: str | None = None) -> RangeProblem:
+    """The problem of an instance with distances.
+
+    Raises
+    ------
+    InputError
+        It has none, or measures rotations alone; or a cost of another program.
+    """
+    source = instance.source or instance.name
+    if instance.ranges is None or not isinstance(instance.graph, PoseGraph):
+        raise InputError(f"{source}: no distances between poses")
+    if cost not in (None, CHORDAL):
+        raise InputError(f"{source}: with distances there is only the cost F (--cost chordal)")
+    require_held(instance.graph, instance.named)
+    return RangeProblem(instance.graph, instance.ranges)
+
+
+def information_problem(instance: Instance, cost: str) -> InformationProblem:
+    """The problem of an instance under the cost of another program.
+
+    Parameters
+    ----------
+    instance : as read from a file with information matrices
+    cost : the name of one of `COSTS`, such as ``"g2o"`` or ``"gtsam"``
+
+    Raises
+    ------
+    SpecError
+        An unknown cost.
+    InputError
+        There are no poses or no information matrices, or some are not positive definite.
+    """
+    if cost not in COSTS:
+        raise SpecError.unknown("cost", cost, list(COSTS))
+    source = instance.source or instance.name
+    if not isinstance(instance.graph, PoseGraph) or instance.information is None:
+        needed = f"--cost {cost} needs poses with information matrices on every edge"
+        raise InputError(f"{source}: {needed}; {_lack(instance)}")
+    graph = InformationGraph(instance.graph, instance.information.matrices)
+    if not graph.rotation.kappa.any():
+        raise InputError(f"{source}: --cost {cost} needs relative poses, not positions alone")
+    problem = InformationProblem(edge_cost(graph, cost))
+    problem.refuse_indefinite(instance.name)  # no path, as tables keep it
+    return problem
+
+
+def edge_cost(graph: InformationGraph, cost: str) -> EdgeCost:
+    """The cost of that name in `COSTS`, for measurements of poses or positions."""
+    whole = graph.rotation.measures_rotation.all()
+    return COSTS[cost](graph) if whole else WithPositions(graph, COSTS[cost])
+
+
+def _lack(instance: Instance) -> str:
+    """Why an instance has no information matrices."""
+    options = instance.options
+    if not isinstance(instance.graph, PoseGraph):
+        return "these are rotations alone"
+    if options.get("weights", "file") != "file":
+        return "other weights were chosen"
+    if options.get("rotation_information") == "rpy":
+        return "those of this format are about roll, pitch and yaw"
+    return "not all edges have one"

@@ -1,0 +1,384 @@
+"""The cost of another program on a graph: value, derivatives, scale and surrogate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from certpgo.errors import GraphError, InputError, NumericalError
+from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.graph.display import Speaking
+from certpgo.graph.graph import require_connected
+from certpgo.graph.information import InformationGraph
+from certpgo.graph.priors import require_determined
+from certpgo.graph.relaxed_point import Point, translations_of
+from certpgo.linalg import rotations as so
+from certpgo.linalg.arrays import CSC, FloatArray
+from certpgo.linalg.blocks import Layout, scatter_sum
+from certpgo.linalg.factor import Factor, Symbolic, default_engine
+from certpgo.objective.edge_cost import EdgeCost, Minorants
+from certpgo.objective.operators import lever
+from certpgo.objective.problem import PoseProblem
+from certpgo.objective.quadratic_model import ROUNDING, largest_step
+
+#: Damping after the first step that fails without any.
+FIRST_DAMPING = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """A cost and its linearization at an estimate, a `QuadraticModel`.
+
+    Attributes
+    ----------
+    cost : the cost there
+    gradient : (N,) half its gradient
+    at_i, at_j : (m, k, d + p) derivatives of the residuals by the first and the second pose
+    """
+
+    problem: InformationProblem
+    point: Estimate
+    cost: float
+    gradient: FloatArray
+    at_i: FloatArray
+    at_j: FloatArray
+
+    @cached_property
+    def gauss_newton(self) -> CSC:
+        """The Gauss-Newton matrix of half the cost."""
+        graph, n = self.problem.graph, self.problem.n
+        i, j = graph.edges.T
+        W = self.problem.edge_cost.weights
+        heavy_i, heavy_j = W @ self.at_i, W @ self.at_j
+        diagonal = scatter_sum(i, np.swapaxes(self.at_i, 1, 2) @ heavy_i, n)
+        diagonal += scatter_sum(j, np.swapaxes(self.at_j, 1, 2) @ heavy_j, n)
+        upper = np.swapaxes(self.at_i, 1, 2) @ heavy_j
+        return self.problem.chordal.pattern.assemble(diagonal, upper, graph.d)
+
+    @property
+    def hessian(self) -> CSC:
+        """The Gauss-Newton matrix; second derivatives of the residuals are not computed."""
+        return self.gauss_newton
+
+    @property
+    def rounding(self) -> float:
+        """A decrease of the cost that may be lost in rounding."""
+        return ROUNDING * self.cost
+
+    @property
+    def gauge(self) -> FloatArray:
+        """(N,) one for a pose that hardly moves, zero for the others."""
+        return self.problem.held
+
+    def scale(self, H: CSC) -> FloatArray:
+        """(N,) the diagonal of the matrix."""
+        return np.asarray(H.diagonal())
+
+    def raised(self, damping: float) -> float:
+        """The damping after a failed step: ten times as much, or the first."""
+        return 10.0 * damping or FIRST_DAMPING
+
+    def stationarity(self, scale: FloatArray) -> float:
+        """The largest gradient over ``scale``, see `InformationProblem.stationarity`."""
+        unpack = self.problem.tangent_layout.unpack
+        length = self.problem.length
+        return largest_step(unpack(self.gradient), unpack(scale), self.problem.d, length)
+
+    def factor(self, A: CSC) -> Factor | None:
+        """The factor of a matrix with the same pattern."""
+        return self.problem.symbolic(A).factor(A)
+
+    def moved(self, x: FloatArray) -> NormalEquations:
+        """The normal equations after a step x (N,)."""
+        moves, d = self.problem.tangent_layout.unpack(x), self.problem.d
+        turned = so.project(so.turned(self.point.rotations, moves[:, d:]))
+        t = translations_of(self.point) + moves[:, :d]
+        return self.problem.linearized(Estimate.trusted(turned, t))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class InformationProblem(Speaking):
+    """Minimise the cost of another program, f = sum e^T Omega e over the edges, over SE(d)^n.
+
+    Attributes
+    ----------
+    edge_cost : the residuals of the program, for the measurements of a graph
+    engine : factorization engine, see `certpgo.linalg.factor.engines`
+
+    Raises
+    ------
+    GraphError
+        The graph is disconnected, leaves a node free, or measures positions alone.
+    """
+
+    edge_cost: EdgeCost
+    engine: str = field(default_factory=default_engine)
+
+    def __post_init__(self) -> None:
+        require_connected(self.graph.isotropic)
+        if not self.graph.rotation.kappa.any():
+            raise GraphError(
+                f"the cost of {self.edge_cost.name} needs relative poses, not positions alone"
+            )
+        if self.graph.isotropic.is_partial:
+            require_determined(self.graph.isotropic)
+
+    @property
+    def _headline(self) -> str:
+        return f"{type(self).__name__}: {self.graph.isotropic.size_in_words}"
+
+    def _facts(self) -> Iterator[tuple[str, str]]:
+        yield "cost", self.edge_cost.title
+        yield "next", "certpgo.solve(problem); certpgo.certify(problem, estimate)"
+
+    def _picture(self) -> str:
+        return self.graph.isotropic._picture()
+
+    @property
+    def graph(self) -> InformationGraph:
+        """The measurements."""
+        return self.edge_cost.graph
+
+    @cached_property
+    def chordal(self) -> PoseProblem:
+        """The problem of the same measurements with isotropic weights; shares pattern and order."""
+        return PoseProblem(self.graph.isotropic, self.engine)
+
+    is_chordal = is_lifted = False
+
+    @property
+    def measured(self) -> PoseGraph:
+        """The measurements with isotropic weights."""
+        return self.graph.isotropic
+
+    def surrogate(self, point: Estimate) -> tuple[PoseProblem, float]:
+        """The problem and the constant of the function `surrogate`."""
+        below = surrogate(self, point)
+        return below.problem, below.constant
+
+    @property
+    def cost_name(self) -> str:
+        """The cost's name in options."""
+        return self.edge_cost.name
+
+    @property
+    def title(self) -> str:
+        """What the cost is, in the words of the program's users."""
+        return self.edge_cost.title
+
+    @property
+    def unprovable(self) -> str:
+        """Why there are no proofs of the cost; empty if there are."""
+        if self.edge_cost.provable:
+            return ""
+        return f"proofs and their tier are for the chordal cost and g2o's, not for {self.title}"
+
+    @property
+    def n(self) -> int:
+        """Number of poses."""
+        return self.graph.num_nodes
+
+    @property
+    def d(self) -> int:
+        """Dimension of space, 2 or 3."""
+        return self.graph.d
+
+    @cached_property
+    def scale(self) -> float:
+        """W_f, see `InformationGraph.scale`."""
+        return self.graph.scale
+
+    def scaled(self, factor: float) -> InformationProblem:
+        """The same measurements with all weights times ``factor``."""
+        return self.with_cost(replace(self.edge_cost, graph=self.graph.scaled(factor)))
+
+    def reweighted(self, factors: FloatArray) -> InformationProblem:
+        """The problem with weights times factors (m,); an edge with factor 0 is removed."""
+        return self.with_cost(replace(self.edge_cost, graph=self.graph.reweighted(factors)))
+
+    def with_cost(self, edge_cost: EdgeCost) -> InformationProblem:
+        """The problem of another cost on the same edges; pattern and order are shared."""
+        other = InformationProblem(edge_cost, self.engine)
+        other.__dict__["chordal"] = self.chordal.of_same_edges(edge_cost.graph.isotropic)
+        return other
+
+    def check(self, estimate: Estimate) -> None:
+        """Refuse an estimate of another graph by an InputError."""
+        self.chordal.check(estimate)
+
+    def relative(self, point: Point) -> tuple[FloatArray, FloatArray]:
+        """(m, d) vectors v = R_i^T (t_j - t_i) and (m, d, d) rotations Q = R_i^T R_j."""
+        i, j = self.graph.edges.T
+        R, t = point.rotations, translations_of(point)
+        back = np.swapaxes(R[i], 1, 2)
+        return (back @ (t[j] - t[i])[:, :, None])[:, :, 0], back @ R[j]
+
+    def bend(self, v: FloatArray, weights: FloatArray) -> float:
+        """What translations v (m, d) add to the cost over minorants with these weights (m,)."""
+        y = (np.swapaxes(self.graph.rotations, 1, 2) @ v[:, :, None])[:, :, 0]
+        T = self.graph.information[:, : self.d, : self.d]
+        return float(np.einsum("ma,mab,mb->", y, T, y) - weights @ (v * v).sum(axis=1))
+
+    def edge_costs(self, estimate: Estimate) -> FloatArray:
+        """(m,) terms of f, one per edge.
+
+        Raises
+        ------
+        InputError
+            An estimate of another graph.
+        """
+        self.check(estimate)
+        return self.edge_cost.costs(*self.relative(estimate))
+
+    def cost(self, estimate: Estimate) -> float:
+        """The cost f of an estimate."""
+        return float(self.edge_costs(estimate).sum())
+
+    def enclosure(self, estimate: Estimate) -> tuple[float, float]:
+        """Lower and upper bounds on f of an estimate, whose translations are taken as stored."""
+        return self.edge_cost.enclosure(estimate)
+
+    def residual_angles(self, estimate: Estimate) -> FloatArray:
+        """(m,) angles between R_i R_ij and R_j, radians."""
+        return self.chordal.residual_angles(estimate)
+
+    def linearized(self, estimate: Estimate) -> NormalEquations:
+        """The cost and its linearization at an estimate.
+
+        Poses move by world-frame translations, then body-frame rotations.
+        """
+        i, j = self.graph.edges.T
+        v, Q = self.relative(estimate)
+        e, in_v, in_w = self.edge_cost.linearized(v, Q)
+        # v moves by R_i^T (dt_j - dt_i) + v x w_i, and Q by Q exp(w_j - Q^T w_i).
+        by_t = in_v @ np.swapaxes(estimate.rotations[i], 1, 2)
+        turned = in_w if self.d == 2 else in_w @ np.swapaxes(Q, 1, 2)
+        at_i = np.concatenate([-by_t, in_v @ lever(v) - turned], axis=2)
+        at_j = np.concatenate([by_t, in_w], axis=2)
+        weighted = self.edge_cost.weights @ e[:, :, None]
+        gradient = scatter_sum(i, (np.swapaxes(at_i, 1, 2) @ weighted)[:, :, 0], self.n)
+        gradient += scatter_sum(j, (np.swapaxes(at_j, 1, 2) @ weighted)[:, :, 0], self.n)
+        cost = float((e[:, None, :] @ weighted).sum())
+        packed = self.tangent_layout.pack(gradient)
+        return NormalEquations(self, estimate, cost, packed, at_i, at_j)
+
+    @property
+    def tangent_layout(self) -> Layout:
+        """Of the normal equations: rows of translations, then of rotations."""
+        return self.chordal.tangent_layout
+
+    def gauss_newton(self, estimate: Estimate) -> CSC:
+        """The Gauss-Newton matrix of half the cost, as in `linearized`."""
+        return self.linearized(estimate).gauss_newton
+
+    def symbolic(self, A: CSC) -> Symbolic:
+        """The symbolic analysis of a block matrix of this graph."""
+        return self.chordal.symbolic(A)
+
+    def stationarity(self, estimate: Estimate) -> float:
+        """Largest gradient of a pose over its curvature, radians and relative translations."""
+        here = self.linearized(estimate)
+        return here.stationarity(here.scale(here.gauss_newton))
+
+    @cached_property
+    def length(self) -> float:
+        """Of the measured translations: their root mean square, or 1."""
+        t = self.graph.translations
+        return math.sqrt(float(np.einsum("ma,ma->", t, t)) / len(t)) or 1.0
+
+    @cached_property
+    def held(self) -> FloatArray:
+        """(N,) one for the anchor's coordinates, zero for the others."""
+        held = np.zeros((self.n, self.d + so.tangent_dim(self.d)))
+        held[self.chordal.anchor] = 1.0
+        return self.tangent_layout.pack(held)
+
+    def refuse_indefinite(self, source: str = "") -> None:
+        """Refuse information matrices that have no lower bound.
+
+        Parameters
+        ----------
+        source : where they are from, for the message
+
+        Raises
+        ------
+        InputError
+            Some are not positive definite.
+        """
+        bad = int((~self.graph.is_definite).sum())
+        if bad:
+            where = f"{source}: " if source else ""
+            of_all = f"{bad} of {self.graph.num_edges} information matrices"
+            raise InputError(
+                f"{where}{of_all} are not positive definite: {self.edge_cost.title} has no proven "
+                "lower bound there (--cost chordal has)"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Surrogate:
+    """A pose graph whose cost plus a constant is nowhere above a problem's cost.
+
+    Attributes
+    ----------
+    problem : the pose graph's
+    constant : rounded down
+    minorants : those of all measurements, of which some may not exist
+    """
+
+    problem: PoseProblem
+    constant: float
+    minorants: Minorants
+
+
+def surrogate(problem: InformationProblem, estimate: Estimate) -> Surrogate:
+    """The pose graph of the tangent minorants at an estimate.
+
+    With equality there, up to rounding: if the estimate is stationary for the cost, it is for the
+    surrogate, and a lower bound of the surrogate's cost plus the constant is one of the cost.
+    Measurements without a minorant there are left out: their terms are at least zero.
+
+    Raises
+    ------
+    InputError
+        Some information matrices are not positive definite.
+    NumericalError
+        The measurements that have minorants there do not connect the graph.
+    """
+    return surrogate_at(problem, *problem.relative(estimate))
+
+
+def surrogate_at(problem: InformationProblem, v: FloatArray, Q: FloatArray) -> Surrogate:
+    """The pose graph of the minorants expanded at v (m, d) and Q (m, d, d), of whatever origin.
+
+    It raises what `surrogate` does.
+    """
+    problem.refuse_indefinite()
+    return surrogate_of(problem, problem.edge_cost.minorants(v, so.project(Q)))
+
+
+def surrogate_of(problem: InformationProblem, minorants: Minorants) -> Surrogate:
+    """The pose graph of minorants of all measurements of a problem.
+
+    Raises
+    ------
+    NumericalError
+        The measurements whose minorants exist do not connect the graph.
+    """
+    graph, found, kept = problem.graph, minorants, minorants.exist
+    if not kept.all():
+        if not kept.any() or not graph.with_edges(kept).isotropic.is_connected:
+            raise NumericalError("measurements with minorants do not connect the graph")
+        found, graph = found.subset(kept), graph.with_edges(kept)
+    rotation = RotationGraph.of_couplings(graph.num_nodes, graph.edges, graph.rotations, found.N)
+    arms = found.a if found.a.any() else None
+    general = PoseGraph(rotation, found.b, found.tau, arms, graph.isotropic.points)
+    # The general edge's cost has the traces of the polar factors as well.
+    _, K, K_left = rotation.polar
+    traces = np.concatenate([np.diagonal(A, axis1=1, axis2=2).ravel() for A in (K, K_left)])
+    constant = math.nextafter(math.fsum(np.r_[found.constant, -traces]), -math.inf)
+    return Surrogate(problem.chordal.of_same_edges(general), constant, minorants)

@@ -1,0 +1,172 @@
+"""Quadratic costs with some of their translational weight set aside, the rest minimised over it.
+
+For e = (y, x) with information Omega = (T, P; P^T, W), positive definite A = T - lam I and any y',
+
+    e^T Omega e >= lam |y - y'|^2 + x^T S x + l.x + constant,    S = W - P^T A^-1 P,
+
+where the terms in x are the minimum of the difference over y. It is attained at (y, x) if
+lam (y - y') is half the slope of the cost in y there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from certpgo.graph.information import InformationGraph
+from certpgo.linalg.arrays import BoolArray, FloatArray
+from certpgo.linalg.ball_arithmetic import Ball, eliminated, is_positive_definite
+
+#: Shares of the largest lam that leaves the rest of the information semidefinite.
+SHARES = (0.99, 0.9, 0.7, 0.5, 0.3, 0.1)
+#: The share without cross terms, where that information is isotropic; nothing is lost there.
+WHOLE = 1.0 - 2.0**-30
+#: Share of the information that `lowered` takes at least, for rounding.
+SPARE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class SetAside:
+    """What is set aside where a minorant is to touch, in floating point; NaN where nothing fits.
+
+    Attributes
+    ----------
+    lam : (m,) the weights
+    schur : (m, q, q) S
+    slope : (m, q) of e^T Omega e in x
+    b : (m, d) arms, with y' = R~^T (b - t~)
+    """
+
+    lam: FloatArray
+    schur: FloatArray
+    slope: FloatArray
+    b: FloatArray
+
+
+def set_aside(
+    graph: InformationGraph,
+    e: FloatArray,
+    curvature: Callable[[FloatArray, FloatArray, FloatArray], FloatArray],
+) -> SetAside:
+    """Of the shares tried, that with the largest lam^d times the curvature on the rotations.
+
+    Parameters
+    ----------
+    e : (m, p) residuals at which to touch
+    curvature : of S (k, q, q), residuals x (k, q) and slopes (k, q): what a minorant makes of them,
+        at most zero if it is of little use, -inf if there is none
+    """
+    d = graph.d
+    T, P, W = blocks(graph.information, d)
+    m, q = len(W), W.shape[-1]
+    x, slope = e[:, d:], 2.0 * (graph.information @ e[:, :, None])[:, :, 0]
+    # For a smaller lam, S is positive definite.
+    definite = graph.is_definite
+    covariance = np.linalg.inv(np.where(definite[:, None, None], graph.information, np.eye(d + q)))
+    largest = np.where(definite, 1.0 / np.linalg.eigvalsh(covariance[:, :d, :d])[:, -1], 0.0)
+    scalar = is_isotropic(T) & ~P.any(axis=(1, 2))
+    lam = np.where(scalar & definite, WHOLE * largest, np.nan)
+    schur, best = np.where(scalar[:, None, None], W, np.nan), np.full(m, -np.inf)
+    tried = np.flatnonzero(definite & ~scalar)
+    for share in SHARES if len(tried) else ():
+        weight = share * largest[tried]
+        rest = T[tried] - weight[:, None, None] * np.eye(d)
+        left = W[tried] - np.swapaxes(P[tried], 1, 2) @ np.linalg.solve(rest, P[tried])
+        worth = curvature(left, x[tried], slope[tried, d:])
+        worth = np.where(worth > 0.0, weight**d, 1.0) * worth
+        better = worth > best[tried]
+        place = tried[better]
+        lam[place], schur[place], best[place] = weight[better], left[better], worth[better]
+    target = e[:, :d] - slope[:, :d] / (2.0 * lam[:, None])
+    b = graph.translations + (graph.rotations @ target[:, :, None])[:, :, 0]
+    return SetAside(lam, schur, slope[:, d:], b)
+
+
+def remainder(
+    graph: InformationGraph, measured: Ball, lam: FloatArray, b: FloatArray
+) -> tuple[Ball, Ball, Ball]:
+    """S (m, q, q), l (m, q) and the constants (m,), whose radius is infinite if A is not definite.
+
+    Parameters
+    ----------
+    measured : (m, d, d) the measured rotations
+    lam, b : (m,) and (m, d), any
+    """
+    d, information = graph.d, graph.information
+    p = information.shape[1]
+    y = measured.T.apply(Ball.exact(b) - graph.translations)
+    # Of (y, x, 1), the difference is a quadratic form; its first columns are eliminated.
+    weights = Ball.exact(lam)
+    pull = (weights[:, None] * y).padded(((0, 0), (0, p + 1 - d)))
+    side = pull[:, :, None].padded(((0, 0), (0, 0), (p, 0)))
+    corner = (weights * y.dot(y))[:, None, None].padded(((0, 0), (p, 0), (p, 0)))
+    aside = weights[:, None, None] * np.diag(np.repeat((1.0, 0.0), (d, p + 1 - d)))
+    form = Ball.exact(np.pad(information, ((0, 0), (0, 1), (0, 1)))) - aside + side + side.T
+    left, definite = eliminated(form - corner, d)
+    linear = 2.0 * left[:, :-1, -1]
+    coupled = information[:, :d, d:].any(axis=1)
+    linear = Ball(linear.mid, np.where(coupled, linear.radius, 0.0))
+    constant = left[:, -1, -1]
+    constant = Ball(constant.mid, np.where(definite, constant.radius, np.inf))
+    return left[:, :-1, :-1], linear, constant
+
+
+def lowered(
+    graph: InformationGraph,
+    chosen: BoolArray,
+    lower: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]],
+) -> InformationGraph | None:
+    """The graph with less information on the chosen edges (m,), none of it in cross terms.
+
+    None if none are chosen, or the difference is not proven to be positive definite.
+
+    Parameters
+    ----------
+    lower : blocks T (k, d, d) and W (k, q, q) to blocks nowhere above them, up to rounding
+    """
+    d, full = graph.d, graph.information[chosen]
+    below = np.zeros_like(full)
+    with np.errstate(all="ignore"):
+        below[:, :d, :d], below[:, d:, d:] = lower(*_decoupled(full, d))
+        below *= 1.0 - SPARE
+        proven = is_positive_definite(Ball.exact(full) - below)
+    if not (chosen.any() and proven.all()):
+        return None
+    information = graph.information.copy()
+    information[chosen] = below
+    return InformationGraph(graph.isotropic, information)
+
+
+def _decoupled(information: FloatArray, d: int) -> tuple[FloatArray, FloatArray]:
+    """Blocks (1 - r) T and W - P^T T^-1 P / r of information that is nowhere above.
+
+    What is taken away, (r T, P; P^T, P^T T^-1 P / r), is semidefinite. Both are definite for r from
+    c^2 to 1, where c^2, the largest eigenvalue of W^-1 P^T T^-1 P, is the square of the largest
+    canonical correlation; r = c is best if there is only one.
+    """
+    T, P, W = blocks(information, d)
+    shared = np.swapaxes(P, 1, 2) @ np.linalg.solve(T, P)
+    factor = np.linalg.inv(np.linalg.cholesky(W))
+    correlations = np.linalg.eigvalsh(factor @ shared @ np.swapaxes(factor, 1, 2))
+    r = np.sqrt(np.clip(correlations[:, -1], 2.0**-40, 1.0))[:, None, None]
+    left = W - shared / r
+    return (1.0 - r) * T, 0.5 * (left + np.swapaxes(left, 1, 2))
+
+
+def is_isotropic(T: FloatArray) -> BoolArray:
+    """(m,) which matrices (m, d, d) are multiples of the identity."""
+    return np.asarray((T[:, :1, :1] * np.eye(T.shape[-1]) == T).all(axis=(1, 2)))
+
+
+def isotropic(T: FloatArray) -> FloatArray:
+    """The largest multiples of the identity that are nowhere above T (m, d, d), up to rounding."""
+    d = T.shape[-1]
+    least = np.where(is_isotropic(T), T[:, 0, 0], np.linalg.eigvalsh(T)[:, 0])
+    return np.asarray(least[:, None, None] * np.eye(d))
+
+
+def blocks(information: FloatArray, d: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Blocks T (m, d, d), P (m, d, q) and W (m, q, q) of information matrices."""
+    return information[:, :d, :d], information[:, :d, d:], information[:, d:, d:]

@@ -1,0 +1,220 @@
+"""Low-rank optimization: a Riemannian trust region on St(r, d)^n, translations eliminated."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from certpgo.errors import NumericalError
+from certpgo.graph.display import Brief
+from certpgo.graph.relaxed_point import Lift, Point, lifted
+from certpgo.linalg.arrays import CSC, FloatArray
+from certpgo.linalg.blocks import add_to_diagonal
+from certpgo.linalg.cg import End, conjugate_gradients
+from certpgo.linalg.factor import Factor
+from certpgo.linalg.rotations import orthonormal, tangent_basis
+from certpgo.objective import operators
+from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.objective.quadratic_model import ROUNDING
+from certpgo.optimize.monitor import Iteration, Monitor, Stopwatch, silent
+from certpgo.optimize.progress import Progress
+from certpgo.optimize.riemannian_newton import DEFAULT, forcing_term
+from certpgo.optimize.solution import Status
+
+#: Actual over predicted decrease from which a step is accepted, below which the trust region
+#: shrinks, and above which it grows.
+ACCEPTED, POOR, GOOD = 0.01, 0.25, 0.75
+#: Products allowed in conjugate gradients, and up to which the preconditioner is reused.
+MAX_PRODUCTS, FEW_PRODUCTS = 100, 10
+#: Shift of the preconditioner over the mean diagonal: the gauge group is larger than one pose, and
+#: its rounding must stay below the smallest curvature.
+SHIFT = 1e-8
+#: Halvings of a step along a given direction.
+MAX_HALVINGS = 40
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Descent(Brief):
+    """The result of low-rank optimization."""
+
+    point: Lift
+    cost: float
+    status: Status
+    trace: tuple[Iteration, ...]
+    counts: dict[str, int]
+
+
+def descend(
+    problem: Problem,
+    initial: Point,
+    rank: int,
+    *,
+    direction: FloatArray | None = None,
+    tolerance: float = 1e-10,
+    max_iterations: int = 500,
+    loosest: float = DEFAULT.loosest,
+    tightest: float = DEFAULT.tightest,
+    monitor: Monitor = silent,
+    watch: Stopwatch | None = None,
+) -> Descent:
+    """Minimise F over St(rank, d)^n from ``initial``, by truncated Newton steps.
+
+    Absil, Baker, Gallivan, "Trust-region methods on Riemannian manifolds" (2007). The
+    preconditioner, and the metric of the trust region, is the Gauss-Newton matrix: steps are
+    measured by how much they change the residuals.
+
+    Parameters
+    ----------
+    initial : a point of at most that rank
+    direction : (n, d) first step of the blocks into a new dimension, such as an eigenvector of the
+        certificate matrix with a negative eigenvalue, the only descent direction at a stationary
+        point of lower rank
+    tolerance : stationarity (radians) at which to stop
+    loosest, tightest : relative residuals of conjugate gradients, as in `NewtonSettings`
+    watch : stopwatch that already timed the initialization
+    """
+    watch = watch or Stopwatch()
+    counts: Counter[str] = Counter()
+    progress = Progress(monitor, tolerance, max_iterations, watch)
+    with watch.phase("low rank"):
+        start = problem.settled(lifted(initial, rank))
+        if direction is not None:
+            start = leave(problem, start, direction)
+        current = _Tangent(problem, start)
+    metric: Factor | None = None
+    radius, step_norm, gained = math.sqrt(current.cost), 0.0, 1.0
+    gain: float | None = None
+    accepted = True
+    while progress.advance(
+        current.cost, current.stationarity, step_norm, gain=gain, accepted=accepted
+    ):
+        with watch.phase("low rank"):
+            if metric is None:
+                metric = current.metric()
+                counts["factorizations"] += 1
+            solved = conjugate_gradients(
+                current.hessian.__matmul__,
+                -current.gradient,
+                metric.solve,
+                tol=forcing_term(gained, loosest, tightest),
+                max_iterations=MAX_PRODUCTS,
+                radius=radius,
+            )
+            counts["products"] += solved.products
+            predicted = float(solved.x @ (solved.residual - current.gradient))
+            candidate = _Tangent(problem, current.retract(solved.x))
+        if predicted <= ROUNDING * current.cost:
+            # The decrease is below rounding of F; the gradient still shows progress.
+            risen = candidate.cost > (1.0 + 2.0 * ROUNDING) * current.cost
+            if risen or not candidate.stationarity < current.stationarity:
+                progress.status = Status.STALLED
+                break
+            gain, ratio = None, 1.0
+        else:
+            gain = ratio = (current.cost - candidate.cost) / predicted
+        if not ratio >= POOR:
+            radius *= 0.25
+        elif ratio > GOOD and solved.end in (End.BOUNDARY, End.NEGATIVE_CURVATURE):
+            radius *= 2.0
+        accepted = ratio > ACCEPTED
+        if accepted:
+            gained = max(current.cost - candidate.cost, 0.0) / current.cost
+            current, step_norm = candidate, float(np.linalg.norm(solved.x))
+            if solved.products > FEW_PRODUCTS:
+                metric = None
+        elif radius**2 < ROUNDING * current.cost:
+            progress.status = Status.STALLED
+            break
+    return Descent(
+        current.point, current.cost, progress.status, tuple(progress.trace), dict(counts)
+    )
+
+
+class _Tangent:
+    """A point with its gradient, Hessian, metric and retraction.
+
+    Steps are (n, r + q), translations first, or (n, q) for rotations alone: coordinates in an
+    orthonormal basis of each block's tangent space.
+    """
+
+    def __init__(self, problem: Problem, point: Lift) -> None:
+        self._problem = problem
+        self.point = point
+        self.cost = problem.cost(point)
+        Y = point.rotations
+        G = problem.gradient(point)
+        self._multipliers = operators.multipliers(G[:, :, -problem.d :], Y)
+        self._basis = tangent_basis(Y)
+        turn = np.einsum("nqrd,nrd->nq", self._basis, G[:, :, -problem.d :])
+        size, poses = np.linalg.norm(turn, axis=1), problem.poses
+        self.stationarity = float((size[poses] / problem.curvature[poses]).max())
+        moves = [G[:, :, 0]] if isinstance(problem, PoseProblem) else []
+        tangent = np.concatenate([*moves, turn], axis=1)
+        self._layout = problem.pattern.layout(tangent.shape[1], Y.shape[1])
+        self.gradient = self._layout.pack(tangent)
+
+    @cached_property
+    def hessian(self) -> CSC:
+        """The Riemannian Hessian of F/2."""
+        return self._matrix(self._multipliers)
+
+    def metric(self) -> Factor:
+        """The factor of the Gauss-Newton matrix, shifted."""
+        matrix = self._matrix(np.zeros_like(self._multipliers))
+        shifted = add_to_diagonal(matrix, SHIFT * float(matrix.diagonal().mean()))
+        factor = self._problem.symbolic(shifted).factor(shifted)
+        if factor is None:
+            raise NumericalError("the Gauss-Newton matrix could not be factorized")
+        return factor
+
+    def _matrix(self, multipliers: FloatArray) -> CSC:
+        blocks = operators.lifted_hessian(self._problem.graph, self._basis, multipliers)
+        return self._problem.pattern.assemble(*blocks, self._basis.shape[2])
+
+    def retract(self, x: FloatArray) -> Lift:
+        """The nearest point of the manifold, with optimal translations."""
+        q = self._basis.shape[1]
+        V = np.einsum("nq,nqrd->nrd", self._layout.unpack(x)[:, -q:], self._basis)
+        return _moved(self._problem, self.point, V)
+
+
+def leave(problem: Problem, point: Lift, direction: FloatArray) -> Lift:
+    """The point moved along its last, empty dimension as far as F decreases.
+
+    Parameters
+    ----------
+    direction : (n, d) rows v_i; block i moves from [Y_i; 0] along the tangent [0; v_i]
+    """
+    V = np.zeros_like(point.rotations)
+    V[:, -1, :] = direction / np.linalg.norm(direction, axis=1).max()
+
+    def moved(step: float) -> Lift:
+        return _moved(problem, point, step * V)
+
+    lower = lowest_of_halvings(problem.cost, moved, 1.0, problem.cost(point))
+    return point if lower is None else lower
+
+
+def lowest_of_halvings(
+    cost: Callable[[Lift], float], moved: Callable[[float], Lift], step: float, lowest: float
+) -> Lift | None:
+    """The end of the first step below cost ``lowest`` whose half is not lower still, if any."""
+    best: Lift | None = None
+    for _ in range(MAX_HALVINGS):
+        candidate = moved(step)
+        lower = cost(candidate)
+        if lower < lowest:
+            best, lowest = candidate, lower
+        elif best is not None:
+            break
+        step *= 0.5
+    return best
+
+
+def _moved(problem: Problem, point: Lift, V: FloatArray) -> Lift:
+    return problem.settled(Lift(orthonormal(point.rotations + V), point.translations))

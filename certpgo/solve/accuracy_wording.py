@@ -1,0 +1,115 @@
+"""A certificate in plain words, and what is known of its estimate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from certpgo.certify.certificate import CHORDAL, Certificate
+from certpgo.certify.wording import part
+from certpgo.graph import Instance
+from certpgo.graph.phrases import counted, few
+from certpgo.linalg.arrays import IntArray
+from certpgo.solve.assessment import Assessment
+from certpgo.solve.metrics import TrajectoryErrors
+from certpgo.solve.outliers import Disagreement
+
+#: Number of edges shown; --json has more.
+EDGES = 3
+#: Share of the tolerance above which the effect of a file's digits is reported.
+NOTABLE = 0.01
+
+
+def provenance(instance: Instance, certificate: Certificate) -> Iterable[tuple[str, str]]:
+    """What stands between the source and the verdict: averaged weights and fixed nodes."""
+    if certificate.objective == CHORDAL and instance.averaged:
+        yield "weights", f"kappa and tau average {instance.averaged}"
+    if instance.fixed:
+        yield "fixed", f"{few(instance.ids[list(instance.fixed)].tolist())} by the file"
+
+
+def redundancy(instance: Instance) -> Iterable[tuple[str, str]]:
+    """That no measurement checks another, if so."""
+    graph = instance.graph
+    if instance.ranges is None and graph.num_edges < graph.num_nodes:
+        yield (
+            "redundancy",
+            "none: a tree fits any measurements, so the verdict says nothing of them",
+        )
+
+
+def hint(disagreement: Disagreement) -> str:
+    """How many measurements disagree, and which command rejects them."""
+    return f"{disagreement}; certpgo solve --robust rejects such measurements"
+
+
+def few_edges(instance: Instance, edges: IntArray) -> str:
+    """The first edges by node ids, and the number of others."""
+    pairs = instance.ids[instance.graph.edges[edges[:EDGES]]]
+    named = ", ".join(ends(instance, i, j) for i, j in pairs.tolist())
+    more = len(edges) - len(pairs)
+    return f"{named} and {more} more" if more else named
+
+
+def ends(instance: Instance, first: int, second: int) -> str:
+    """An edge by the ids of its nodes, the world by this name."""
+    of_world = instance.world is not None and first == instance.ids[instance.world]
+    return f"{'the world' if of_world else first} to {second}"
+
+
+def accuracy(errors: TrajectoryErrors) -> Iterable[tuple[str, str]]:
+    """Absolute and relative trajectory errors as names and values."""
+    aligned, steps = "after alignment", "from each to the next"
+    over = counted(errors.poses, "pose{s}")
+    for name, metres, degrees, how in (
+        ("ATE", errors.ate_m, errors.ate_deg, aligned),
+        ("RPE", errors.rpe_m, errors.rpe_deg, steps),
+    ):
+        of_positions = "" if metres is None else f"{metres:.6g} m, "
+        yield name, f"{of_positions}{degrees:.6g} degrees  (root mean square, {over}, {how})"
+
+
+def comparison(a: Assessment, instance: Instance) -> Iterable[tuple[str, str]]:
+    """The distance to the best estimate, the costliest edges, and the effect of rounding."""
+    yield from distances(a)
+    yield from _edges(a, instance)
+    yield from digits(a)
+
+
+def distances(a: Assessment) -> Iterable[tuple[str, str]]:
+    """The distance to the best estimate, if that costs less."""
+    c, d = a.certificate, a.distance
+    if not a.excess > c.tolerance:
+        return
+    which = "the optimum" if a.best_is_optimal else "the best estimate found"
+    metres = (
+        "" if d.mean_m is None else f", {d.mean_m:.3g} m on average and {d.worst_m:.3g} at most"
+    )
+    degrees = f"{d.mean_deg:.3g} degrees on average and {d.worst_deg:.3g} at most"
+    yield "distance", f"to {which}: {degrees}{metres}"
+    share = f" ({part(a.excess / c.cost_upper)})" if math.isfinite(c.cost_upper) else ""
+    yield "", f"{which} costs {a.excess:.4g}{share} less"
+
+
+def _edges(a: Assessment, instance: Instance) -> Iterable[tuple[str, str]]:
+    for k, edge in enumerate(a.edges[:EDGES]):
+        share = f"{ends(instance, *edge.ids)}: {100.0 * edge.share:.3g} % of the cost"
+        degrees = [] if edge.angle is None else [f"{math.degrees(edge.angle):.4g} degrees"]
+        metres = [] if edge.metres is None else [f"{edge.metres:.3g} m"]
+        residual = ", ".join([*degrees, *metres])
+        yield "" if k else "costliest edges", f"{share}, residual {residual}"
+
+
+def digits(a: Assessment) -> Iterable[tuple[str, str]]:
+    """By how much rounding to the file's digits raises the cost, if notable."""
+    if a.rounding is None:
+        return
+    written, cost = a.rounding.digits, a.rounding.cost
+    if cost is None:
+        yield "digits", f"{written} in the file are too few for rotations"
+    elif cost > NOTABLE * a.certificate.tolerance:
+        share = f", {cost / a.best_cost:.1e} of it" if a.best_cost > a.certificate.tolerance else ""
+        yield (
+            "digits",
+            f"rounding to the file's {written} raises even the lowest cost by {cost:.1g}{share}",
+        )

@@ -1,0 +1,298 @@
+"""How far an estimate is from the best one found, in degrees, metres and cost."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from certpgo.certify import Certificate, certify
+from certpgo.errors import CertPGOError, InputError, InputNotice
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph
+from certpgo.io.accept_paths import AnyPath, measured
+from certpgo.io.digits import Digits, Writing
+from certpgo.io.gtsam_values import estimate_from_values
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.objective.choose_cost import CHORDAL, Certifiable, certifiable
+from certpgo.objective.problem import PoseProblem
+from certpgo.objective.range_problem import RangeProblem
+from certpgo.solve import metrics
+from certpgo.solve.fit import Fit
+
+#: Number of costliest edges listed.
+EDGES = 5
+
+
+@dataclass(frozen=True)
+class Distance:
+    """Distance between two estimates, each measure after its best rigid alignment.
+
+    Attributes
+    ----------
+    mean_deg, worst_deg : angles between rotations, degrees
+    mean_m, worst_m : distances between positions, metres; None without translations
+    """
+
+    mean_deg: float
+    worst_deg: float
+    mean_m: float | None = None
+    worst_m: float | None = None
+
+
+@dataclass(frozen=True)
+class CostlyEdge:
+    """An edge and its contribution to F.
+
+    Attributes
+    ----------
+    edge : index of the edge, from 0
+    ids : ids of its nodes
+    cost : its term of F at the estimate as given
+    share : ``cost`` over F
+    angle : angle between R_i R_ij and R_j, radians; None where no rotation is measured
+    metres : norm of t_j - t_i - R_i t_ij; None where no translation is measured
+    """
+
+    edge: int
+    ids: tuple[int, int]
+    cost: float
+    share: float
+    angle: float | None
+    metres: float | None
+
+
+@dataclass(frozen=True)
+class Rounding:
+    """The effect of rounding to a file's digits.
+
+    Attributes
+    ----------
+    digits : precision of the file's poses
+    cost : increase of F if the best estimate is written with these digits; None where they are too
+        few for rotations
+    """
+
+    digits: Digits
+    cost: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """An estimate compared with the best one found.
+
+    Attributes
+    ----------
+    certificate : the certificate of the estimate
+    cost : F of the estimate as given, as computed
+    best : the best estimate found: a better one from another basin, or else the refined one
+    best_cost : F of ``best``
+    best_is_optimal : whether ``best`` is proven optimal within the tolerance
+    excess : F of the estimate as given minus ``best_cost``; not negative
+    distance : from the estimate as given to ``best``
+    edges : edges with the largest terms of F, in descending order
+    rounding : effect of the file's digits; None for an estimate in full precision
+    farthest : the largest translation residual, metres; None where no translation is measured
+    fit : chi^2 of the estimate as given; None where that is not known, see `certpgo.solve.fit`
+    """
+
+    certificate: Certificate
+    cost: float
+    best: Estimate
+    best_cost: float
+    best_is_optimal: bool
+    excess: float
+    distance: Distance
+    edges: tuple[CostlyEdge, ...]
+    rounding: Rounding | None
+    farthest: float | None = None
+    fit: Fit | None = None
+
+    @property
+    def relative_excess(self) -> float:
+        """``excess / best_cost``."""
+        return self.excess / self.best_cost if self.best_cost > 0.0 else math.inf
+
+
+def assess(
+    problem: Certifiable,
+    estimate: Estimate,
+    certificate: Certificate,
+    *,
+    ids: IntArray | None = None,
+    nodes: IntArray | None = None,
+    writing: Writing | None = None,
+    fit: Fit | None = None,
+) -> Assessment:
+    """Compare an estimate with the best one found while certifying it.
+
+    Parameters
+    ----------
+    certificate : certificate of this estimate for this problem
+    ids : (n,) node ids for naming edges; 0 ... n-1 by default
+    nodes : (k,) poses between which the distance is, see `certpgo.Instance.poses`; all by default
+    writing : number format of the estimate's file, see `certpgo.io.digits.writing_of`
+    fit : chi^2 of the estimate
+    """
+    c = certificate
+    nodes = _poses(problem) if nodes is None else nodes
+    best, cost = c.best, c.best_cost
+    if not cost < c.cost_upper:  # any improvement is rounding
+        best, cost = estimate, c.cost_upper
+    return Assessment(
+        certificate=c,
+        cost=problem.cost(estimate),
+        best=best,
+        best_cost=cost,
+        best_is_optimal=c.is_optimal(cost),
+        excess=c.cost_upper - cost if math.isfinite(c.cost_upper) else math.inf,
+        distance=distance(estimate.subset(nodes), best.subset(nodes)),
+        edges=costly_edges(problem, estimate, np.arange(problem.n) if ids is None else ids),
+        rounding=None if writing is None else rounding_cost(problem, estimate, best, writing),
+        farthest=_farthest(problem, estimate),
+        fit=fit,
+    )
+
+
+def distance(estimate: Estimate, other: Estimate) -> Distance:
+    """The distance between two estimates, each in any frame."""
+    turn = metrics.angular_errors(estimate, other)
+    if estimate.translations is None or other.translations is None:
+        return Distance(turn.mean_deg, turn.worst_deg)
+    move = metrics.position_errors(estimate, other)
+    return Distance(turn.mean_deg, turn.worst_deg, move.mean, move.worst)
+
+
+def costly_edges(
+    problem: Certifiable, estimate: Estimate, ids: IntArray, count: int = EDGES
+) -> tuple[CostlyEdge, ...]:
+    """The edges with the largest terms of F; none where F is zero or not finite."""
+    terms, lengths = problem.edge_costs(estimate), residual_lengths(problem, estimate)
+    total = float(terms.sum())
+    if not 0.0 < total < math.inf:
+        return ()
+    angles = problem.residual_angles(estimate)
+    turned, moved = measured_parts(problem)
+    return tuple(
+        CostlyEdge(
+            edge=e,
+            ids=(int(ids[problem.graph.edges[e, 0]]), int(ids[problem.graph.edges[e, 1]])),
+            cost=float(terms[e]),
+            share=float(terms[e]) / total,
+            angle=float(angles[e]) if turned[e] else None,
+            metres=float(lengths[e]) if lengths is not None and moved[e] else None,
+        )
+        for e in np.argsort(-terms, kind="stable")[:count].tolist()
+    )
+
+
+def measured_parts(problem: Certifiable) -> tuple[BoolArray, BoolArray]:
+    """(m,) which edges measure a rotation, and which a translation."""
+    graph = problem.chordal.graph
+    return graph.measures_rotation, graph.measures_translation
+
+
+def residual_lengths(problem: Certifiable, estimate: Estimate) -> FloatArray | None:
+    """(m,) norms of t_j - t_i - R_i t_ij, or errors of distances, metres; None without either."""
+    if isinstance(problem, RangeProblem):
+        return problem.residual_lengths(estimate)
+    poses = problem.chordal
+    if not isinstance(poses, PoseProblem):
+        return None
+    return np.asarray(np.linalg.norm(poses.translation_residuals(estimate), axis=1))
+
+
+def _farthest(problem: Certifiable, estimate: Estimate) -> float | None:
+    """The largest translation residual, metres; None where no translation is measured."""
+    lengths, (_, moved) = residual_lengths(problem, estimate), measured_parts(problem)
+    return float(lengths[moved].max()) if lengths is not None and moved.any() else None
+
+
+def rounding_cost(
+    problem: Certifiable, estimate: Estimate, best: Estimate, writing: Writing
+) -> Rounding:
+    """The increase of F when the best estimate is written like the file of the estimate.
+
+    It is first aligned with the estimate, as the rounding error depends on the size of the numbers.
+    """
+    nodes = _poses(problem)
+    S = metrics.align(best.subset(nodes), estimate.subset(nodes))
+    moved = best.moved(S)
+    if moved.translations is not None and estimate.translations is not None:
+        offset = (estimate.translations - moved.translations).mean(axis=0)
+        moved = moved.with_translations(moved.translations + offset)
+    try:
+        rise = problem.cost(writing.rounded(moved)) - problem.cost(best)
+    except CertPGOError:
+        return Rounding(writing.digits, None)
+    return Rounding(writing.digits, max(rise, 0.0))
+
+
+def _poses(problem: Certifiable) -> IntArray:
+    """The nodes that have a rotation."""
+    return problem.chordal.poses
+
+
+def certify_values(
+    graph: Graph | Instance | AnyPath,
+    values: Any,
+    *,
+    cost: str = CHORDAL,
+    ids: ArrayLike | None = None,
+    **options: Any,
+) -> Certificate:
+    """Certify GTSAM's Values, or any object with ``keys()`` and ``atPose3``, ``atRot3`` and so on.
+
+    Keys are matched with node ids, else by the index of Symbols, else in ascending order if there
+    are equally many; the last two give an `InputNotice`. Poses work for rotation graphs too.
+
+    Parameters
+    ----------
+    graph : a graph, whose ids are 0 ... n-1, an instance with its own ids, or the path of its file
+    values : poses or rotations, 2D or 3D like the graph
+    cost : ``"chordal"``, or for an instance with information matrices ``"gtsam"`` or ``"g2o"``
+    ids : (n,) integers, the key of each node, to avoid guessing the match
+    options : options of `certify`: tier, rtol, atol, refine
+
+    Raises
+    ------
+    InputError
+        The keys do not match, or the values are of another kind.
+
+    Examples
+    --------
+    Any object with this interface of GTSAM's Values can be certified:
+
+    >>> import certpgo
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
+    >>> instance, around = winding_cycle(9, 0.3, 1)
+    >>> class Rotation:
+    ...     def __init__(self, R):
+    ...         self.R = R
+    ...     def matrix(self):
+    ...         return self.R
+    >>> class Values:
+    ...     def keys(self):
+    ...         return range(9)
+    ...     def atRot3(self, key):
+    ...         return Rotation(around.rotations[key])
+    >>> certpgo.certify_values(instance, Values()).verdict.value
+    'REFUTED'
+    """
+    posed = measured(graph)
+    of = posed.graph if isinstance(posed, Instance) else posed
+    n = of.num_nodes
+    keys = posed.ids if isinstance(posed, Instance) else np.arange(n)
+    if ids is not None:
+        keys = np.asarray(ids)
+        if keys.shape != (n,) or keys.dtype.kind not in "iu" or len(np.unique(keys)) != n:
+            raise InputError(f"ids must be {n} distinct integers, the key of each node")
+    estimate, notice = estimate_from_values(
+        values, keys, of.d, isinstance(of, PoseGraph), exact=ids is not None
+    )
+    if notice:
+        warnings.warn(notice, InputNotice, stacklevel=2)
+    return certify(certifiable(posed, cost), estimate, **options)

@@ -1,0 +1,271 @@
+"""How well an estimate fits measurements that state their noise: chi^2, and how much is usual.
+
+chi^2 is the sum of squared residuals, each over its variance. For noise as stated, its mean at the
+best estimate is the degrees of freedom: numbers measured, less those that they determine. The costs
+of g2o and GTSAM are chi^2 themselves. The terms of F are, for a small residual angle theta,
+
+    kappa |R_j - R_i R_ij|^2 = 2 kappa theta^2,        tau |t_j - t_i - R_i t_ij|^2,
+
+of means 2 kappa tr(Omega_R^-1) and tau tr(Omega_t^-1). As tau = d / tr(Omega_t^-1), the second is
+d. In space kappa = 3 / (2 tr(Omega_R^-1)), and the first is 3. In the plane kappa = Omega_R, and it
+is 2 for the one axis that is measured: it is halved here.
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+
+from certpgo.errors import NumericalError
+from certpgo.graph import Estimate, Instance, PoseGraph
+from certpgo.graph.information import Information
+from certpgo.graph.phrases import counted
+from certpgo.linalg import rotations as so
+from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.objective.information_problem import InformationProblem
+from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.objective.range_problem import RangeProblem
+from certpgo.optimize.unobservable import MOST, undetermined
+
+#: Probability that chi^2 of the stated noise is further out, on one side.
+RARE = 1e-6
+#: Eigenvalues of matrices of unit diagonal below which a direction is not measured.
+NONE = 1e-12
+#: From and to which chi^2 is printed as a whole number.
+WHOLE = (1e4, 1e12)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """chi^2 of an estimate, beside what is usual for noise as the measurements state it.
+
+    Attributes
+    ----------
+    chi2 : squared residuals over their variances
+    freedom : degrees of freedom, the mean of chi^2 for the best estimate
+    spread : variance over that of a chi^2 variable; 1 unless weights average over directions
+
+    Examples
+    --------
+    >>> print(Fit(6252.0, 24))
+    6252 at 24 degrees of freedom
+    >>> Fit(30.0, 24).warning
+    ''
+    >>> Fit(90342.3, 1050).warning.partition(";")[0]
+    'chi^2 is 90342 at 1050 degrees of freedom: residuals are 9.28 times the stated noise'
+    """
+
+    chi2: float
+    freedom: int
+    spread: float = 1.0
+
+    def __str__(self) -> str:
+        chi2 = f"{self.chi2:.0f}" if WHOLE[0] <= self.chi2 < WHOLE[1] else f"{self.chi2:.4g}"
+        return f"{chi2} at {counted(self.freedom, 'degree{s}')} of freedom"
+
+    @property
+    def ratio(self) -> float:
+        """Size of the residuals over the standard deviations that are stated, root mean square."""
+        return math.sqrt(self.chi2 / self.freedom)
+
+    @property
+    def warning(self) -> str:
+        """What is unusual, in a sentence; or empty."""
+        below, above = self._tails
+        said = f"chi^2 is {self}: residuals are {self.ratio:.3g} times the stated noise"
+        if above < RARE:
+            return (
+                f"{said}; measurements may be wrong, or the stated noise too small: no verdict "
+                "excludes it"
+            )
+        if below < RARE:
+            return (
+                f"{said}, which is probably too large; verdicts do not depend on its scale, "
+                "covariances do"
+            )
+        return ""
+
+    @property
+    def _tails(self) -> tuple[float, float]:
+        """Probabilities of a chi^2 that is at most this, and at least (Welch-Satterthwaite)."""
+        from scipy import special
+
+        half, x = 0.5 * self.freedom / self.spread, 0.5 * self.chi2 / self.spread
+        return float(special.gammainc(half, x)), float(special.gammaincc(half, x))
+
+
+def fit_of(
+    instance: Instance,
+    problem: Problem | InformationProblem | RangeProblem,
+    estimate: Estimate,
+    weights: FloatArray | None = None,
+) -> Fit | None:
+    """The fit of an estimate to an instance's measurements.
+
+    Parameters
+    ----------
+    problem : that the estimate is judged by
+    weights : (m,) final factors of a robust method, whose problem has the edges that are not at 0
+
+    Returns
+    -------
+    None where the source does not state the noise, where a robust method changed weights, where
+    nothing is measured twice, or where numbers are beyond the range of doubles.
+    """
+    if not instance.states_noise:
+        return None
+    if weights is not None:
+        if not np.isin(weights, (0.0, 1.0)).all():
+            return None
+        instance = instance.with_edges(weights > 0.0)
+    mahalanobis = instance.options.get("weights") == "mahalanobis"
+    with np.errstate(all="ignore"), suppress(NumericalError, np.linalg.LinAlgError):
+        return goodness_of_fit(problem, estimate, instance.information, mahalanobis=mahalanobis)
+    return None
+
+
+def goodness_of_fit(
+    problem: Problem | InformationProblem | RangeProblem,
+    estimate: Estimate,
+    information: Information | None = None,
+    *,
+    mahalanobis: bool = False,
+) -> Fit | None:
+    """The fit of an estimate to measurements whose weights state their noise.
+
+    Parameters
+    ----------
+    information : of the edges, where kappa and tau average it
+    mahalanobis : whether the rotational weights are those of `certpgo.read` with that name
+
+    Returns
+    -------
+    None where the measurements leave no degree of freedom, or a free motion that is not counted.
+
+    Examples
+    --------
+    A square of four poses, each step measured with a variance of 0.01 in each number:
+
+    >>> import certpgo
+    >>> from certpgo import PoseGraph, PoseProblem, RotationGraph
+    >>> turn = np.array([[0.0, -1.0], [1.0, 0.0]])
+    >>> edges = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
+    >>> rotation = RotationGraph(4, edges, np.array([turn] * 4), np.full(4, 100.0))
+    >>> steps = np.array([[1.1, 0.0], [1.0, 0.0], [1.0, 0.0], [1.0, 0.0]])
+    >>> graph = PoseGraph(rotation, steps, np.full(4, 100.0))
+    >>> print(goodness_of_fit(PoseProblem(graph), certpgo.solve(graph).estimate))
+    0.2099 at 3 degrees of freedom
+    """
+    if isinstance(problem, InformationProblem):
+        ranks = _ranks(problem.edge_cost.weights)
+        law = _Law(problem.cost(estimate), int(ranks.sum()), 1.0)
+        partial = bool((ranks < problem.edge_cost.weights.shape[1]).any())
+    else:
+        law = _law(problem, estimate, information, mahalanobis)
+        partial = isinstance(problem.graph, PoseGraph) and problem.graph.is_general
+    free = _determined(problem, estimate, partial)
+    if free is None or law.numbers <= free or not np.isfinite(law.chi2):
+        return None
+    return Fit(law.chi2, law.numbers - free, law.spread)
+
+
+@dataclass(frozen=True)
+class _Law:
+    """chi^2, how many numbers are measured, and the spread."""
+
+    chi2: float
+    numbers: int
+    spread: float
+
+
+def _law(
+    problem: Problem | RangeProblem,
+    estimate: Estimate,
+    information: Information | None,
+    mahalanobis: bool,
+) -> _Law:
+    """Of the terms of F, each over its mean per number."""
+    if isinstance(problem, RangeProblem):
+        of_ranges = problem.edge_costs(estimate)[problem.measured.num_edges :]
+        rest = _law(problem.alone, estimate, information, mahalanobis)
+        return _Law(rest.chi2 + float(of_ranges.sum()), rest.numbers + len(of_ranges), rest.spread)
+    terms, numbers = squares(problem, estimate, mahalanobis=mahalanobis)
+    if information is None or mahalanobis:
+        return _Law(float(terms.sum()), int(numbers.sum()), 1.0)
+    stretch, spread = (of[information.index] for of in _averages(information, problem.d))
+    total = int(numbers.sum())
+    return _Law(float((terms / stretch).sum()), total, float((numbers * spread).sum()) / total)
+
+
+def squares(
+    problem: Problem | RangeProblem, estimate: Estimate, *, mahalanobis: bool = False
+) -> tuple[FloatArray, IntArray]:
+    """(m, 2) squares of translations and rotations over their variances, and numbers measured.
+
+    The variances are those that kappa and tau state. Distances come last, as translations.
+    """
+    if isinstance(problem, RangeProblem):
+        terms, numbers = squares(problem.alone, estimate)
+        of_ranges = problem.edge_costs(estimate)[len(terms) :, None] * np.array([1.0, 0.0])
+        ones = np.tile([1, 0], (len(of_ranges), 1))
+        return np.concatenate([terms, of_ranges]), np.concatenate([numbers, ones])
+    rotation = problem.rotation.graph
+    turning = problem.rotation.edge_costs(estimate.with_translations(None))
+    couplings, ranks = rotation.couplings, problem.d * rotation.measures_rotation
+    if couplings is not None:
+        ranks = np.linalg.matrix_rank(couplings, rtol=NONE)
+    if problem.d == 2 and not mahalanobis:
+        turning = turning / np.maximum(ranks, 1)  # kappa I: of one axis, twice
+    # One direction, of rank 1, leaves turns about it; two leave none.
+    turned = np.where(ranks == 1, problem.d - 1, so.tangent_dim(problem.d) * (ranks > 0))
+    moving, moved = np.zeros_like(turning), np.zeros_like(turned)
+    if isinstance(problem, PoseProblem):
+        moving = problem.graph.tau * (problem.translation_residuals(estimate) ** 2).sum(axis=1)
+        moved = problem.d * problem.graph.measures_translation
+    return np.stack([moving, turning], axis=1), np.stack([moved, turned], axis=1)
+
+
+def _averages(information: Information, d: int) -> tuple[FloatArray, FloatArray]:
+    """(k, 2) means per number of the terms that average matrices, and their spreads.
+
+    Of translations, then rotations. tau and kappa know the blocks of a matrix; what the numbers
+    vary by is in the blocks of its inverse, which are larger where the two are correlated.
+    """
+    whole = information.distinct
+    inverse = np.linalg.pinv(whole, hermitian=True)
+    definite = np.linalg.eigvalsh(whole)[:, 0] > 0.0
+    stretch, spread = np.ones((2, len(whole), 2))
+    for k, block in enumerate((slice(0, d), slice(d, None))):
+        alone = np.linalg.pinv(whole[:, block, block], hermitian=True)
+        varied = np.where(definite[:, None, None], inverse[:, block, block], alone)
+        stated, total = (np.trace(A, axis1=1, axis2=2) for A in (alone, varied))
+        known = total > 0.0
+        stretch[known, k] = (total / np.where(known, stated, 1.0))[known]
+        squared = np.einsum("kab,kba->k", varied, varied) * varied.shape[1]
+        spread[known, k] = (squared / np.where(known, total, 1.0) ** 2)[known]
+    return stretch, spread
+
+
+def _ranks(information: FloatArray) -> IntArray:
+    """(m,) ranks of semidefinite matrices (m, p, p), whatever the units of their entries."""
+    scale = np.sqrt(np.diagonal(information, axis1=1, axis2=2))
+    unit = np.where(scale > 0.0, scale, 1.0)
+    scaled = information / (unit[:, :, None] * unit[:, None, :])
+    return np.asarray((np.linalg.eigvalsh(scaled) > NONE).sum(axis=1))
+
+
+def _determined(
+    problem: Problem | InformationProblem | RangeProblem, estimate: Estimate, partial: bool
+) -> int | None:
+    """How many numbers the measurements determine, beside the world's frame; None if not known.
+
+    Where some are ``partial``, they may leave motions open.
+    """
+    layout = problem.tangent_layout
+    anchor = int(layout.whole[0])
+    found = undetermined(problem, estimate, anchor) if partial else None
+    left_open = 0 if found is None else found.motions
+    return None if left_open == MOST else layout.size - int(layout.sizes[anchor]) - left_open

@@ -1,0 +1,1 @@
+"""Methods that search and certify, found by file name like those of `certpgo.optimize.methods`."""

@@ -1,0 +1,55 @@
+"""What the nodes of measurements are called in a session."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from certpgo.errors import InputError, kind_of
+from certpgo.graph import Instance, PoseGraph, RotationGraph
+from certpgo.graph.information import Information, InformationGraph
+from certpgo.graph.labels import WORLD, Label, in_order
+from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.solve.terms import Part, measurements_of
+
+
+def labels_of(measurements: object, nodes: Sequence[Label] | None) -> Sequence[Label]:
+    """The names of the nodes of measurements; that of an instance's world is `WORLD`.
+
+    Raises
+    ------
+    InputError
+        These are no measurements that a session takes, or not one name per node, or edges lead to
+        the world.
+    """
+    own: Sequence[Label]
+    graph, world = measurements, None
+    if isinstance(measurements, Instance):
+        if measurements.ranges is not None:
+            raise InputError("a session takes no distances between nodes")
+        graph, world, own = measurements.graph, measurements.world, measurements.labels
+    elif isinstance(measurements, PoseGraph | RotationGraph):
+        own = range(measurements.num_nodes)
+    if not isinstance(graph, PoseGraph | RotationGraph):
+        raise InputError(f"a session takes graphs and instances, not {kind_of(measurements)}")
+    names = list(own if nodes is None else nodes)
+    if world is not None and len(names) == len(own):
+        names[world] = WORLD
+    if len(names) != len(own) or len(set(names)) < len(names):
+        raise InputError(f"{len(own)} different names are expected, one per node")
+    if WORLD in names and (graph.edges[:, 1] == names.index(WORLD)).any():
+        raise InputError("edges leave the world, and none leads to it")
+    return names
+
+
+def instance_of(
+    name: str, part: Part, labels: Sequence[Label], origin: FloatArray | None, cost: str
+) -> tuple[Instance, IntArray]:
+    """The instance of measurements, and the nodes in its order."""
+    order = in_order(labels)
+    graph, information = measurements_of(part).subgraph(order), None
+    if isinstance(part, InformationGraph):
+        information = Information(part.information, np.arange(part.num_edges), cost)
+    named = [labels[k] for k in order.tolist()]
+    return Instance.labelled(name, graph, named, origin=origin, information=information), order

@@ -1,0 +1,314 @@
+"""Detection and rejection of measurements that disagree with the rest, by their residuals.
+
+Weights state the noise: the terms of F of correct measurements have a known distribution
+(`quantile`), and fewer than one in a hundred clean graphs have a term above its ``1 - 0.01 / m``
+quantile. Least squares spreads the error of a wrong measurement over its neighbours, so outliers
+are identified by a robust fit where that is worth its time. Weights may also state nothing (weights
+of 1 on rotations) or too little noise: then the noise is estimated from the median residual, and
+outliers must lie far beyond it.
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+
+from certpgo.errors import NumericalError
+from certpgo.graph import Estimate, Graph
+from certpgo.graph.display import Brief
+from certpgo.graph.phrases import counted
+from certpgo.linalg import rotations as so
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.objective.problem import Problem, RotationProblem
+from certpgo.optimize.initialization import start_of
+from certpgo.optimize.methods._robust import connected, remark
+from certpgo.optimize.methods.adaptive_trimming import EXACT, PLENTY, AdaptiveTrimming
+from certpgo.optimize.methods.graduated_non_convexity import (
+    GraduatedNonConvexity,
+    largest_angle,
+    measured,
+    quantiles,
+)
+from certpgo.optimize.monitor import Monitor, silent
+from certpgo.optimize.riemannian_newton import newton
+from certpgo.optimize.solution import Solution
+
+#: Share of clean graphs in which a correct measurement may be flagged.
+FALSE_ALARMS = 0.01
+#: Multiple of the estimated noise accepted as noise where weights do not state it: real residuals
+#: have heavier tails than normal ones.
+WIDER = 2.0
+#: Angles (radians) that are never flagged where weights do not state the noise.
+UNREMARKABLE = math.radians(10.0)
+#: Share of the measurements outside a spanning tree that a credible robust fit keeps.
+BELIEVABLE = 0.25
+#: Share of the measurements outside a spanning tree from which disagreement is widespread.
+MANY = 0.05
+#: Fits to estimate the noise at most, and the relative reduction that justifies another.
+ROUNDS, GAIN = 6, 0.2
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Disagreement(Brief):
+    """Measurements that disagree with the rest.
+
+    Attributes
+    ----------
+    edges : (k,) their indices, ascending
+    total : number m of all measurements
+    worst_angle : largest residual angle among them, radians
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certpgo import Disagreement
+    >>> print(Disagreement(np.array([3, 8]), 100, np.pi / 2))
+    2 of 100 measurements disagree with the rest, by up to 90 degrees
+    """
+
+    edges: IntArray
+    total: int
+    worst_angle: float
+
+    def is_widespread(self, graph: Graph) -> bool:
+        """Whether they are a large share of the measurements beyond a spanning tree."""
+        return len(self.edges) > MANY * (self.total - graph.num_nodes + 1)
+
+    def __str__(self) -> str:
+        """Their number and largest residual angle in a sentence."""
+        few = f"{len(self.edges)} of {counted(self.total, 'measurement{s}')}"
+        verb = "disagrees" if len(self.edges) == 1 else "disagree"
+        said = f"{few} {verb} with the rest"
+        if self.worst_angle == 0.0:  # positions alone
+            return said
+        return f"{said}, by up to {math.degrees(self.worst_angle):.3g} degrees"
+
+
+def ignore(disagreement: Disagreement) -> None:
+    """Do nothing."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Selection(Brief):
+    """Measurements that agree with one another, and a fit to them.
+
+    Attributes
+    ----------
+    weights : (m,) 1 for kept measurements, which connect the graph, and 0 for the others
+    estimate : a robust fit, near the best one to the kept measurements
+    method : the method that computed the fit
+    scale : assumed standard deviation of the noise, relative to that stated by the weights
+    """
+
+    weights: FloatArray
+    estimate: Estimate
+    method: str
+    scale: float
+
+    @property
+    def rejected(self) -> BoolArray:
+        """(m,) which measurements were rejected."""
+        return np.asarray(self.weights == 0.0)
+
+    def note(self, problem: Problem) -> str:
+        """How the measurements were chosen, with remarks."""
+        scale = "" if self.scale == 1.0 else f"{self.scale:.3g} times "
+        chosen = f"chosen by {self.method}, assuming {scale}the noise stated by the weights"
+        return "; ".join(filter(None, (chosen, remark(problem, self.weights))))
+
+
+def disagreement(
+    problem: Problem, estimate: Estimate, *, refit: bool = False, monitor: Monitor = silent
+) -> Disagreement | None:
+    """The measurements that disagree with the rest, by their residuals.
+
+    Parameters
+    ----------
+    estimate : a fit to all measurements, such as the result of a descent
+    refit : whether to compute a robust fit if residuals are suspicious; it takes longer than a
+        descent, but also finds outliers that least squares hides
+    monitor : may stop that fit
+
+    Returns
+    -------
+    None if the residuals are consistent with the weights or with one another.
+
+    Examples
+    --------
+    A triangle with four exact measurements per edge, and one more that is wrong by 90 degrees:
+
+    >>> import numpy as np
+    >>> from certpgo import RotationGraph, RotationProblem, solve
+    >>> from certpgo.solve.outliers import disagreement
+    >>> edges = np.array([(0, 1), (1, 2), (2, 0)] * 4 + [(0, 1)])
+    >>> R = np.tile(np.eye(2), (13, 1, 1))
+    >>> R[-1] = [[0.0, -1.0], [1.0, 0.0]]
+    >>> problem = RotationProblem(RotationGraph(3, edges, R, kappa=np.full(13, 1e4)))
+    >>> print(disagreement(problem, solve(problem.graph).estimate, refit=True))
+    1 of 13 measurements disagrees with the rest, by up to 90 degrees
+    """
+    if agrees(problem, estimate):
+        return None
+    stated = states_noise(problem)
+    angles = problem.residual_angles(estimate)
+    found = outlying(problem, problem.edge_costs(estimate), WIDER * _noise(problem, estimate))
+    hidden = stated and not found.any() and angles.max() > math.pi / 2.0
+    if refit or hidden:
+        with suppress(NumericalError, np.linalg.LinAlgError):
+            chosen = select(problem, fit=estimate, monitor=monitor)
+            found, angles = chosen.rejected, problem.residual_angles(chosen.estimate)
+    turned = problem.graph.measures_rotation
+    edges = np.flatnonzero(found if stated else found & ((angles > UNREMARKABLE) | ~turned))
+    if len(edges) == 0:
+        return None
+    return Disagreement(edges, problem.graph.num_edges, float(angles[edges].max()))
+
+
+def agrees(problem: Problem, estimate: Estimate) -> bool:
+    """Whether all residuals are consistent with the weights or, failing that, with one another."""
+    costs = problem.edge_costs(estimate)
+    if not np.isfinite(costs).all():
+        return True  # cannot be decided
+    if states_noise(problem):
+        return not outlying(problem, costs, 1.0).any()
+    consistent = not outlying(problem, costs, _noise(problem, estimate)).any()
+    return consistent or bool(problem.residual_angles(estimate).max() <= UNREMARKABLE)
+
+
+def states_noise(problem: Problem) -> bool:
+    """Whether some angle contradicts the weights; weights of 1, about 40 degrees, allow all."""
+    return largest_angle(problem, math.sqrt(quantiles(problem, 0.99).max())) < math.pi
+
+
+def noise_scale(problem: Problem, costs: FloatArray, kept: BoolArray | None = None) -> float:
+    """Noise by the median residual, relative to the standard deviation that the weights state.
+
+    Parameters
+    ----------
+    costs : (m,) terms of F. The fit uses up as many numbers as determine the nodes; residuals of
+        exact measurements are rounding, and count as `EXACT`
+    kept : (m,) the measurements that were fitted, by default all
+    """
+    d, q = problem.d, so.tangent_dim(problem.d)
+    turned, moved = measured(problem)
+    kept = np.ones(len(costs), dtype=bool) if kept is None else kept
+    numbers = float((q * turned[kept] + d * moved[kept]).sum())
+    poses = len(problem.poses)
+    used = (poses - 1) * (q + d * bool(moved.any())) + (problem.n - poses) * d
+    least = numbers / int(kept.sum())
+    redundant = max(numbers - used, least) / numbers
+    relative = float(np.median(costs[kept] / quantiles(problem, 0.5)[kept]))
+    exact = EXACT * math.sqrt(2.0 * problem.rotation.median_kappa)
+    return max(math.sqrt(relative / redundant), exact)
+
+
+def select(
+    problem: Problem,
+    *,
+    fit: Estimate | None = None,
+    initial: Estimate | None = None,
+    trusted: IntArray | None = None,
+    monitor: Monitor = silent,
+) -> Selection:
+    """The measurements that agree with one another, by a robust fit.
+
+    Rotation graphs with many measurements use `adaptive_trimming`, others graduated non-convexity
+    from ``initial`` or the tree of the earliest measurements, with the noise that the weights
+    state. If they state none, or hardly more than a tree agrees with it, the noise is estimated:
+    from the residuals of a fit to all measurements, then repeatedly from those of the kept ones.
+
+    Parameters
+    ----------
+    fit : fit to all measurements, if already computed
+    initial : initial estimate
+    trusted : (k,) measurements that are known to be right, such as odometry, and never rejected
+    monitor : may stop the fits
+
+    Raises
+    ------
+    NumericalError
+        No initialization could be computed.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certpgo import RotationProblem
+    >>> from certpgo.io.datasets.thesis import langevin_graph
+    >>> from certpgo.solve.outliers import select
+    >>> instance = langevin_graph(40, 12.0, 3.0, np.random.default_rng(0), outliers=0.15)
+    >>> chosen = select(RotationProblem(instance.graph))
+    >>> chosen.method, bool((chosen.rejected == instance.outliers).all())
+    ('adaptive_trimming', True)
+    """
+    if isinstance(problem, RotationProblem) and problem.graph.num_edges >= PLENTY * problem.n:
+        name = "adaptive_trimming"
+        found = AdaptiveTrimming().solve(problem, initial=initial, monitor=monitor)
+        confirmed = states_noise(problem) and _confirms_weights(problem, found)
+        scale = 1.0 if confirmed else WIDER * _noise_kept(problem, found)
+    else:
+        name = "graduated_non_convexity"
+        found, scale = _graduated(problem, fit, initial, trusted, monitor)
+    costs = problem.edge_costs(found.estimate)
+    kept = ~outlying(problem, costs, scale)
+    if trusted is not None:
+        kept[trusted] = True
+    weights = connected(problem, np.where(kept, 1.0, 0.0), costs)
+    return Selection(weights, found.estimate, name, scale)
+
+
+def _graduated(
+    problem: Problem,
+    fit: Estimate | None,
+    initial: Estimate | None,
+    trusted: IntArray | None,
+    monitor: Monitor,
+) -> tuple[Solution, float]:
+    """The fit by graduated non-convexity, and the noise scale for its residuals."""
+
+    def fitted(solver: GraduatedNonConvexity, start: Estimate | None) -> Solution:
+        return solver.solve(problem, initial=start, trusted=trusted, monitor=monitor)
+
+    if states_noise(problem):
+        found = fitted(GraduatedNonConvexity(probability=_probability(problem)), initial)
+        if _confirms_weights(problem, found):
+            return found, 1.0
+    if fit is None:
+        start = start_of(problem)
+        fit = newton(problem, start.estimate, near=start.near, monitor=monitor).estimate
+    scale = noise_scale(problem, problem.edge_costs(fit))
+    for _ in range(ROUNDS):
+        found = fitted(GraduatedNonConvexity(scale=scale), initial)
+        before, scale = scale, _noise_kept(problem, found)
+        if scale > (1.0 - GAIN) * before:
+            break
+    found = fitted(GraduatedNonConvexity(scale=WIDER * scale), found.estimate)
+    return found, WIDER * _noise_kept(problem, found)
+
+
+def _noise_kept(problem: Problem, found: Solution) -> float:
+    """The noise scale of the measurements that a method kept."""
+    kept = None if found.weights is None else found.weights > 0.0
+    return noise_scale(problem, problem.edge_costs(found.estimate), kept)
+
+
+def _confirms_weights(problem: Problem, found: Solution) -> bool:
+    """Whether clearly more than a spanning tree was kept."""
+    tree, m = problem.n - 1, problem.graph.num_edges
+    return found.kept is None or found.kept - tree >= BELIEVABLE * (m - tree)
+
+
+def outlying(problem: Problem, costs: FloatArray, scale: float) -> BoolArray:
+    """(m,) which terms of F, ``costs`` (m,), are too large for noise of this scale."""
+    return np.asarray(costs > scale**2 * quantiles(problem, _probability(problem)))
+
+
+def _probability(problem: Problem) -> float:
+    """The quantile that the residual of a correct measurement rarely exceeds."""
+    return 1.0 - FALSE_ALARMS / problem.graph.num_edges
+
+
+def _noise(problem: Problem, estimate: Estimate) -> float:
+    return noise_scale(problem, problem.edge_costs(estimate))

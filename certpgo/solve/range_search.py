@@ -1,0 +1,94 @@
+"""The search for graphs with measured distances: climb, bound, round, descend."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from certpgo.certify.certificate import Certificate
+from certpgo.certify.obstacle import Obstacle
+from certpgo.certify.range_case import CLIMB_SHARE, RangedCase, Relaxed
+from certpgo.certify.tolerances import Case
+from certpgo.graph import Estimate
+from certpgo.graph.relaxed_point import Lift, Point
+from certpgo.graph.trees import tree_initialization
+from certpgo.objective.range_problem import RangeProblem
+from certpgo.optimize.initialization import Start
+from certpgo.optimize.monitor import Monitor
+from certpgo.optimize.solution import Solution, Status
+from certpgo.solve.result import CertifiedSolution
+from certpgo.solve.search_loop import Report, Search
+from certpgo.solve.settings import SolveSettings
+
+#: Share of the remaining time for descents from a given estimate.
+GIVEN_SHARE = 0.3
+#: Where the search begins of itself, for reports.
+ORIGIN = "a random point of higher rank"
+
+
+class RangeSearch(Search):
+    """The search with distances: descents begin near the minimum of a relaxation seldom tight."""
+
+    posed: RangeProblem
+    problem: RangeProblem
+    case: RangedCase
+
+    def __init__(self, posed: RangeProblem, case: Case, settings: SolveSettings) -> None:
+        super().__init__(posed, case, settings)
+        self.relaxed = Relaxed(self.case, settings.max_rank)
+
+    def solved(
+        self, initial: Start | None, stored: Start | None, report: Report | None
+    ) -> CertifiedSolution:
+        """The best estimate found, with its certificate; a file's values begin it, too."""
+        if initial is None:
+            initial, stored = stored, None
+        return super().solved(initial, stored, report)
+
+    def begin(self, initial: Start | None, report: Report | None) -> None:
+        """Descend from a given estimate; without one, any point is a first answer."""
+        if initial is None:
+            rotations = tree_initialization(self.problem.graph.rotation).rotations
+            along = self.problem.whole.complete(rotations)
+            cost, status = self.problem.cost(along), Status.ITERATION_LIMIT
+            self.start = self.origin = ORIGIN
+            self.take(Solution(along, cost, status))
+            return
+        self.start = self.origin = initial.name
+        with self.stop.for_at_most(GIVEN_SHARE * self.stop.remaining):
+            self.take(self.descend(initial.estimate))
+
+    def try_stored(self, start: Start | None) -> None:
+        """Descend from another estimate, in its share of the time."""
+        with self.stop.for_at_most(GIVEN_SHARE * self.stop.remaining):
+            super().try_stored(start)
+
+    def relaxation(self) -> Iterator[Lift]:
+        """The minimum of the relaxation."""
+        with self.stop.for_at_most(CLIMB_SHARE * self.stop.remaining):
+            for bound in self.relaxed.bounds():
+                self.keep(bound)
+        before, self.levels = self.best, self.relaxed.levels
+        yield self.relaxed.point
+        if self.best is not before:
+            self.start = self.origin = ORIGIN
+
+    def roundings(self, point: Lift) -> Iterator[Estimate]:
+        """Its projections to d dimensions."""
+        return self.relaxed.projections()
+
+    def descend(self, start: Estimate, *, monitor: Monitor | None = None) -> Solution:
+        """Levenberg and Marquardt's method."""
+        with self.watch.phase("round"):
+            return self.case.descent(start, monitor)
+
+    def improve_bound(self, point: Point) -> None:
+        """Nothing: estimates have no bounds of their own worth their time."""
+
+    @property
+    def ending(self) -> str:
+        """Where the search ended."""
+        return f"; the relaxation ended at rank {self.relaxed.rank}"
+
+    def obstacle(self, certificate: Certificate) -> Obstacle:
+        """What keeps the gap open after the search."""
+        return self.relaxed.obstacle(certificate)

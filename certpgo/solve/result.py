@@ -1,0 +1,151 @@
+"""What `certpgo.solve` returns: an estimate with its certificate."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from certpgo.certify import Certificate, Verdict
+from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
+from certpgo.graph.display import Speaking, Text
+from certpgo.graph.phrases import counted
+from certpgo.graph.picture import circle_of, closures, drawn
+from certpgo.linalg.arrays import FloatArray
+from certpgo.objective.choose_cost import Certifiable
+from certpgo.optimize.marginals import Marginals
+from certpgo.optimize.solution import Level, Solution
+from certpgo.optimize.unobservable import Undetermined, undetermined
+from certpgo.solve.fit import Fit, fit_of
+from certpgo.solve.outliers import Disagreement
+from certpgo.solve.settings import SolveSettings
+
+#: Name of the caller's initial estimate.
+GIVEN = "the given estimate"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CertifiedSolution(Speaking):
+    """An estimate with its certificate; printed, it says what was found and what is proven.
+
+    Attributes
+    ----------
+    solution : the estimate, and how it was found
+    certificate : what is proven about it
+    start : the initialization: a method, or "the given estimate"
+    levels : the steps of the staircase; only one if it did not climb
+    settings : settings of the search
+    problem : what the certificate is about: the measurements, those kept if some were rejected
+    disagreement : measurements that disagree with the rest, if there are any;
+        `certpgo.solve_robustly` rejects them
+    chordal : under the cost of another program, the result for the chordal cost F from which the
+        search began; None for F itself, or from a given initial estimate
+    instance : what was solved, if it was read rather than a bare graph: `certpgo.write` takes the
+        node ids from it
+
+    Examples
+    --------
+    >>> import certpgo
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
+    >>> result = certpgo.solve(winding_cycle(6, 0.3, 0)[0].graph)
+    >>> result.solution.status.value, len(result.levels)
+    ('converged', 1)
+    >>> result.certificate.lower_bound <= result.cost
+    True
+    """
+
+    solution: Solution
+    certificate: Certificate
+    start: str
+    levels: tuple[Level, ...]
+    settings: SolveSettings
+    problem: Certifiable = field(repr=False)
+    disagreement: Disagreement | None = None
+    chordal: CertifiedSolution | None = None
+    instance: Instance | None = field(default=None, repr=False)
+
+    @property
+    def estimate(self) -> Estimate:
+        """The best estimate found."""
+        return self.solution.estimate
+
+    @property
+    def cost(self) -> float:
+        """F of the estimate; of all measurements, also where the certificate is about fewer.
+
+        That F is ``certificate.cost_upper``.
+        """
+        return self.solution.cost
+
+    @property
+    def verdict(self) -> Verdict:
+        """The certificate's verdict."""
+        return self.certificate.verdict
+
+    def summary(self) -> str:
+        """What was found, what is proven, and what to do next: the text that is printed."""
+        return Text(self)
+
+    @property
+    def graph(self) -> PoseGraph | RotationGraph:
+        """The measurements that the certificate is about."""
+        return self.problem.chordal.graph
+
+    @property
+    def _headline(self) -> str:
+        return self.certificate._headline
+
+    def __repr__(self) -> str:
+        kept = "" if self.solution.kept is None else f" of {self.solution.kept} kept measurements"
+        return f"<CertifiedSolution: {self.certificate.in_brief}{kept}, {self.estimate!r}>"
+
+    def _facts(self) -> Iterator[tuple[str, str]]:
+        solution, found = self.solution, self.disagreement
+        yield "graph", self.graph.size_in_words
+        if solution.kept is not None:
+            yield "kept", f"{solution.kept} measurements; the rest disagreed with them"
+        yield from self.certificate._proven()
+        if self.fit is not None:
+            yield "chi^2", self.fit.warning.removeprefix("chi^2 is ") or str(self.fit)
+        steps, seconds = counted(solution.iterations, "iteration{s}"), solution.seconds.values()
+        yield "ended", f"{solution.status} after {steps}, {sum(seconds):.3g} s; {solution.note}"
+        if self.undetermined is not None:
+            named = "node {}".format if self.instance is None else self.instance.named
+            yield "undetermined", self.undetermined.in_words(named)
+        if found is not None:
+            yield "outliers?", f"{found}: certpgo.solve_robustly(graph) rejects them"
+        if self.verdict in (Verdict.CERTIFIED, Verdict.BOUNDED):
+            yield "next", "certpgo.write(path, answer); answer.covariance(node)"
+        else:
+            yield "next", "the reason says what was in the way"
+
+    @cached_property
+    def fit(self) -> Fit | None:
+        """chi^2 and its degrees of freedom, where the source of the graph states the noise."""
+        if self.instance is None:
+            return None
+        return fit_of(self.instance, self.problem, self.estimate, self.solution.weights)
+
+    def _picture(self) -> str:
+        graph, t = self.graph, self.estimate.translations
+        if t is None or not isinstance(graph, PoseGraph):
+            return circle_of(graph.num_nodes, graph.edges)
+        return drawn(t, closures(graph.edges), graph.pose_nodes)
+
+    @cached_property
+    def undetermined(self) -> Undetermined | None:
+        """What the measurements leave open there; None if they determine all nodes."""
+        if not isinstance(self.graph, PoseGraph) or not self.graph.is_partial:
+            return None  # it is connected
+        world = None if self.instance is None else self.instance.world
+        anchor = int(self.problem.tangent_layout.whole[0]) if world is None else world
+        return undetermined(self.problem, self.estimate, anchor)
+
+    @cached_property
+    def marginals(self) -> Marginals:
+        """Covariances of the nodes relative to the first pose; see `certpgo.Marginals`."""
+        return Marginals(self.problem, self.estimate, int(self.problem.tangent_layout.whole[0]))
+
+    def covariance(self, node: int) -> FloatArray:
+        """(b, b) covariance of a node relative to the first pose, see `certpgo.Marginals`."""
+        return self.marginals.covariance(node)

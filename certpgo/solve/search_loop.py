@@ -1,0 +1,260 @@
+"""The search for an estimate and its bound, in any cost: descend, relax, round, descend again."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from certpgo.certify.cases import case_of
+from certpgo.certify.certificate import Certificate, Tier
+from certpgo.certify.dual import DualBound
+from certpgo.certify.obstacle import Obstacle
+from certpgo.certify.tolerances import Basin, Case
+from certpgo.errors import NumericalError
+from certpgo.graph import Estimate
+from certpgo.graph.relaxed_point import Lift, Point
+from certpgo.objective.choose_cost import Certifiable
+from certpgo.optimize.initialization import Start
+from certpgo.optimize.monitor import Monitor
+from certpgo.optimize.progress import Hopeful
+from certpgo.optimize.solution import Level, Solution, Status
+from certpgo.solve.outliers import Disagreement
+from certpgo.solve.result import CertifiedSolution
+from certpgo.solve.settings import SolveSettings
+
+#: What outliers are reported to.
+Report = Callable[[Disagreement], object]
+
+
+class Search(ABC):
+    """The best estimate and bound so far, and how they were found.
+
+    Costs differ in how a search begins, in the points of their relaxation and in how these are
+    rounded: a subclass each.
+
+    Parameters
+    ----------
+    posed : the problem in the units of the graph
+    case : the normalized problem, its tolerances and the monitor of all phases
+    """
+
+    problem: Any
+    best: Solution
+    start: str
+    origin: str
+
+    def __init__(self, posed: Certifiable, case: Case, settings: SolveSettings) -> None:
+        # Cheaper bounds than those of the proof tier suffice to guide the search.
+        self.case = replace(case, tier=Tier.STANDARD) if case.tier is Tier.PROOF else case
+        self.tier = None if settings.tier is None else case.tier
+        self.asked = settings
+        self.posed, self.problem, self.settings = posed, case.problem, settings
+        self.stop, self.watch = case.stop, case.stop.watch
+        self.patience = settings.patience if settings.time_limit is None else math.inf
+        self.counts: Counter[str] = Counter()
+        self.cost = math.inf
+        self.bound: DualBound | None = None
+        self.levels: list[Level] = []
+        self.ended_early = False
+        self.disagreement: Disagreement | None = None
+        self.chordal: CertifiedSolution | None = None
+
+    def solved(
+        self, initial: Start | None, stored: Start | None, report: Report | None
+    ) -> CertifiedSolution:
+        """The best estimate found, with its certificate; see `run`."""
+        for start in (initial, stored):
+            if start is not None:
+                self.posed.check(start.estimate)
+        with self.stop.within(self.settings.time_limit):
+            with self.stop.for_at_most():
+                self.run(initial, stored, report)
+            return self.result(self.certificate())
+
+    def run(
+        self,
+        initial: Start | None = None,
+        stored: Start | None = None,
+        report: Report | None = None,
+    ) -> None:
+        """Search until the gap is closed, the relaxation is exhausted, or a stop is requested.
+
+        Parameters
+        ----------
+        initial : where the search begins; by default it finds a start of its own
+        stored : another start, which is tried if the first descent is not certified
+        report : is called with measurements that disagree with the rest
+        """
+        self.begin(initial, report)
+        self.try_stored(stored)
+        self.look_for_outliers(report)
+        self.levels = [Level(self.problem.d, self.best.cost, self.best.status)]
+        # After an error, the search continues with what was found before.
+        with suppress(NumericalError, np.linalg.LinAlgError):
+            for point in self.relaxation():
+                for start in self.roundings(point):
+                    if self.ends():
+                        break
+                    self.improve(self.descend(start))
+        self.finish()
+
+    @abstractmethod
+    def begin(self, initial: Start | None, report: Report | None) -> None:
+        """The first descent, with its bound."""
+
+    @abstractmethod
+    def relaxation(self) -> Iterator[Lift]:
+        """Lower and lower points of the relaxation; the best of their bounds is kept."""
+
+    @abstractmethod
+    def roundings(self, point: Lift) -> Iterable[Estimate]:
+        """Estimates near a point of the relaxation, from which descents begin."""
+
+    def look_for_outliers(self, report: Report | None) -> None:
+        """Report measurements that disagree with the rest, if that is not done yet."""
+        return
+
+    def finish(self) -> None:
+        """What is left to try at the end."""
+        return
+
+    @abstractmethod
+    def descend(self, start: Estimate, *, monitor: Monitor | None = None) -> Solution:
+        """Local descent on the cost."""
+
+    def given(self, initial: Start) -> Start:
+        """An initial estimate as descents take it."""
+        return initial
+
+    def try_stored(self, start: Start | None) -> None:
+        """Descend from another estimate, as long as that may lead to a lower cost."""
+        if start is None or self.ends():
+            return
+        with suppress(NumericalError, np.linalg.LinAlgError):
+            if self.improve_hopefully([self.given(start).estimate]):
+                self.start = start.name
+                self.origin = f"{start.name}, which led to a lower cost than {self.origin}"
+
+    def improve_hopefully(self, starts: Iterable[Estimate]) -> bool:
+        """Descents from several estimates; those that would end above the best are given up."""
+        before = self.best
+        for start in starts:
+            if self.ends():
+                break
+            hopeful = Hopeful(self.stop, self.best.cost, self.settings.hope)
+            self.improve(self.descend(start, monitor=hopeful))
+        return self.best is not before
+
+    def improve(self, found: Solution) -> bool:
+        """Keep a solution if it is better than the best so far; returns whether it is."""
+        better = found.cost < (1.0 - self.settings.same_cost) * self.best.cost
+        if better:
+            self.take(found)
+        return better
+
+    def take(self, best: Solution) -> None:
+        """Make a solution the best so far, and compute its bound if the gap is open."""
+        self.best, self.cost = best, self.case.cost_upper(best.estimate)
+        if self.bound is None or not self.is_certified:
+            self.improve_bound(best.estimate)
+
+    @abstractmethod
+    def improve_bound(self, point: Point) -> None:
+        """Compute the bound of a point and keep it if it is better."""
+
+    def keep(self, bound: DualBound | None) -> None:
+        """Keep a bound if it is the best so far."""
+        if bound is not None and (self.bound is None or bound.value > self.bound.value):
+            self.bound = bound
+
+    def ends(self) -> bool:
+        """Whether the gap is closed, or a stop leaves the rest of the search out."""
+        return self.is_certified or self.stop.cuts()
+
+    @property
+    def is_certified(self) -> bool:
+        """Whether the gap is closed."""
+        return self.cost - self.basin.value <= self.case.tolerance(self.cost)
+
+    @property
+    def basin(self) -> Basin:
+        """The best estimate so far with its bound."""
+        return Basin(self.best.estimate, self.cost, True, self.bound)
+
+    @property
+    def status(self) -> Status:
+        """How the search ended."""
+        return self.stop.ended_by or self.best.status
+
+    @property
+    def is_tight(self) -> bool:
+        """Whether only rounding keeps the gap open."""
+        return False
+
+    @property
+    @abstractmethod
+    def ending(self) -> str:
+        """Where the search ended: the end of a sentence."""
+
+    @abstractmethod
+    def obstacle(self, certificate: Certificate) -> Obstacle:
+        """What keeps the gap open after the search."""
+
+    def certificate(self) -> Certificate:
+        """At the tier asked for; by default the proof tier if only rounding is in the way."""
+        tier = self.tier
+        certificate = self.case.certificate(self.best.estimate, self.basin)
+        escalates = tier is None and self._may_be_proven(certificate)
+        if not (tier is Tier.PROOF or escalates):
+            return certificate
+        with self.watch.phase("prove"):
+            case, basin = replace(self.case, tier=Tier.PROOF), self.basin
+            basin = replace(basin, cost=case.cost_upper(basin.point))
+            # A search stopped before the requested proof must not return a weaker tier instead.
+            bound = None if self.stop.cuts() else case.proven(basin)
+            proven = case.certificate(basin.point, replace(basin, bound=bound))
+        better = proven.lower_bound > certificate.lower_bound
+        return proven if tier is Tier.PROOF or better else certificate
+
+    def _may_be_proven(self, certificate: Certificate) -> bool:
+        rounding = self.is_tight and self.case.may_close(certificate)
+        return rounding and not self.problem.unprovable and not self.stop.cuts()
+
+    def result(self, certificate: Certificate) -> CertifiedSolution:
+        """The result, in the units of the graph."""
+        stop, estimate = self.stop, self.best.estimate
+        certificate = replace(certificate, obstacle=self.obstacle(certificate))
+        solution = Solution(
+            estimate=estimate,
+            cost=self.posed.cost(estimate),
+            status=self.status,
+            iterations=max(len(stop.trace) - 1, 0),
+            lower_bound=certificate.lower_bound,
+            seconds=self.watch.seconds,
+            trace=tuple(stop.trace),
+            counts=dict(self.counts),
+            note=f"initialized by {self.origin}{self.ending}",
+        )
+        return CertifiedSolution(
+            solution,
+            certificate,
+            self.start,
+            tuple(replace(level, cost=self.case.unit * level.cost) for level in self.levels),
+            self.asked,
+            self.posed,
+            self.disagreement,
+            self.chordal,
+        )
+
+
+def case_under(problem: Certifiable, settings: SolveSettings, monitor: Monitor) -> Case:
+    """The normalized problem with the tier and tolerances of a search."""
+    tier = settings.tier or Tier.STANDARD
+    return case_of(problem, tier, settings.rtol, settings.atol, monitor)

@@ -1,0 +1,399 @@
+"""A graph that grows and shrinks, with an estimate and a certificate that keep up.
+
+What stays proven between certificates, in exact arithmetic:
+
+- terms of F, the cost of whatever name, are never negative, so that F*, the optimum, never falls
+  when measurements are added, not even with new nodes: a lower bound stays one;
+- F of the estimate, extended by the new nodes' poses, rises by the new measurements' own terms;
+- a bound of a graph without some measurements holds for every graph that contains it. So when
+  measurements are removed, the best bound holds that was proven before the first of them came.
+
+All sums are rounded outward. Hence the gap is at most what it was, plus the terms added since.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable, Iterable, Iterator, Sequence
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from certpgo.certify import Certificate, Tier, Verdict
+from certpgo.certify.certificate import tier_called
+from certpgo.certify.tolerances import FLOOR, difference_up
+from certpgo.errors import GraphError, InputError
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
+from certpgo.graph.display import Speaking
+from certpgo.graph.labels import WORLD, Label, called
+from certpgo.graph.origins import Measured, in_frame, in_one_world
+from certpgo.graph.phrases import counted
+from certpgo.graph.scale import Scale
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.optimize.initialization import Start
+from certpgo.solve.naming import instance_of, labels_of
+from certpgo.solve.odometry import Track
+from certpgo.solve.result import GIVEN
+from certpgo.solve.session_outliers import Suspicion, suspicion
+from certpgo.solve.session_status import Standing
+from certpgo.solve.settings import SolveSettings
+from certpgo.solve.terms import (
+    Part,
+    Terms,
+    gathered,
+    measurements_of,
+    scale_of,
+    with_measurements,
+)
+from certpgo.solve.warm_start import Found, descended, searched
+
+#: Share of `SolveSettings.same_cost` by which new measurements may raise F before a new descent.
+UNNOTICED = 0.5
+#: Share of measurements that may be new for a descent from the last optimum; else from scratch.
+NEW = 0.5
+
+
+class Session(Speaking):
+    """Measurements that come one after another, their best estimate, and its certificate.
+
+    Parameters
+    ----------
+    settings : see `SolveSettings`
+    every : number of new measurements after which `add` refreshes; None for never
+    cost : as for `certpgo.solve`: by default that of the program of the first instance's file, and
+        the chordal F for graphs
+    options : single settings instead, as for `certpgo.solve`
+
+    Raises
+    ------
+    InputError
+        ``every`` is not positive; a setting out of its range.
+    SpecError
+        An unknown setting or cost.
+
+    Examples
+    --------
+    Five steps along a hexagon, then the measurement that closes it, 0.3 radians off:
+
+    >>> import certpgo
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
+    >>> graph = winding_cycle(6, 0.3, 0)[0].graph
+    >>> session = certpgo.Session()
+    >>> for k in range(6):
+    ...     session.add(graph.with_edges([k]))
+    >>> standing = session.standing  # valid at once; the estimate is not the best
+    >>> standing.verdict.value, standing.lower_bound
+    ('UNDECIDED', 0.0)
+    >>> session.certificate.verdict.value, f"{session.standing.cost:.6f}"
+    ('CERTIFIED', '0.029994')
+    >>> session.remove([5]).cost < 1e-3, session.refresh().verdict.value
+    (False, 'CERTIFIED')
+    """
+
+    def __init__(
+        self,
+        settings: SolveSettings | None = None,
+        *,
+        every: int | None = 100,
+        cost: str | None = None,
+        **options: Any,
+    ) -> None:
+        if every is not None and every < 1:
+            raise InputError(f"certificates are refreshed every k measurements, not every {every}")
+        self.settings = (settings or SolveSettings()).changed(options)
+        self.every = every
+        self._asked, self._terms = cost, Terms.chosen(cost)
+        self._tier = tier_called(self.settings.tier or Tier.STANDARD)
+        self._parts: list[Part] = []  # the measurements in order, but for those that came since
+        self._new: list[tuple[Part, IntArray]] = []  # with the numbers of their nodes
+        self._edges: list[int] = []  # their numbers
+        self._count = 0  # of all measurements that ever came
+        self._track: Track | None = None
+        self._origin: FloatArray | None = None  # of the world, as in `Instance`
+        self._assumes = False  # where the world is, as in `PoseGraph`
+        self._cost, self._scale = 0.0, Scale()
+        self._bounds: list[tuple[int, float]] = []  # of the measurements before number k; ascending
+        # The last descent: how many measurements there were, F there, and its verdict.
+        self._settled, self._optimum, self._verdict = 0, 0.0, Verdict.CERTIFIED
+        self._found: Found | None = None  # if nothing changed since
+        #: Measurements since the last refresh.
+        self.pending = 0
+
+    @property
+    def _headline(self) -> str:
+        return f"{type(self).__name__}, {self.standing._headline}"
+
+    def _facts(self) -> Iterator[tuple[str, str]]:
+        yield from self.standing._facts()
+        yield "pending", f"{counted(self.pending, 'measurement{s}')} since the last certificate"
+        yield "next", "session.add(graph); session.refresh(); session.certificate"
+
+    def add(self, measurements: Graph | Instance, nodes: Sequence[Label] | None = None) -> None:
+        """Add measurements, perhaps of new nodes, whose poses are composed from them.
+
+        Parameters
+        ----------
+        measurements : a graph, or an instance. Nodes without edges do not count
+        nodes : the names of the graph's nodes in this session: ids, for example; by default the
+            `labels` of an instance, and a graph's numbers 0, 1, ... `certpgo.WORLD` is the node
+            that priors are measured from, and the only name of an instance's world
+
+        Raises
+        ------
+        GraphError
+            A node is not connected with those that came before, or is a pose here and a point
+            there, or the measurements are of another kind or dimension; the session is as before.
+        InputError
+            These are no measurements, or have distances, or not one name per node, or lack what
+            the cost needs; or edges lead to the world, or its positions are from an origin that is
+            too far from that of the others to be joined exactly.
+        SpecError
+            There is no cost of the session's name.
+        """
+        labels = labels_of(measurements, nodes)
+        if self._track is None:
+            self._terms = Terms.chosen(self._asked, measurements)
+        part = self._terms.part(measurements)
+        if WORLD in labels:
+            origin = measurements.origin if isinstance(measurements, Instance) else None
+            part = self._in_one_world(part, labels, origin)
+        self._take(part, labels, range(self._count, self._count + part.num_edges))
+        self._count += part.num_edges
+        self.pending += part.num_edges
+        if self.every is not None and self.pending >= self.every:
+            # What is free so far, such as where north is, measurements to come determine.
+            with suppress(GraphError):
+                self.refresh()
+
+    def _take(self, part: Part, labels: Sequence[Label], numbers: Iterable[int]) -> None:
+        """Keep measurements with these numbers, and compose the poses of new nodes."""
+        graph = measurements_of(part)
+        track = self._track or Track(graph)
+        self._new.append((part, track.extend(graph, labels)))
+        self._track = track
+        self._edges += numbers
+        self._found = None
+
+    def _in_one_world(self, part: Part, labels: Sequence[Label], origin: FloatArray | None) -> Part:
+        """New measurements with the world where those that came have it."""
+        graph, world = measurements_of(part), labels.index(WORLD)
+        assumes = isinstance(graph, PoseGraph) and graph.assumed is not None
+        if self._track is None or WORLD not in self._track.numbers:
+            self._origin, self._assumes = origin, assumes
+            return part
+        if origin is self._origin and not (assumes or self._assumes):
+            return part
+        self._poses.steps(graph, labels)  # refuses before anything changes
+        known = self._measured
+        common, (*others, same) = in_one_world([*known, (graph, world, origin)])
+        if any(one is not before for one, (before, _, _) in zip(others, known, strict=True)):
+            self._move_world(others, common)
+        return with_measurements(part, same)
+
+    @property
+    def _measured(self) -> list[Measured]:
+        """All measurements, with the number and the origin of the world."""
+        return [(self.graph, self._poses.numbers.get(WORLD), self._origin)]
+
+    def _move_world(self, measured: Sequence[Graph], origin: FloatArray | None) -> None:
+        """Go on with `_measured` from another origin, which changes no optimum and no bound."""
+        part = with_measurements(self._all, measured[0])
+        best = in_frame(self.estimate, self._poses.numbers[WORLD], self._origin, origin)
+        self._parts, self._scale, self._origin = [part], scale_of(part), origin
+        self._adopt(best)
+
+    def remove(self, edges: Iterable[int]) -> Standing:
+        """Remove measurements; the estimate stays until the next refresh.
+
+        Parameters
+        ----------
+        edges : their numbers, in the order in which they came: 0, 1, ...
+
+        Raises
+        ------
+        InputError
+            There is no such measurement.
+        GraphError
+            The others do not determine all nodes; the session is as before.
+        """
+        removed = sorted(set(edges))
+        absent = sorted(set(removed) - set(self._edges))
+        if absent:
+            raise InputError(f"there is no measurement {absent[0]}")
+        if not removed:
+            return self.standing
+        kept = ~np.isin(self._edges, removed)
+        if not kept.any():
+            raise InputError("a session keeps at least one measurement")
+        part = self._all.with_edges(kept)
+        # Refuses measurements that do not determine their nodes.
+        self._terms.problem(part, self._called)
+        self._parts = [part]
+        self._edges = np.asarray(self._edges)[kept].tolist()
+        self._bounds = [(k, bound) for k, bound in self._bounds if k <= removed[0]]
+        self._cost = self._terms.upper(part, self.estimate)
+        self._scale = scale_of(part)
+        self._found, self._optimum = None, -math.inf
+        self._settled = min(self._settled, part.num_edges)
+        return self.standing
+
+    def refresh(self) -> Standing:
+        """Descend to the optimum of all measurements and prove it, unless that changes nothing.
+
+        Raises
+        ------
+        GraphError
+            The measurements do not determine all nodes yet; `add` goes on without a refresh then.
+        NumericalError
+            No estimate could be computed.
+        """
+        if not self._is_settled(self.standing):
+            self._solve()
+        self.pending = 0
+        return self.standing
+
+    @property
+    def standing(self) -> Standing:
+        """What is proven now, without any factorization."""
+        if self._new:
+            self._measure()
+        cost, lower = self._cost, self.lower_bound
+        gap = difference_up(cost, lower)
+        tolerance = self.settings.rtol * cost + self.settings.atol * self._scale.total
+        verdict = Verdict.BOUNDED if lower > 0.0 else Verdict.UNDECIDED
+        if self._tier is not Tier.SCREEN and gap <= tolerance < math.inf:
+            verdict = Verdict.CERTIFIED
+        nodes = 0 if self._track is None else len(self._track)
+        title = self._terms.title(self._parts)
+        return Standing(nodes, len(self._edges), cost, lower, gap, tolerance, verdict, title)
+
+    @property
+    def lower_bound(self) -> float:
+        """No estimate of the measurements has a smaller F; 0 before the first certificate."""
+        return self._bounds[-1][1] if self._bounds else 0.0
+
+    @property
+    def certificate(self) -> Certificate:
+        """The certificate of the estimate for all measurements, which is refreshed if necessary."""
+        return (self._found or self._solve()).certificate
+
+    def suspicion(self) -> Suspicion | None:
+        """Measurements that disagree with the rest, and the certified answer without them.
+
+        None if all terms of F are within the law of their weights, as `certpgo.Disagreement` says.
+        """
+        problem, proven = self._terms.problem(self._all, self._called), self.certificate
+        return suspicion(problem, self.estimate, proven, self.edges, self.nodes, self.settings)
+
+    @property
+    def estimate(self) -> Estimate:
+        """The poses of `nodes`: optimal at the last refresh, those of newer nodes composed."""
+        found = self._poses.estimate
+        moved = not isinstance(self._last, RotationGraph)
+        return found if moved else found.with_translations(None)
+
+    @property
+    def nodes(self) -> tuple[Hashable, ...]:
+        """The names of the nodes, in the order of the estimate; `certpgo.WORLD` is the world."""
+        return () if self._track is None else tuple(self._track.numbers)
+
+    @property
+    def edges(self) -> IntArray:
+        """(m,) numbers of the measurements that were not removed, in the order of `graph`."""
+        return np.array(self._edges, dtype=np.intp)
+
+    @property
+    def graph(self) -> Graph:
+        """All measurements, between nodes in the order of `nodes`."""
+        return measurements_of(self._all)
+
+    def as_instance(self, name: str = "session") -> tuple[Instance, Estimate]:
+        """All measurements and the estimate, nodes by id, the world last.
+
+        ``instance.in_world(estimate)`` has the poses in the frame of the priors, if there are any.
+        """
+        instance, order = instance_of(name, self._all, self.nodes, self._origin, self._terms.cost)
+        return instance, self.estimate.subset(order)
+
+    def _called(self, node: int) -> str:
+        """What a message calls a node of `graph`."""
+        return called(self.nodes[node])
+
+    @property
+    def _all(self) -> Part:
+        """All measurements, with what the cost needs."""
+        n = len(self._poses)
+        if self._new:
+            self._measure()
+        if len(self._parts) > 1 or self._parts[0].num_nodes < n:
+            self._parts = [gathered(self._parts, n, self._are_points)]
+        return self._parts[0]
+
+    def _measure(self) -> None:
+        """Add the terms of what came since to F of the estimate, which was extended by it."""
+        parts, edges = zip(*self._new, strict=True)
+        added = gathered(parts, len(self._poses), self._are_points, edges)
+        ends = np.unique(added.edges)
+        rise = self._terms.upper(added.subgraph(ends), self.estimate.subset(ends))
+        self._cost = _sum_up(self._cost, rise)
+        self._scale += scale_of(added)
+        self._parts.append(added)
+        self._new = []
+
+    @property
+    def _are_points(self) -> BoolArray | None:
+        points = self._poses.points
+        return np.array(points) if any(points) else None
+
+    @property
+    def _last(self) -> Part:
+        """Some measurements, which tell the kind of all."""
+        if not (self._new or self._parts):
+            raise InputError("the session has no measurements yet")
+        return self._new[-1][0] if self._new else self._parts[0]
+
+    @property
+    def _poses(self) -> Track:
+        if self._track is None:
+            raise InputError("the session has no measurements yet")
+        return self._track
+
+    def _adopt(self, better: Estimate) -> None:
+        """Go on from this estimate of the measurements."""
+        part = self._all
+        self._poses.estimate = better
+        self._cost = self._terms.upper(part, better)
+        self._found, self._optimum = None, -math.inf
+
+    def _is_settled(self, standing: Standing) -> bool:
+        """Whether new measurements agree with the estimate, so that it is still the optimum."""
+        settings = self.settings
+        allowed = (
+            UNNOTICED * settings.same_cost * self._optimum
+            + FLOOR * settings.atol * self._scale.total
+        )
+        return standing.cost - self._optimum <= allowed and standing.verdict is self._verdict
+
+    def _solve(self) -> Found:
+        """A descent from the estimate; a search from scratch where that is not certified."""
+        problem = self._terms.problem(self._all, self._called)
+        fresh = problem.graph.num_edges - self._settled
+        found = None
+        if fresh <= NEW * problem.graph.num_edges:
+            found = descended(problem, self.estimate, self.settings)
+        if found is None:
+            begin = Start(self.estimate, GIVEN) if self._settled else None
+            found = searched(problem, self.settings, begin)
+        self._poses.estimate = found.estimate
+        self._cost, self._found = found.cost, found
+        if found.lower_bound > self.lower_bound:
+            self._bounds.append((self._count, found.lower_bound))
+        self._settled, self._optimum = len(self._edges), found.cost
+        self._verdict, self.pending = self.standing.verdict, 0
+        return found
+
+
+def _sum_up(a: float, b: float) -> float:
+    """A double not below the sum."""
+    return math.nextafter(a + b, math.inf)

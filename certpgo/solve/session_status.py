@@ -1,0 +1,58 @@
+"""Where a session stands between two certificates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from certpgo.certify import Verdict
+from certpgo.graph.display import Speaking
+from certpgo.graph.phrases import bound_shown, cost_shown, counted, gap_shown
+
+
+@dataclass(frozen=True, repr=False)
+class Standing(Speaking):
+    """What is proven about a session's estimate and its measurements of the moment.
+
+    Attributes
+    ----------
+    nodes, edges : how many there are
+    cost : F of the estimate, rounded up
+    lower_bound : no estimate has a smaller F
+    gap : ``cost - lower_bound``, rounded up
+    tolerance : rtol F + atol W, the gap up to which the estimate counts as optimal
+    verdict : CERTIFIED, BOUNDED or UNDECIDED, see `Verdict`
+    objective : the cost that F stands for
+
+    Examples
+    --------
+    >>> import certpgo
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
+    >>> session = certpgo.Session()
+    >>> session.add(winding_cycle(6, 0.3, 0)[0].graph)
+    >>> session.standing.edges, session.standing.gap <= session.standing.cost
+    (6, True)
+    """
+
+    nodes: int
+    edges: int
+    cost: float
+    lower_bound: float
+    gap: float
+    tolerance: float
+    verdict: Verdict
+    objective: str
+
+    @property
+    def _headline(self) -> str:
+        if not self.nodes:
+            return "empty: no measurements yet"
+        size = f"{counted(self.nodes, 'node{s}')}, {counted(self.edges, 'measurement{s}')}"
+        return f"{self.verdict.value}: {size}, F {cost_shown(self.cost)}"
+
+    def _facts(self) -> Iterator[tuple[str, str]]:
+        yield "cost F, at most", cost_shown(self.cost)
+        yield "lower bound", bound_shown(self.lower_bound)
+        yield "gap", gap_shown(self.gap)
+        yield "tolerance", f"{self.tolerance:.3g}"
+        yield "objective", self.objective

@@ -1,0 +1,174 @@
+"""The search in the cost of another program, over surrogates.
+
+From the chordal optimum, descend on the cost f. Where the surrogate at the end does not certify it,
+the Riemannian staircase minimises the surrogate's relaxation: its bound is one on f, and its
+rounded minimizer begins another descent, since a surrogate is below f everywhere and equal to it at
+the current point.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from certpgo.certify.certificate import Certificate, Tier, Verdict
+from certpgo.certify.dual import DualBound
+from certpgo.certify.obstacle import LimitedBy, Obstacle
+from certpgo.certify.surrogate_case import RANKS, OwnCostCase
+from certpgo.certify.tolerances import Basin, Case
+from certpgo.certify.wording import early
+from certpgo.errors import NumericalError
+from certpgo.graph import Estimate
+from certpgo.graph.phrases import counted
+from certpgo.graph.priors import mirrored_by
+from certpgo.graph.relaxed_point import Lift, Point, rounded
+from certpgo.objective.information_problem import InformationProblem
+from certpgo.optimize.initialization import Start
+from certpgo.optimize.monitor import Monitor
+from certpgo.optimize.solution import Level, Solution, Status
+from certpgo.solve.search_loop import Report, Search, case_under
+from certpgo.solve.settings import OUTLIERS_PATIENCE, SolveSettings
+from certpgo.solve.staircase import Staircase
+
+#: Surrogates after which the search does not begin again.
+SURROGATES = 10
+
+
+class SurrogateSearch(Search):
+    """The search under another program's cost: points of its surrogates' relaxations.
+
+    Measurements that disagree with the rest are looked for in the chordal search before it.
+    """
+
+    posed: InformationProblem
+    problem: InformationProblem
+    case: OwnCostCase
+
+    def __init__(self, posed: InformationProblem, case: Case, settings: SolveSettings) -> None:
+        super().__init__(posed, case, settings)
+        ranks = RANKS if settings.max_rank is None else max(settings.max_rank - posed.d, 0)
+        self.case = replace(self.case, ranks=min(ranks, RANKS))
+        self.hurried, self.surrogates = False, 0
+
+    def begin(self, initial: Start | None, report: Report | None) -> None:
+        """Descend from the best estimate under F."""
+        start = self.chordal_start(report) if initial is None else initial
+        self.start = self.origin = start.name
+        self.take(self.descend(start.estimate))
+        self.lose_patience()
+
+    def chordal_start(self, report: Report | None) -> Start:
+        """The best estimate under F, found in half of the time."""
+        limit, problem = self.settings.time_limit, self.posed.chordal
+        tier = None if self.tier is Tier.PROOF else self.tier
+        half = replace(
+            self.settings,
+            tier=tier,
+            patience=0.5 * self.settings.patience,
+            time_limit=None if limit is None else 0.5 * limit,
+        )
+        case = case_under(problem, half, self.stop.monitor)
+        self.chordal = found = Staircase(problem, case, half).solved(None, None, report)
+        for phase, seconds in found.solution.seconds.items():
+            self.watch.seconds[phase] = self.watch.seconds.get(phase, 0.0) + seconds
+        self.stop.interrupted |= found.solution.status is Status.INTERRUPTED
+        self.disagreement = found.disagreement
+        if found.disagreement is not None and found.disagreement.is_widespread(found.graph):
+            self.hurry()
+        best = "optimum" if found.verdict is Verdict.CERTIFIED else "best estimate found"
+        return Start(found.estimate, f"the {best} under the chordal cost")
+
+    def hurry(self) -> None:
+        """Search for a short time only after a first bound, unless a time limit was set."""
+        if self.settings.time_limit is None:
+            self.hurried = True
+            self.patience = min(self.patience, OUTLIERS_PATIENCE)
+
+    def lose_patience(self) -> None:
+        """Set when to stop, if there is a useful bound."""
+        if self.basin.value > 0.0:
+            self.stop.hurry(self.patience)
+
+    def relaxation(self) -> Iterator[Lift]:
+        """Minimise surrogates, and begin again where that leads to a lower cost."""
+        while not self.ends() and self.surrogates < SURROGATES:
+            before, tried = self.best, 0
+            for found in self.case.reached(before.estimate, self.cost):
+                self.keep(found.bound)
+                if isinstance(found.point, Lift) and not self.ends():
+                    tried = found.number + 1
+                    yield found.point
+                if self.best is not before or self.ends():
+                    break
+            self.surrogates += tried
+            if self.best is before:
+                return
+
+    def roundings(self, point: Lift) -> Iterator[Estimate]:
+        """The nearest estimate."""
+        # With many outliers a bound comes first: descents are long, and worth little.
+        if not self.hurried or self.basin.value > 0.0:
+            yield rounded(point)
+
+    def finish(self) -> None:
+        """A bound by a lower cost, if there is no other."""
+        if self.basin.value <= 0.0 and not self.ends():
+            self.keep(self.case.lowered_bound(self.best.estimate))
+        self.ended_early = self.patience < math.inf and self.stop.cut is Status.TIME_LIMIT
+        self.levels = [Level(self.problem.d, self.best.cost, self.status)]
+
+    def descend(self, start: Estimate, *, monitor: Monitor | None = None) -> Solution:
+        """Levenberg and Marquardt's method."""
+        return self.case.descent(start, monitor)
+
+    def take(self, best: Solution) -> None:
+        """Make a solution the best so far, and compute its bound."""
+        self.best, self.cost = best, self.case.cost_upper(best.estimate)
+        self.improve_bound(best.estimate)
+
+    def improve_bound(self, point: Point) -> None:
+        """The bound by the surrogate expanded at the point."""
+        if self.stop.cuts():
+            return
+        with self.watch.phase("certify"), suppress(NumericalError, np.linalg.LinAlgError):
+            self.keep(self.case.bound(point, self.cost))
+
+    def keep(self, bound: DualBound | None) -> None:
+        """Keep a bound if it is the best so far; the first useful one begins the end."""
+        had_none = self.basin.value <= 0.0
+        super().keep(bound)
+        if had_none:
+            self.lose_patience()
+
+    @property
+    def basin(self) -> Basin:
+        """The best estimate so far with its bound."""
+        settled = self.best.status is Status.CONVERGED
+        return Basin(self.best.estimate, self.cost, settled, self.bound, descended=False)
+
+    @property
+    def is_tight(self) -> bool:
+        """Whether only rounding keeps the gap open."""
+        support = None if self.bound is None else self.bound.support
+        # A bound from a point of higher rank says that the relaxation is loose.
+        return support is not None and not isinstance(support.point, Lift)
+
+    @property
+    def ending(self) -> str:
+        """Where the search ended, and how to continue it if its own limit ended it."""
+        surrogates = counted(self.surrogates, "surrogate{s}")
+        minimised = f"; {surrogates} minimised" if self.surrogates else ""
+        return minimised + (f"; ended {early(self.patience)}" if self.ended_early else "")
+
+    def obstacle(self, certificate: Certificate) -> Obstacle:
+        """What keeps the gap open after the search."""
+        stopped, found = self.stop.cut, certificate.obstacle
+        if stopped is not None and certificate.verdict is Verdict.UNDECIDED:
+            return Obstacle(LimitedBy.STOPPED, True, self.problem.d, stopped)
+        if stopped is None and certificate.verdict is Verdict.BOUNDED:
+            return replace(found, mirrored=mirrored_by(self.posed.graph.isotropic))
+        return found

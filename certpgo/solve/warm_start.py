@@ -1,0 +1,86 @@
+"""The two ways to an optimum with its certificate: descent from the last one, and a new search."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from certpgo.certify import Certificate, Tier
+from certpgo.certify.cases import case_of
+from certpgo.certify.tolerances import Basin
+from certpgo.certify.units import scaled_down, scaled_up
+from certpgo.errors import NumericalError
+from certpgo.graph import Estimate
+from certpgo.objective.information_problem import InformationProblem
+from certpgo.objective.problem import Problem
+from certpgo.optimize.initialization import Start
+from certpgo.optimize.solution import Status
+from certpgo.solve.result import CertifiedSolution
+from certpgo.solve.search import search
+from certpgo.solve.settings import SolveSettings
+
+#: Share of F that a descent from the last optimum leaves, a tenth of what batches differ by.
+ENOUGH = 1e-10
+#: Stationarity, radians, from which the exact Hessian is tried: the last optimum is not far.
+NEAR = 0.1
+
+
+@dataclass(eq=False)
+class Found:
+    """The end of a search, in the units of the graph; the certificate is made when asked for."""
+
+    estimate: Estimate
+    cost: float
+    lower_bound: float
+    judge: Callable[[], Certificate]
+
+    @cached_property
+    def certificate(self) -> Certificate:
+        """What is proven about the estimate."""
+        return self.judge()
+
+
+def descended(
+    problem: Problem | InformationProblem, start: Estimate, settings: SolveSettings
+) -> Found | None:
+    """The end of descent from an estimate, if that is certified."""
+    case = case_of(problem, settings.tier or Tier.STANDARD, settings.rtol, settings.atol)
+    newtons = settings.newton
+    nearer = replace(newtons, enough=max(ENOUGH, newtons.enough), near=max(NEAR, newtons.near))
+    try:
+        end = case.short_descent(start, nearer)
+        cost = case.cost_upper(end)
+        bound = case.bound(end, cost, sharp=False, tight=True)
+    except (NumericalError, np.linalg.LinAlgError):
+        return None
+    basin = Basin(end, cost, True, bound)
+    if not cost - basin.value <= case.tolerance(cost):
+        return None
+    unit = case.unit
+    return Found(
+        end,
+        scaled_up(unit, cost),
+        scaled_down(unit, basin.value),
+        lambda: case.certificate(end, basin),
+    )
+
+
+def searched(
+    problem: Problem | InformationProblem, settings: SolveSettings, start: Start | None
+) -> Found:
+    """The end of the whole search of `certpgo.solve`; Ctrl-C ends it, and is passed on."""
+    result = found_anew(problem, settings, start)
+    if result.solution.status is Status.INTERRUPTED:
+        raise KeyboardInterrupt
+    proven = result.certificate
+    return Found(result.estimate, proven.cost_upper, proven.lower_bound, lambda: proven)
+
+
+def found_anew(
+    problem: Problem | InformationProblem, settings: SolveSettings, start: Start | None
+) -> CertifiedSolution:
+    """The answer of the whole search; that on F alone begins from an estimate."""
+    return search(problem, settings, start if problem.is_chordal else None)
