@@ -5,7 +5,10 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from certpgo import _start  # noqa: F401 - first: Ctrl-C during the imports below
+from certpgo import (
+    _former_names,  # noqa: F401
+    _start,  # noqa: F401 - first: Ctrl-C during the imports below
+)
 
 # `certify` is both a function and a subpackage: importing it first makes the function win.
 from certpgo.certify import Certificate, Tier, Verdict, certify

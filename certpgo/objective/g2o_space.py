@@ -1,8 +1,8 @@
 """Minorants of g2o's EdgeSE3:QUAT.
 
 What `certpgo.objective.marginalized` leaves is a quadratic form and l.b, in the vector part b of
-the unit quaternion q = (w, b), w >= 0. Quadratic forms in q are linear in E. For q0 = (w0, b0), w0 >= 0 and
-|q0| <= 1,
+the unit quaternion q = (w, b), w >= 0. Quadratic forms in q are linear in E. For q0 = (w0, b0),
+w0 >= 0 and |q0| <= 1,
 
     l.b >= (q.q0) l.b - k (1 - (q.q0)^2)    if k >= |k b0 + l|,
 

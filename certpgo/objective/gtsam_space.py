@@ -62,8 +62,8 @@ rho I). For any e0, psi e^T O' e >= c_e.e - X chi, c_e = 2 psi0 O' e0 and X = ps
     phi(s) = rho g - c_s s - |2 tau a - k|^2 h / (4 t) - X chi
 
 is convex and bounded below as in the plane (see `certpgo.objective.gtsam_plane`), with rho for w'.
-What the couplings of the minorant have beyond c_s I, c_e, K, y~ k^T and G is of the size of rounding,
-and |<A, E>| <= sum |A_ij|.
+What the couplings of the minorant have beyond c_s I, c_e, K, y~ k^T and G is of the size of
+rounding, and |<A, E>| <= sum |A_ij|.
 """
 
 from __future__ import annotations

@@ -40,7 +40,7 @@ TABLE = Table(
     quick=("helix of 16 poses", "random graph of 12 rotations"),
     notes=(
         "One instance a row, drawn from the table's seed. A file in certpgo/optimize/methods or "
-        "baselines is a method of this table. Seconds are one run's, imports included where a package is "
-        "first used.",
+        "baselines is a method of this table. Seconds are one run's, imports included where a "
+        "package is first used.",
     ),
 )

@@ -1,6 +1,5 @@
 import hashlib
 import re
-import sys
 import warnings
 from dataclasses import replace
 
@@ -10,7 +9,7 @@ import pytest
 from certpgo import io
 from certpgo.errors import InputError, InputNotice, SpecError
 from certpgo.io import datasets
-from certpgo.io.datasets import catalogue, lookup, synthetic
+from certpgo.io.datasets import catalogue, lookup
 from certpgo.objective.problem import problem_of
 
 TRIANGLE = b"EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\nEDGE_SE2 1 2 1 0 0 1 0 0 1 0 1\n"
@@ -46,16 +45,6 @@ def put(folder, content=TRIANGLE, name="little.g2o"):
     path.parent.mkdir(parents=True)
     path.write_bytes(content)
     return path
-
-
-def test_the_former_name_is_deprecated_and_gives_the_same():
-    for name in [name for name in sys.modules if name.startswith("certpgo.datasets")]:
-        del sys.modules[name]
-    with pytest.warns(DeprecationWarning, match=r"certpgo\.datasets is now certpgo\.io\.datasets"):
-        from certpgo.datasets.synthetic import helix
-    from certpgo.datasets import Entry, load
-
-    assert (helix, load, Entry) == (synthetic.helix, datasets.load, datasets.Entry)
 
 
 def test_every_entry_of_the_catalogue_is_well_formed():

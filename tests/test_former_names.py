@@ -1,0 +1,44 @@
+"""Modules can be imported by their former names, with a warning."""
+
+import importlib
+import sys
+
+import pytest
+
+from certpgo import _former_names
+from certpgo._former_names import name_today
+from certpgo.io import datasets
+from certpgo.io.datasets import synthetic
+
+
+@pytest.fixture
+def afresh():
+    """No module was imported by a former name yet."""
+    for name in list(sys.modules):
+        if name.startswith("certpgo.") and name_today(name.removeprefix("certpgo.")):
+            del sys.modules[name]
+
+
+@pytest.mark.usefixtures("afresh")
+def test_a_former_name_is_deprecated_and_gives_the_same():
+    with pytest.warns(DeprecationWarning, match=r"certpgo\.datasets is now certpgo\.io\.datasets"):
+        from certpgo.datasets.synthetic import helix
+    from certpgo.datasets import Entry, load
+
+    assert (helix, load, Entry) == (synthetic.helix, datasets.load, datasets.Entry)
+
+
+@pytest.mark.usefixtures("afresh")
+@pytest.mark.parametrize("former", [*_former_names._ROOMS, *_former_names._MODULES])
+def test_every_former_name_is_of_a_module(former):
+    with pytest.warns(DeprecationWarning, match="is now"):
+        old = importlib.import_module(f"certpgo.{former}")
+    new = importlib.import_module(f"certpgo.{name_today(former)}")
+    public = [name for name in dir(new) if not name.startswith("_")]
+    assert all(getattr(old, name) is getattr(new, name) for name in public)
+
+
+def test_other_names_are_not_touched():
+    assert name_today("graph.trees") is None
+    with pytest.raises(ModuleNotFoundError):
+        importlib.import_module("certpgo.solvers.nothing")
