@@ -34,7 +34,7 @@ class QuadraticModel(Protocol):
         """(N,) half the gradient g."""
 
     @property
-    def gauge(self) -> FloatArray | float:
+    def gauge(self) -> FloatArray:
         """(N,) damping that is always there, since motions of the whole do not change f."""
 
     @property

@@ -46,8 +46,8 @@ FAINT = 1e-10
 #: Distances of estimates below this share of the measured ones have no direction, nor have those
 #: below this share of the coordinates, which may be rounding.
 SHORTEST, INEXACT = 1e-12, 16.0 * U
-#: Least damping after a step that fails.
-DAMPING = 1e-4
+#: Damping that fixes the gauge, and the least after a step that fails, relative to the diagonal.
+GAUGE, DAMPING = 1e-9, 1e-4
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -317,14 +317,16 @@ class RangeProblem(Brief):
 class RangeModel:
     """The cost near a point, a `QuadraticModel` over translations and an orthonormal basis."""
 
-    #: At higher ranks no single node holds all motions of the whole.
-    gauge = 1e-9
-
     def __init__(self, problem: RangeProblem, point: Point) -> None:
         self.problem, self.point = problem, Lift(point.rotations, point.translations)
         self.cost = problem.cost(point)
         self.rank = point.rotations.shape[1]
         self._layout = problem.layout(self.rank)
+
+    @property
+    def gauge(self) -> FloatArray:
+        """(N,) a little everywhere: above rank d, no single node holds all motions of the whole."""
+        return np.full(self._layout.size, GAUGE)
 
     @property
     def rounding(self) -> float:

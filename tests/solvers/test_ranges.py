@@ -418,6 +418,16 @@ def test_the_values_of_the_file_are_a_start(clock):
     assert solve(unfinished, monitor=lambda step: True).cost == without.cost
 
 
+@pytest.mark.parametrize(("seed", "d"), [(10, 2), (52, 2), (58, 2), (3, 3), (13, 3)])
+def test_rounding_of_lengths_does_not_stall_descents(seed, d):
+    """Errors of a millimetre: lengths are rounded to more than the last decreases of their cost."""
+    problem, _, _ = measured(seed, d, noise=1e-3)
+    answer = solve(problem)
+    ends = [answer.solution.status, *(level.status for level in answer.levels)]
+    assert set(ends) == {Status.CONVERGED}
+    assert answer.verdict.value == "CERTIFIED"
+
+
 def test_ways_down_are_not_looked_for_after_a_stop():
     problem, _, _ = measured(2, 3, noise=1.0, poses=12, points=4)
     relaxed = Relaxed(RangedCase.of(problem, "standard", 0.0, 0.0))
