@@ -21,7 +21,7 @@ def afresh():
 
 @pytest.mark.usefixtures("afresh")
 def test_a_former_name_is_deprecated_and_gives_the_same():
-    with pytest.warns(DeprecationWarning, match=r"certpgo\.datasets is now certpgo\.io\.datasets"):
+    with pytest.warns(DeprecationWarning, match=r"datasets(.synthetic)? is now certpgo"):
         from certpgo.datasets.synthetic import helix
     from certpgo.datasets import Entry, load
 

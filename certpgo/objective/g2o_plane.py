@@ -3,7 +3,8 @@
 What `certpgo.objective.marginalized` leaves in the angle theta is
 s (theta + beta / s)^2 + constant - beta^2 / s. theta^2 is convex in cos(theta), so
 s theta^2 + 4 k cos(theta) is smallest at theta = alpha for k = (s / 2) alpha / sin(alpha), and
-more turns only raise it. Couplings that are off by eps in the angle, and not k but kappa, cost at most 4 kappa |eps| + 4 |k - kappa|.
+more turns only raise it. Couplings that are off by eps in the angle, and not k but kappa, cost at
+most 4 kappa |eps| + 4 |k - kappa|.
 """
 
 from __future__ import annotations

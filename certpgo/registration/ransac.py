@@ -112,7 +112,7 @@ def register(
     Examples
     --------
     >>> import numpy as np
-    >>> from certpgo.linalg import so
+    >>> from certpgo.linalg import rotations as so
     >>> from certpgo.registration.ransac import register
     >>> rng = np.random.default_rng(0)
     >>> p, R, t = rng.uniform(-1, 1, (100, 3)), so.random(rng, 1, 3)[0], np.array([1.0, 2, 3])
