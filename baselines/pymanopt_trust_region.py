@@ -105,11 +105,11 @@ def _stated(problem: Problem, rank: int) -> Any:
 
     @pymanopt.function.numpy(manifold)
     def cost(Y: FloatArray) -> float:
-        return problem.cost(problem.settled(Lift(Y, origin)))
+        return problem.cost(problem.with_optimal_translations(Lift(Y, origin)))
 
     @pymanopt.function.numpy(manifold)
     def gradient(Y: FloatArray) -> FloatArray:
-        point = problem.settled(Lift(Y, origin))
+        point = problem.with_optimal_translations(Lift(Y, origin))
         return 2.0 * problem.gradient(point)[:, :, -problem.d :]
 
     hessian = pymanopt.function.numpy(manifold)(lambda Y, V: gradient(V))  # gradient is linear

@@ -47,11 +47,11 @@ class Part:
         point = whole.subset(self.nodes)
         if isinstance(self.problem, PoseProblem):
             point = point.with_translations(np.zeros(point.rotations.shape[:2]))
-        point = self.problem.settled(point)
+        point = self.problem.with_optimal_translations(point)
         if not (refine and isinstance(point, Estimate)):
             return point
         refined = newton(self.problem, point, FEW_STEPS, near=True).estimate
-        return self.problem.settled(refined)
+        return self.problem.with_optimal_translations(refined)
 
 
 def parts(problem: Problem) -> list[Part]:

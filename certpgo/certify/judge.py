@@ -10,7 +10,7 @@ import numpy as np
 from certpgo.certify.bounds import Bounds, bounds
 from certpgo.certify.cases import case_of
 from certpgo.certify.certificate import Certificate, Tier
-from certpgo.certify.tolerances import ATOL, RTOL, Basin, refuse_time_limit
+from certpgo.certify.tolerances import ATOL, RTOL, LocalMinimum, refuse_time_limit
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.io.accept_paths import AnyPath, estimated, measured
@@ -126,8 +126,8 @@ class Judge:
         self._case = case_of(problem, tier, rtol, atol, monitor)
         self._problem, self._refine = problem, refine
         self._time_limit, self._ctrl_c = time_limit, ctrl_c
-        self._best: Basin | None = None
-        self._other: Basin | None = None
+        self._best: LocalMinimum | None = None
+        self._other: LocalMinimum | None = None
         self._raised = False  # whether that has its best bound
 
     def certify(self, estimate: Estimate) -> Certificate:
@@ -160,21 +160,21 @@ class Judge:
         """Why work on the last estimate was left out: the time limit, or the monitor or Ctrl-C."""
         return self._case.stop.cut
 
-    def _basins(self, estimate: Estimate) -> tuple[Basin, Basin | None]:
+    def _basins(self, estimate: Estimate) -> tuple[LocalMinimum, LocalMinimum | None]:
         """The basin of the estimate and, if that is not proven optimal, another one.
 
         The bounds that take most work are computed last, and in the lower basin first.
         """
         case = self._case
         own = self._own(estimate)
-        if not self._refine or case.is_sharp(own) or case.stop.cuts():
+        if not self._refine or case.is_sharp(own) or case.stop.should_stop():
             return own, None
         other = self._elsewhere()
         if other is None:
             return self._with_best_bound(own), None
         for lower in (own, other) if own.cost <= other.cost else (other, own):
             known, least = max(own.value, other.value), min(own.cost, other.cost)
-            if known >= least - case.difference(least) or case.stop.cuts():
+            if known >= least - case.difference(least) or case.stop.should_stop():
                 break
             if lower is own:
                 own = self._with_best_bound(own)
@@ -183,7 +183,7 @@ class Judge:
                 self._raised = case.stop.cut is None
         return own, other
 
-    def _own(self, estimate: Estimate) -> Basin:
+    def _own(self, estimate: Estimate) -> LocalMinimum:
         """The basin of the estimate.
 
         A long descent is interrupted for one that begins elsewhere, and given up where that ends at
@@ -197,20 +197,20 @@ class Judge:
             return case.stop(iteration) or iteration.number >= FEW
 
         begun = case.basin(estimate, True, self._best, of_few)
-        if begun.settled or case.stop.cuts():
+        if begun.settled or case.stop.should_stop():
             return begun
         other, monitor = self._elsewhere(), None
         if other is not None and case.is_sharp(other):
             monitor = Hopeful(case.stop, other.cost, HOPE, RECENT)
         return case.basin(begun.point, True, self._best, monitor)
 
-    def _with_best_bound(self, basin: Basin) -> Basin:
+    def _with_best_bound(self, basin: LocalMinimum) -> LocalMinimum:
         """The basin with a bound that takes more work; itself if that fails."""
         with suppress(NumericalError, np.linalg.LinAlgError):
             return self._case.raised(basin)
         return basin
 
-    def _elsewhere(self) -> Basin | None:
+    def _elsewhere(self) -> LocalMinimum | None:
         """A basin known to be optimal, or the one reached without the estimate, if any."""
         if self._best is not None and self._case.is_sharp(self._best):
             return self._best

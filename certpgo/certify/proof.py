@@ -83,8 +83,10 @@ def prove(
     # Threads slow down the checker's many small products.
     with threadpool_limits(limits=1):
         if isinstance(point, Estimate):
-            point = newton(problem, problem.settled(point), CLOSE, near=True).estimate
-        prover = _Prover(problem, graph, problem.settled(point))
+            point = newton(
+                problem, problem.with_optimal_translations(point), CLOSE, near=True
+            ).estimate
+        prover = _Prover(problem, graph, problem.with_optimal_translations(point))
         shift = FIRST_SHIFT * prover.shifted.unit * (1.0 if prover.shifted.pin is None else GROWTH)
         for _ in range(SHIFTS):
             found = prover.settle(partial(prover.shifted.less, shift))

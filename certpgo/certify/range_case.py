@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -12,9 +11,10 @@ import numpy as np
 
 from certpgo.certify.bounds import Bounds
 from certpgo.certify.certificate import Certificate, Verdict
-from certpgo.certify.dual import DualBound, dual_bound
+from certpgo.certify.dual import DualBound
 from certpgo.certify.obstacle import LimitedBy, Obstacle
-from certpgo.certify.tolerances import Basin, Case
+from certpgo.certify.surrogate_bound import bound_below
+from certpgo.certify.tolerances import Case, LocalMinimum
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate, PoseGraph
 from certpgo.graph.relaxed_point import Lift, Point, lifted, main_subspace, translations_of
@@ -62,10 +62,9 @@ def range_bound(problem: RangeProblem, point: Point, cost: float) -> DualBound |
     for more in (0.0, FAINT):
         below, constant = problem.surrogate(point, more)
         enough = problem.cost(point) - constant - 1e-7 * cost
-        found = dual_bound(below, point, enough=enough, floor=-constant)
+        found = bound_below(below, constant, point, enough=enough, floor=-constant)
         if found is not None:
-            value = math.nextafter(found.value + constant, -math.inf)
-            return replace(found, value=value) if value > 0.0 else None
+            return found if found.value > 0.0 else None
     return None
 
 
@@ -101,27 +100,27 @@ class RangedCase(Case):
         return relaxed
 
     @cached_property
-    def near_relaxation(self) -> Basin | None:
+    def near_relaxation(self) -> LocalMinimum | None:
         """The best estimate near the relaxation's minimum, with its bound."""
         with self.stop.for_at_most(CLIMB_SHARE * self.stop.remaining):
             relaxed = self.relaxation
-        best: Basin | None = None
+        best: LocalMinimum | None = None
         for start in relaxed.projections():
-            if best is not None and (self.stop.cuts() or self.is_closed(best)):
+            if best is not None and (self.stop.should_stop() or self.is_closed(best)):
                 break
             with self.stop.watch.phase("round"), suppress(NumericalError, np.linalg.LinAlgError):
                 found = self.descent(start)
                 cost = self.cost_upper(found.estimate)
                 if best is None or cost < best.cost:
                     settled = found.status is Status.CONVERGED
-                    best = Basin(found.estimate, cost, settled, relaxed.bound)
+                    best = LocalMinimum(found.estimate, cost, settled, relaxed.bound)
         return best
 
-    def is_closed(self, basin: Basin) -> bool:
+    def is_closed(self, basin: LocalMinimum) -> bool:
         """Whether its gap is closed."""
         return basin.cost - basin.value <= self.tolerance(basin.cost)
 
-    def elsewhere(self) -> Basin | None:
+    def elsewhere(self) -> LocalMinimum | None:
         """The best estimate near the relaxation's minimum, with its bound; None without one."""
         with suppress(NumericalError):
             return self.near_relaxation
@@ -130,8 +129,8 @@ class RangedCase(Case):
     def certificate(
         self,
         estimate: Estimate,
-        own: Basin,
-        other: Basin | None = None,
+        own: LocalMinimum,
+        other: LocalMinimum | None = None,
         bounds: Bounds | None = None,
     ) -> Certificate:
         """The certificate of an estimate; with what the relaxation is worth."""
@@ -185,7 +184,7 @@ class Relaxed:
                 end = minimise(self.problem.linearized(following), progress)
                 self.point, cost = end.point, end.cost
                 self.levels.append(Level(self.rank, cost, self.stop.request or progress.status))
-                if self.stop.cuts():
+                if self.stop.should_stop():
                     break
                 with self.stop.watch.phase("certify"):
                     bound = range_bound(self.problem, self.point, cost)
@@ -196,7 +195,7 @@ class Relaxed:
                 if self.solved:
                     break
                 with self.stop.watch.phase("escape"):
-                    following = escape(self.problem, self.point, self.stop.cuts)
+                    following = escape(self.problem, self.point, self.stop.should_stop)
 
     def projections(self) -> Iterator[Estimate]:
         """Estimates near the last point: in its main subspace, then in random ones."""

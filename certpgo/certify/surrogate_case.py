@@ -7,7 +7,6 @@ surrogate has a positive semidefinite certificate matrix there, that is f itself
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Self
@@ -16,11 +15,12 @@ import numpy as np
 
 from certpgo.certify.bounds import Bounds
 from certpgo.certify.certificate import Certificate, Tier, Verdict
-from certpgo.certify.dual import DualBound, Support, dual_bound
+from certpgo.certify.dual import DualBound, Support
 from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.certify.proof import proven_surrogate
 from certpgo.certify.staircase_bound import climb
-from certpgo.certify.tolerances import Basin, Case
+from certpgo.certify.surrogate_bound import bound_below
+from certpgo.certify.tolerances import Case, LocalMinimum
 from certpgo.errors import GraphError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Point
@@ -109,16 +109,16 @@ class OwnCostCase(Case):
         bound = None if found is None else found.bound
         return bound if bound is None or self.tier is not Tier.PROOF else self.reproven(bound)
 
-    def raised(self, basin: Basin) -> Basin:
+    def raised(self, basin: LocalMinimum) -> LocalMinimum:
         """The basin with the best bound by surrogates, see `reached`, or else `lowered_bound`."""
         best: DualBound | None = None
         enough = basin.cost - self.tolerance(basin.cost)
         for found in self.reached(basin.point, basin.cost):
             if found.bound is not None and (best is None or found.bound.value > best.value):
                 best = found.bound
-            if self.stop.cuts() or (best is not None and best.value >= enough):
+            if self.stop.should_stop() or (best is not None and best.value >= enough):
                 break
-        if (best is None or best.value <= 0.0) and not self.stop.cuts():
+        if (best is None or best.value <= 0.0) and not self.stop.should_stop():
             best = self.lowered_bound(basin.point) or best
         if best is not None and self.tier is Tier.PROOF:
             best = self.reproven(best)
@@ -141,7 +141,7 @@ class OwnCostCase(Case):
             return best
         return replace(best, support=replace(best.support, lowered=True))
 
-    def proven(self, basin: Basin) -> DualBound | None:
+    def proven(self, basin: LocalMinimum) -> DualBound | None:
         """The bound of a basin at the proof tier, from that of the standard tier."""
         return None if basin.bound is None else self.reproven(basin.bound)
 
@@ -178,11 +178,15 @@ class OwnCostCase(Case):
             below = self.below(v, Q)
             if below is None:
                 return
-            settled, monitor = below.problem.settled(point), self.stop.of_minorant(below.constant)
+            settled, monitor = (
+                below.problem.with_optimal_translations(point),
+                self.stop.of_minorant(below.constant),
+            )
             for point in climb(below.problem, settled, self.problem.d + self.ranks, monitor):
                 enough = cost - self.difference(cost) - below.constant
-                bound = dual_bound(
+                bound = bound_below(
                     below.problem,
+                    below.constant,
                     point,
                     rounding=self.rigorous,
                     enough=enough,
@@ -190,10 +194,9 @@ class OwnCostCase(Case):
                     tight=tight,
                 )
                 if bound is not None:
-                    value = math.nextafter(bound.value + below.constant, -math.inf)
-                    bound = replace(bound, value=value, support=Support(below.minorants, point))
+                    bound = replace(bound, support=Support(below.minorants, point))
                 yield Reached(point, bound, number)
-            if self.stop.cuts():
+            if self.stop.should_stop():
                 return
             there = self.problem.relative(point)
             fall = expanded - (below.problem.cost(point) + below.constant)
@@ -208,8 +211,8 @@ class OwnCostCase(Case):
     def certificate(
         self,
         estimate: Estimate,
-        own: Basin,
-        other: Basin | None = None,
+        own: LocalMinimum,
+        other: LocalMinimum | None = None,
         bounds: Bounds | None = None,
     ) -> Certificate:
         """The certificate of an estimate, whose gap measurements without a minorant may limit."""

@@ -44,7 +44,7 @@ SETTLED = 1e-6
 
 
 @dataclass(frozen=True)
-class Basin:
+class LocalMinimum:
     """The end of a descent, whether it converged, and the bound by its multipliers.
 
     Without descent, it is the estimate with its best translations.
@@ -133,7 +133,7 @@ class Case:
         certified = found.verdict is Verdict.CERTIFIED
         return allowed < found.gap <= PROOF_GAIN * (allowed if certified else found.tolerance)
 
-    def is_sharp(self, basin: Basin) -> bool:
+    def is_sharp(self, basin: LocalMinimum) -> bool:
         """Whether no distinguishably better point exists."""
         return basin.cost - basin.value <= self.difference(basin.cost)
 
@@ -141,9 +141,9 @@ class Case:
         self,
         start: Estimate,
         refine: bool,
-        known: Basin | None = None,
+        known: LocalMinimum | None = None,
         monitor: Monitor | None = None,
-    ) -> Basin:
+    ) -> LocalMinimum:
         """The end of descent from an estimate, or the estimate with its best translations.
 
         The bound of a ``known`` basin is reused if it is good enough. Where a ``monitor`` of the
@@ -159,14 +159,14 @@ class Case:
                     solution.status is Status.STALLED and self.problem.stationarity(point) < SETTLED
                 )
             cost = self.cost_upper(point)
-            if self.stop.cuts() or (refine and solution.status is Status.INTERRUPTED):
-                return Basin(point, cost, settled, None, refine)
+            if self.stop.should_stop() or (refine and solution.status is Status.INTERRUPTED):
+                return LocalMinimum(point, cost, settled, None, refine)
             if known is not None and known.value >= cost - self.tolerance(cost):
-                return Basin(point, cost, settled, known.bound, refine)
+                return LocalMinimum(point, cost, settled, known.bound, refine)
             bound = self.bound(point, cost, refine=refine)
         except (NumericalError, np.linalg.LinAlgError):
-            return Basin(start, self.cost_upper(start), False, None, refine)
-        return Basin(point, cost, settled, bound, refine)
+            return LocalMinimum(start, self.cost_upper(start), False, None, refine)
+        return LocalMinimum(point, cost, settled, bound, refine)
 
     def completed(self, estimate: Estimate) -> Estimate:
         """The estimate at which a bound is computed: with its best translations.
@@ -184,7 +184,7 @@ class Case:
         """The end of a descent that begins near it."""
         return newton(self.problem, start, settings).estimate
 
-    def elsewhere(self) -> Basin | None:
+    def elsewhere(self) -> LocalMinimum | None:
         """The basin reached without an estimate, from eigenvectors; None if there is none."""
         return self.basin(self._spectral_start(), True)
 
@@ -194,7 +194,9 @@ class Case:
             start = spectral.spectral_start(chordal)
             if self.problem.is_chordal:
                 return start
-            return newton(chordal, start, DESCENT, monitor=lambda _: self.stop.asked).estimate
+            return newton(
+                chordal, start, DESCENT, monitor=lambda _: self.stop.stop_requested
+            ).estimate
         except (NumericalError, np.linalg.LinAlgError):
             n, d = chordal.n, chordal.d
             return Estimate(np.tile(np.eye(d), (n, 1, 1)), np.zeros((n, d)))
@@ -252,11 +254,11 @@ class Case:
             problem, point, rounding=self.rigorous, enough=enough, sharp=sharp, tight=tight
         )
 
-    def raised(self, basin: Basin) -> Basin:
+    def raised(self, basin: LocalMinimum) -> LocalMinimum:
         """The basin, with a better bound if one takes more work than `bound` does."""
         return basin
 
-    def proven(self, basin: Basin) -> DualBound | None:
+    def proven(self, basin: LocalMinimum) -> DualBound | None:
         """The bound of a basin at this tier, which is the proof tier."""
         return self.bound(basin.point, basin.cost)
 
@@ -283,8 +285,8 @@ class Case:
     def certificate(
         self,
         estimate: Estimate,
-        own: Basin,
-        other: Basin | None = None,
+        own: LocalMinimum,
+        other: LocalMinimum | None = None,
         bounds: Bounds | None = None,
     ) -> Certificate:
         """The certificate of an estimate, given its own basin and possibly another."""

@@ -52,7 +52,7 @@ class Followed:
     rejected: int = 0
     ended: bool = False
 
-    def take(self, part: Instance, names: Sequence[Label], every: int, status: Any) -> None:
+    def add(self, part: Instance, names: Sequence[Label], every: int, status: Any) -> None:
         """Add measurements, and refresh if as many are new."""
         try:
             self.session.add(part, names)
@@ -99,7 +99,7 @@ class Followed:
         if found is not None:
             notice(f"{found}; --robust leaves such measurements out")
 
-    def tell(self, json: bool, *, interrupted: bool = False) -> int:
+    def report(self, json: bool, *, interrupted: bool = False) -> int:
         """Print the last line; returns the exit code."""
         standing = self.standing
         if json:

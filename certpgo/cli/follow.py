@@ -88,7 +88,7 @@ def command(
         if out is not None and session.nodes:
             instance, estimate = followed.best()
             outputs.write(estimate, instance=instance)
-        code = followed.tell(json, interrupted=interrupted)
+        code = followed.report(json, interrupted=interrupted)
         if view and not interrupted:
             _wait()
     return code
@@ -99,7 +99,7 @@ def _fed(followed: Followed, stream: Stream, every: int) -> bool:
     try:
         with working("waiting for measurements") as status:
             for part, names in stream.parts:
-                followed.take(part, names, every, status)
+                followed.add(part, names, every, status)
             followed.end(status)
     except KeyboardInterrupt:
         return True

@@ -155,9 +155,9 @@ class InformationProblem(Speaking):
         """The measurements with isotropic weights."""
         return self.graph.isotropic
 
-    def surrogate(self, point: Estimate) -> tuple[PoseProblem, float]:
-        """The problem and the constant of the function `surrogate`."""
-        below = surrogate(self, point)
+    def surrogate(self, point: Point) -> tuple[PoseProblem, float]:
+        """A problem under F, and a constant: together nowhere above the cost, and equal there."""
+        below = surrogate_at(self, *self.relative(point))
         return below.problem, below.constant
 
     @property

@@ -126,7 +126,7 @@ class PoseProblem(Objective):
         grounded[0] = 0.0
         return self._translation_factor.solve(grounded)
 
-    def settled(self, point: AnyPoint) -> AnyPoint:
+    def with_optimal_translations(self, point: AnyPoint) -> AnyPoint:
         """The point with the translations that minimise F for its rotations.
 
         Solves for a correction, so that rounding is relative to it.
@@ -155,7 +155,7 @@ class PoseProblem(Objective):
         if len(rotations) < self.n:
             of_poses, rotations = rotations, np.tile(np.eye(self.d), (self.n, 1, 1))
             rotations[self.poses] = of_poses
-        return self.settled(Estimate(rotations, np.zeros(rotations.shape[:2])))
+        return self.with_optimal_translations(Estimate(rotations, np.zeros(rotations.shape[:2])))
 
     def translation_residuals(self, point: Point) -> FloatArray:
         """(m, r) vectors t_j - t_i - R_i t_ij, plus R_j a where an edge has an arm a."""

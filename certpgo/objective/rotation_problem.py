@@ -114,7 +114,7 @@ class RotationProblem(Objective):
         """(m,) angles between R_i R_ij and R_j, radians; 0 where no rotation is measured."""
         return self._sums.angles(estimate.rotations)
 
-    def settled(self, point: AnyPoint) -> AnyPoint:
+    def with_optimal_translations(self, point: AnyPoint) -> AnyPoint:
         """The point's rotations; there are no translations to optimize."""
         return point.with_translations(None)  # type: ignore[return-value]
 

@@ -82,7 +82,7 @@ def descend(
     counts: Counter[str] = Counter()
     progress = Progress(monitor, tolerance, max_iterations, watch)
     with watch.phase("low rank"):
-        start = problem.settled(lifted(initial, rank))
+        start = problem.with_optimal_translations(lifted(initial, rank))
         if direction is not None:
             start = leave(problem, start, direction)
         current = _Tangent(problem, start)
@@ -217,4 +217,6 @@ def lowest_of_halvings(
 
 
 def _moved(problem: Problem, point: Lift, V: FloatArray) -> Lift:
-    return problem.settled(Lift(orthonormal(point.rotations + V), point.translations))
+    return problem.with_optimal_translations(
+        Lift(orthonormal(point.rotations + V), point.translations)
+    )

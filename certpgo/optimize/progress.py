@@ -124,14 +124,14 @@ class Stop:
             self.deadline = whole
 
     @property
-    def asked(self) -> bool:
+    def stop_requested(self) -> bool:
         """Whether to stop, because of the monitor, Ctrl-C or the deadline."""
         return self.request is not None
 
-    def cuts(self) -> bool:
+    def should_stop(self) -> bool:
         """Whether to stop now; if so, the caller leaves work out, and `cut` keeps the reason."""
         self.cut = self.cut or self.request
-        return self.asked
+        return self.stop_requested
 
     @property
     def ended_by(self) -> Status | None:
@@ -176,7 +176,7 @@ class Stop:
 
     def _heeded(self, iteration: Iteration) -> bool:
         self.interrupted = self.monitor(iteration) or self.interrupted
-        return self.cuts()
+        return self.should_stop()
 
     @contextmanager
     def within(self, time_limit: float | None, *, ctrl_c: bool = True) -> Iterator[None]:

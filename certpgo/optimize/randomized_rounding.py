@@ -93,7 +93,7 @@ class _Candidates:
         """All candidates (K, n, d, d) as one point of rank K d."""
         K, n, d, _ = blocks.shape
         R = np.swapaxes(blocks, 0, 1).reshape(n, K * d, d)
-        return self.problem.settled(Lift(R, np.zeros((n, K * d))))
+        return self.problem.with_optimal_translations(Lift(R, np.zeros((n, K * d))))
 
     def sweep(self) -> None:
         """A step of the projected gradient method, with Nesterov's extrapolation."""

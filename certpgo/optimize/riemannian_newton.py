@@ -337,4 +337,4 @@ def _retract(problem: Problem, point: Estimate, step: FloatArray) -> Estimate:
     if point.translations is None or not isinstance(problem, PoseProblem):
         return Estimate.trusted(turned)
     moves = steps[:, : problem.d]
-    return problem.settled(Estimate.trusted(turned, point.translations + moves))
+    return problem.with_optimal_translations(Estimate.trusted(turned, point.translations + moves))

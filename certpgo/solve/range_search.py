@@ -51,11 +51,11 @@ class RangeSearch(Search):
             along = self.problem.whole.complete(rotations)
             cost, status = self.problem.cost(along), Status.ITERATION_LIMIT
             self.start = self.origin = ORIGIN
-            self.take(Solution(along, cost, status))
+            self.keep(Solution(along, cost, status))
             return
         self.start = self.origin = initial.name
         with self.stop.for_at_most(GIVEN_SHARE * self.stop.remaining):
-            self.take(self.descend(initial.estimate))
+            self.keep(self.descend(initial.estimate))
 
     def try_stored(self, start: Start | None) -> None:
         """Descend from another estimate, in its share of the time."""
@@ -66,7 +66,7 @@ class RangeSearch(Search):
         """The minimum of the relaxation."""
         with self.stop.for_at_most(CLIMB_SHARE * self.stop.remaining):
             for bound in self.relaxed.bounds():
-                self.keep(bound)
+                self.keep_bound(bound)
         before, self.levels = self.best, self.relaxed.levels
         yield self.relaxed.point
         if self.best is not before:

@@ -16,7 +16,7 @@ from certpgo.certify.cases import case_of
 from certpgo.certify.certificate import Certificate, Tier
 from certpgo.certify.dual import DualBound
 from certpgo.certify.obstacle import Obstacle
-from certpgo.certify.tolerances import Basin, Case
+from certpgo.certify.tolerances import Case, LocalMinimum
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Lift, Point
@@ -156,10 +156,10 @@ class Search(ABC):
         """Keep a solution if it is better than the best so far; returns whether it is."""
         better = found.cost < (1.0 - self.settings.same_cost) * self.best.cost
         if better:
-            self.take(found)
+            self.keep(found)
         return better
 
-    def take(self, best: Solution) -> None:
+    def keep(self, best: Solution) -> None:
         """Make a solution the best so far, and compute its bound if the gap is open."""
         self.best, self.cost = best, self.case.cost_upper(best.estimate)
         if self.bound is None or not self.is_certified:
@@ -169,14 +169,14 @@ class Search(ABC):
     def improve_bound(self, point: Point) -> None:
         """Compute the bound of a point and keep it if it is better."""
 
-    def keep(self, bound: DualBound | None) -> None:
+    def keep_bound(self, bound: DualBound | None) -> None:
         """Keep a bound if it is the best so far."""
         if bound is not None and (self.bound is None or bound.value > self.bound.value):
             self.bound = bound
 
     def ends(self) -> bool:
         """Whether the gap is closed, or a stop leaves the rest of the search out."""
-        return self.is_certified or self.stop.cuts()
+        return self.is_certified or self.stop.should_stop()
 
     @property
     def is_certified(self) -> bool:
@@ -184,9 +184,9 @@ class Search(ABC):
         return self.cost - self.basin.value <= self.case.tolerance(self.cost)
 
     @property
-    def basin(self) -> Basin:
+    def basin(self) -> LocalMinimum:
         """The best estimate so far with its bound."""
-        return Basin(self.best.estimate, self.cost, True, self.bound)
+        return LocalMinimum(self.best.estimate, self.cost, True, self.bound)
 
     @property
     def status(self) -> Status:
@@ -218,14 +218,14 @@ class Search(ABC):
             case, basin = replace(self.case, tier=Tier.PROOF), self.basin
             basin = replace(basin, cost=case.cost_upper(basin.point))
             # A search stopped before the requested proof must not return a weaker tier instead.
-            bound = None if self.stop.cuts() else case.proven(basin)
+            bound = None if self.stop.should_stop() else case.proven(basin)
             proven = case.certificate(basin.point, replace(basin, bound=bound))
         better = proven.lower_bound > certificate.lower_bound
         return proven if tier is Tier.PROOF or better else certificate
 
     def _may_be_proven(self, certificate: Certificate) -> bool:
         rounding = self.is_tight and self.case.may_close(certificate)
-        return rounding and not self.problem.unprovable and not self.stop.cuts()
+        return rounding and not self.problem.unprovable and not self.stop.should_stop()
 
     def result(self, certificate: Certificate) -> CertifiedSolution:
         """The result, in the units of the graph."""

@@ -73,14 +73,14 @@ class Staircase(Search):
         """The first descent, and if that is not certified, one from a computed initialization."""
         start = self.own_start() if initial is None else self.given(initial)
         self.start = self.origin = start.name
-        self.take(self.descend(start.estimate, near=start.near))
+        self.keep(self.descend(start.estimate, near=start.near))
         if initial is not None and self.settings.try_own_start:
             self.start_again(initial.name)
 
     def start_again(self, initial: str) -> None:
         """Descend from a computed initialization; keep the better result."""
         # The weight of a bridge may raise the tolerance above a possible improvement.
-        if self.case.is_sharp(self.basin) or self.stop.cuts():
+        if self.case.is_sharp(self.basin) or self.stop.should_stop():
             return
         with suppress(NumericalError, np.linalg.LinAlgError):
             own = self.own_start()
@@ -95,7 +95,10 @@ class Staircase(Search):
         refit = not self.is_done
         with self.watch.phase("residuals"):
             found = disagreement(
-                self.posed, self.best.estimate, refit=refit, monitor=lambda _: self.stop.asked
+                self.posed,
+                self.best.estimate,
+                refit=refit,
+                monitor=lambda _: self.stop.stop_requested,
             )
         if found is None:
             return
@@ -232,7 +235,7 @@ class Staircase(Search):
 
     def improve_bound(self, point: Point, *, tight: bool = True) -> None:
         """Compute the bound of a point and keep it if it is better."""
-        if self.stop.cuts():
+        if self.stop.should_stop():
             return
         with self.watch.phase("certify"):
             bound = self.case.bound(point, self.cost, sharp=False, tight=tight)
@@ -242,7 +245,7 @@ class Staircase(Search):
             return
         self.counts["factorizations"] += bound.factorizations
         self.counts["nonzeros"] = max(self.counts["nonzeros"], bound.nonzeros)
-        self.keep(bound)
+        self.keep_bound(bound)
         self.lose_patience()
 
     def is_of_all(self, bound: DualBound, point: Point) -> bool:
@@ -266,7 +269,7 @@ class Staircase(Search):
     @property
     def is_done(self) -> bool:
         """Whether the gap is closed or a stop was requested."""
-        return self.is_certified or self.stop.asked
+        return self.is_certified or self.stop.stop_requested
 
     @property
     def is_impatient(self) -> bool:

@@ -19,7 +19,7 @@ from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.dual import DualBound
 from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.certify.surrogate_case import RANKS, OwnCostCase
-from certpgo.certify.tolerances import Basin, Case
+from certpgo.certify.tolerances import Case, LocalMinimum
 from certpgo.certify.wording import early
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
@@ -58,7 +58,7 @@ class SurrogateSearch(Search):
         """Descend from the best estimate under F."""
         start = self.chordal_start(report) if initial is None else initial
         self.start = self.origin = start.name
-        self.take(self.descend(start.estimate))
+        self.keep(self.descend(start.estimate))
         self.lose_patience()
 
     def chordal_start(self, report: Report | None) -> Start:
@@ -98,7 +98,7 @@ class SurrogateSearch(Search):
         while not self.ends() and self.surrogates < SURROGATES:
             before, tried = self.best, 0
             for found in self.case.reached(before.estimate, self.cost):
-                self.keep(found.bound)
+                self.keep_bound(found.bound)
                 if isinstance(found.point, Lift) and not self.ends():
                     tried = found.number + 1
                     yield found.point
@@ -117,7 +117,7 @@ class SurrogateSearch(Search):
     def finish(self) -> None:
         """A bound by a lower cost, if there is no other."""
         if self.basin.value <= 0.0 and not self.ends():
-            self.keep(self.case.lowered_bound(self.best.estimate))
+            self.keep_bound(self.case.lowered_bound(self.best.estimate))
         self.ended_early = self.patience < math.inf and self.stop.cut is Status.TIME_LIMIT
         self.levels = [Level(self.problem.d, self.best.cost, self.status)]
 
@@ -125,30 +125,30 @@ class SurrogateSearch(Search):
         """Levenberg and Marquardt's method."""
         return self.case.descent(start, monitor)
 
-    def take(self, best: Solution) -> None:
+    def keep(self, best: Solution) -> None:
         """Make a solution the best so far, and compute its bound."""
         self.best, self.cost = best, self.case.cost_upper(best.estimate)
         self.improve_bound(best.estimate)
 
     def improve_bound(self, point: Point) -> None:
         """The bound by the surrogate expanded at the point."""
-        if self.stop.cuts():
+        if self.stop.should_stop():
             return
         with self.watch.phase("certify"), suppress(NumericalError, np.linalg.LinAlgError):
-            self.keep(self.case.bound(point, self.cost))
+            self.keep_bound(self.case.bound(point, self.cost))
 
-    def keep(self, bound: DualBound | None) -> None:
+    def keep_bound(self, bound: DualBound | None) -> None:
         """Keep a bound if it is the best so far; the first useful one begins the end."""
         had_none = self.basin.value <= 0.0
-        super().keep(bound)
+        super().keep_bound(bound)
         if had_none:
             self.lose_patience()
 
     @property
-    def basin(self) -> Basin:
+    def basin(self) -> LocalMinimum:
         """The best estimate so far with its bound."""
         settled = self.best.status is Status.CONVERGED
-        return Basin(self.best.estimate, self.cost, settled, self.bound, descended=False)
+        return LocalMinimum(self.best.estimate, self.cost, settled, self.bound, descended=False)
 
     @property
     def is_tight(self) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 
 from certpgo.certify import Certificate, Tier
 from certpgo.certify.cases import case_of
-from certpgo.certify.tolerances import Basin
+from certpgo.certify.tolerances import LocalMinimum
 from certpgo.certify.units import scaled_down, scaled_up
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
@@ -56,7 +56,7 @@ def descended(
         bound = case.bound(end, cost, sharp=False, tight=True)
     except (NumericalError, np.linalg.LinAlgError):
         return None
-    basin = Basin(end, cost, True, bound)
+    basin = LocalMinimum(end, cost, True, bound)
     if not cost - basin.value <= case.tolerance(cost):
         return None
     unit = case.unit

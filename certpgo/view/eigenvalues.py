@@ -45,5 +45,5 @@ def certificate_matrix(problem: Certifiable, certificate: Certificate) -> Certif
             return None
         return CertificateMatrix(problem.chordal, certificate.multipliers)
     below, constant = problem.surrogate(certificate.refined)
-    point = below.settled(certificate.refined)
+    point = below.with_optimal_translations(certificate.refined)
     return CertificateMatrix(below, below.multipliers(point), below.cost(point) + constant)

@@ -223,7 +223,7 @@ print(f"so the best F costs {times_best:.1f} times what descent on f finds")
 def smallest_eigenvalues(below, at, count=4):
     """Of S of a surrogate at a point, in units of its largest, by dense algebra."""
     below = below.problem
-    point = below.settled(at)  # the best translations for the rotations
+    point = below.with_optimal_translations(at)  # the best translations for the rotations
     S = below.certificate_matrix(below.first_order(point).multipliers).toarray()
     found = np.linalg.eigvalsh(S)
     return found[:count] / found[-1]

@@ -13,7 +13,7 @@ from strategies import pose_graph
 from certpgo.certify import Tier, Verdict
 from certpgo.certify import tolerances as module
 from certpgo.certify.dual import DualBound
-from certpgo.certify.tolerances import FLOOR, Basin, Case, difference_up
+from certpgo.certify.tolerances import FLOOR, Case, LocalMinimum, difference_up
 from certpgo.certify.wording import reason_of
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
@@ -82,7 +82,7 @@ def basin(case, point, *, cost=None, value=None, settled=True):
     bound = None
     if value is not None:
         bound = DualBound(value, np.zeros((case.problem.n, 3, 3)), 0.0, 1, 1)
-    return Basin(point, case.cost_upper(point) if cost is None else cost, settled, bound)
+    return LocalMinimum(point, case.cost_upper(point) if cost is None else cost, settled, bound)
 
 
 def test_a_basin_is_sharp_where_nothing_better_can_be_told_from_it():

@@ -54,7 +54,7 @@ def test_a_missed_negative_eigenvalue_is_computed_again():
     case = OwnCostCase.of(problem, "standard", 1e-5, 1e-12)
     x = descend(problem, newton(problem.chordal, solve(problem.chordal.graph).estimate).estimate)
     below = case.below(*problem.relative(x.estimate)).problem
-    value, direction = negative_curvature(below, below.settled(x.estimate))
+    value, direction = negative_curvature(below, below.with_optimal_translations(x.estimate))
     assert value < -1e3 * resolution(below)
     assert direction.shape == (problem.n, 3)
 

@@ -68,14 +68,16 @@ def test_no_estimate_costs_less_than_a_bound(seed, d, poses, noise):
     problem = problem_of(graph if poses else graph.rotation)
     near = newton(problem, Estimate(R, t if poses else None)).estimate
     Y = np.linalg.qr(rng.standard_normal((n, d + 1, d)))[0]
-    raised = problem.settled(Lift(Y, rng.standard_normal((n, d + 1)) if poses else None))
+    raised = problem.with_optimal_translations(
+        Lift(Y, rng.standard_normal((n, d + 1)) if poses else None)
+    )
     points = (near, Estimate(so.random(rng, n, d)), raised)
     costs = [problem.cost(near)]
     for _ in range(6):
         start = problem.complete(so.random(rng, n, d))
         costs.append(problem.cost(newton(problem, start).estimate))
     for point in points:
-        settled = problem.settled(
+        settled = problem.with_optimal_translations(
             point
             if point.translations is not None or not poses
             else problem.complete(point.rotations)

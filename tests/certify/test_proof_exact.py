@@ -107,7 +107,7 @@ def test_a_witness_weighs_translations_by_a_typical_arm_and_rotations_alone_by_n
     if not poses:
         assert (witness.pin, witness.exponent) == (0, 0)
         return
-    t = problem.settled(x).translations
+    t = problem.with_optimal_translations(x).translations
     assert witness.pin == np.argmin(np.linalg.norm(t - t.mean(axis=0), axis=1))
     typical = np.sqrt(((t - t[witness.pin]) ** 2).sum(axis=1).mean())
     assert witness.exponent == round(math.log2(typical))

@@ -73,7 +73,7 @@ def test_a_wrong_factor_is_found_out():
 def test_measuring_sharpens_a_valid_bound(seed, d):
     graph, R, _ = pose_graph(rng_of(seed), 30, d, noise=0.02)
     problem = PoseProblem(graph)
-    point = problem.settled(newton(problem, problem.complete(R)).estimate)
+    point = problem.with_optimal_translations(newton(problem, problem.complete(R)).estimate)
     cost = problem.cost(point)
     plain = dual_bound(problem, point)
     # Worth measuring: what is asked for is within reach of it.

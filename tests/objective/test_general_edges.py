@@ -266,7 +266,7 @@ def test_settled_translations_minimise_the_cost(seed, d):
     trace = np.trace(problem.multipliers(best), axis1=1, axis2=2).sum()
     assert trace == pytest.approx(problem.cost(best), rel=1e-10)
     Y = np.linalg.qr(rng.standard_normal((6, d + 2, d)))[0]
-    lifted = problem.settled(Lift(Y, rng.standard_normal((6, d + 2))))
+    lifted = problem.with_optimal_translations(Lift(Y, rng.standard_normal((6, d + 2))))
     np.testing.assert_allclose(problem.gradient(lifted)[:, :, 0], 0.0, rtol=0, atol=1e-10)
 
 

@@ -79,7 +79,7 @@ def test_rounding_any_point_gives_rotations_and_knows_no_gauge(seed, d, more):
     Y = np.linalg.qr(rng.standard_normal((9, rank, d)))[0]
     graph, _, _ = pose_graph(rng, 9, d)
     problem = PoseProblem(graph)
-    point = problem.settled(Lift(Y, np.zeros((9, rank))))
+    point = problem.with_optimal_translations(Lift(Y, np.zeros((9, rank))))
     R = rounded(point).rotations
     assert R.shape == (9, d, d)
     assert so.worst_defect(R)[1] < 1e-13

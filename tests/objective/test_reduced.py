@@ -57,7 +57,7 @@ def test_the_quadratic_form_is_the_cost_with_the_best_translations(seed, d, pose
     Q = Reduced(problem)
     for rank in (d, d + 2):
         Y = np.linalg.qr(rng.standard_normal((problem.n, rank, d)))[0]
-        best = problem.settled(Lift(Y, rng.standard_normal((problem.n, rank))))
+        best = problem.with_optimal_translations(Lift(Y, rng.standard_normal((problem.n, rank))))
         B = np.swapaxes(Y, 1, 2).reshape(-1, rank)
         form = float(np.sum(B * (Q @ B))) - Q.shift * d * problem.n
         assert form == pytest.approx(problem.cost(best), rel=1e-10)

@@ -522,8 +522,8 @@ def test_a_proof_that_the_deadline_leaves_out_is_a_stop(clock, monkeypatch, tier
 def test_asking_whether_to_stop_changes_nothing(clock):
     stop = Stop(silent, deadline=1.0)
     clock.now = 2.0
-    assert (stop.asked, stop.request, stop.ended_by) == (True, Status.TIME_LIMIT, None)
-    assert stop.cuts()
+    assert (stop.stop_requested, stop.request, stop.ended_by) == (True, Status.TIME_LIMIT, None)
+    assert stop.should_stop()
     assert stop.ended_by is Status.TIME_LIMIT
 
 

@@ -120,7 +120,7 @@ def test_matrices_are_those_of_the_cost(seed, d):
     np.testing.assert_array_equal(first.multipliers[graph.points], 0.0)
     np.testing.assert_array_equal(first.tangent[graph.points, d:], 0.0)
     # The multipliers' traces add up to F where the translations are optimal.
-    best = problem.settled(turned)
+    best = problem.with_optimal_translations(turned)
     total = np.trace(problem.first_order(best).multipliers, axis1=1, axis2=2).sum()
     assert total == pytest.approx(problem.cost(best), rel=1e-6)
 

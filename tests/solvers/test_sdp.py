@@ -312,7 +312,7 @@ def test_poses_get_the_translations_that_suit_the_rotations(method):
     np.testing.assert_allclose(
         solution.estimate.rotations, alone.estimate.rotations, rtol=0, atol=1e-12
     )
-    assert problem.settled(solution.estimate).translations == pytest.approx(
+    assert problem.with_optimal_translations(solution.estimate).translations == pytest.approx(
         solution.estimate.translations, abs=1e-9
     )
     assert solution.relaxation.value == pytest.approx(alone.cost, rel=1e-6)

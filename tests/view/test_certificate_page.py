@@ -370,7 +370,9 @@ def test_the_page_of_another_cost_is_about_that_cost(weighed, cost):
     assert f"{terms.max():.6g} {100.0 * terms.max() / terms.sum():.3g} %" in text
     below = surrogate(problem, found.estimate)
     spectrum = smallest_eigenvalues(
-        below.problem, below.problem.multipliers(below.problem.settled(found.estimate)), 8
+        below.problem,
+        below.problem.multipliers(below.problem.with_optimal_translations(found.estimate)),
+        8,
     )
     assert spectrum[3] > 1.0
     assert f"4 {spectrum[3]:.3g} 5 " in text

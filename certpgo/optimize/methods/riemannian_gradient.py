@@ -74,7 +74,7 @@ class RiemannianGradient(Iterative):
         with watch.phase("start"):
             start = initial or tree_initialization(problem.graph)
             problem.check(start)
-            state = _Descent(problem, problem.settled(start))
+            state = _Descent(problem, problem.with_optimal_translations(start))
         progress = Progress(monitor, self.tolerance, self.max_iterations, watch)
         step, moved = SAFE, 0.0
         average, weight = state.first.cost, 1.0
@@ -124,7 +124,7 @@ class _Descent:
         """The point after a step of that length, with optimal translations."""
         turned = so.turned(self.point.rotations, -step * self.direction)
         following = Estimate.trusted(turned, self.point.translations)
-        return _Descent(self.problem, self.problem.settled(following))
+        return _Descent(self.problem, self.problem.with_optimal_translations(following))
 
     @property
     def rounding(self) -> float:
