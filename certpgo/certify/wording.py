@@ -268,8 +268,7 @@ def _proven(c: Statement) -> str:
     if c.verdict == "UNDECIDED":
         return f"{own}; {_NO_BOUND}"
     if c.basin_is_global:
-        reached = f"local descent from it reaches the optimum, {cost_shown(c.refined_cost)}"
-        return f"{floor}; right basin: {own}" + (f", and {reached}" if improved else "")
+        return f"{floor}; right basin: {improved or own}, the optimum"
     if improved:
         return f"{floor}; {improved}, so the optimum is at most that"
     return f"{floor}; {own}, {_above(c)} above the optimum"

@@ -226,7 +226,7 @@ SMALL = "which is negligible against the total weight W = 1e+03"
         ),
         (
             {"refined_cost": 7.0, "basin_is_global": True},
-            f"{FLOOR_6}; {DESCENDED}, which is the optimum",
+            f"{FLOOR_6}; right basin: {DESCENDED}, the optimum",
         ),
         (
             {"refined_cost": 7.0, "descended": False},
@@ -234,7 +234,7 @@ SMALL = "which is negligible against the total weight W = 1e+03"
         ),
         (
             {"refined_cost": 7.0, "basin_is_global": True, "descended": False},
-            f"{FLOOR_6}; {MOVED}, which is the optimum",
+            f"{FLOOR_6}; right basin: {MOVED}, the optimum",
         ),
         (
             {"gap": 8.0, "lower_bound": 6.0},

@@ -20,6 +20,7 @@ from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.optimize.methods._sdp import Semidefinite
 from certpgo.optimize.progress import Stop
 from certpgo.optimize.solution import Status
+from certpgo.solve import bounds_table
 from certpgo.solve.solving import solve
 
 ROOT = Path(__file__).parents[2]
@@ -122,7 +123,7 @@ def test_bounds_of_half_a_search_are_not_shown(certpgo, tmp_path, monkeypatch, g
         found = solve(graph, initial=initial)
         return replace(found, solution=replace(found.solution, status=Status.INTERRUPTED))
 
-    monkeypatch.setattr("certpgo.solve.bounds_table.solve", interrupted)
+    monkeypatch.setattr(bounds_table, "solve", interrupted)
     instance, wound = winding_cycle(12, 0.1, 1)  # no optimum: its bounds need a search
     graph, estimate = tmp_path / "cycle.npz", tmp_path / "wound.npz"
     write(graph, instance)

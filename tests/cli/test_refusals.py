@@ -10,6 +10,7 @@ from certpgo.cli import BENCHMARKS
 from certpgo.io.datasets import entry
 from certpgo.io.datasets.synthetic import cycle
 from certpgo.objective.problem import problem_of
+from certpgo.solve import diagnostics
 
 EDGE = "EDGE_SE2 0 1 1 0 0.1 1 0 0 1 0 1"
 EDGE3 = "EDGE_SE3:QUAT 0 1 1 0 0 {q} " + "1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 1 0 0 1 0 1"
@@ -257,7 +258,7 @@ def test_an_interrupt_is_exit_code_130(certpgo, square, monkeypatch):
     def interrupted(*args, **kwargs):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("certpgo.solve.diagnostics.structure", interrupted)
+    monkeypatch.setattr(diagnostics, "structure", interrupted)
     done = certpgo("info", square)
     assert done.code == 130
     assert done.err == "certpgo: interrupted\n"

@@ -599,7 +599,7 @@ def test_misuse_of_other_costs_is_one_line(square):
     other = Estimate(np.tile(np.eye(2), (3, 1, 1)), np.zeros((3, 2)))
     with pytest.raises(InputError, match="3 nodes"):
         problem.cost(other)
-    with pytest.raises(InputError, match=r"takes a problem of certpgo\.costs, not an Instance"):
+    with pytest.raises(InputError, match=r"takes an InformationProblem, not an Instance"):
         certpgo.to_gtsam(instance, other)
     with pytest.raises(InputError, match="a factor graph and Values, not an Instance"):
         certpgo.from_gtsam(instance, other)

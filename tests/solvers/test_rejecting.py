@@ -8,6 +8,7 @@ from certpgo import PoseGraph, RobustSession, RotationGraph, Session, Verdict
 from certpgo.graph.streaming import streamed
 from certpgo.io.datasets.synthetic import helix
 from certpgo.linalg import rotations as so
+from certpgo.solve import robust_session
 
 #: Weight of the wrong loop's rotation.
 KAPPA = 1e4
@@ -96,7 +97,7 @@ def test_what_is_put_aside_returns_without_a_new_fit(monkeypatch):
     session.refresh()
     session._keep(set(range(13)))
     assert session.rejected.tolist() == [13]
-    monkeypatch.setattr("certpgo.solve.robust_session.select", None)
+    monkeypatch.setattr(robust_session, "select", None)
     session.refresh()
     assert session.rejected.size == 0
     assert session.edges.tolist() == list(range(14))

@@ -13,6 +13,7 @@ from certpgo.graph.information import Information
 from certpgo.graph.streaming import streamed
 from certpgo.io.datasets.synthetic import helix, winding_cycle
 from certpgo.objective.choose_cost import problem_under
+from certpgo.solve import terms
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +47,7 @@ def test_a_cycle_that_closes_has_its_closed_form():
 
 
 def test_an_open_chain_is_optimal_without_a_factorization(monkeypatch, graph):
-    monkeypatch.setattr("certpgo.solve.terms.problem_of", None)
+    monkeypatch.setattr(terms, "problem_of", None)
     session = Session(every=1)
     for one, nodes in stream(graph):
         if nodes[1] == nodes[0] + 1 and len(session.nodes) <= nodes[1]:
