@@ -290,10 +290,9 @@ def _may_gain(assessment: Assessment, part: JudgedGraph) -> bool:
 
 def _disagreement(problem: Certifiable, found: Assessment) -> Disagreement | None:
     """Measurements that disagree with the rest, by their residual angles and chordal cost."""
-    from certpgo.objective.choose_cost import RangeProblem
     from certpgo.solve.outliers import disagreement
 
-    if isinstance(problem, RangeProblem):
+    if problem.is_lifted:
         return None
     return disagreement(problem.chordal, found.best, refit=not found.best_is_optimal)
 

@@ -137,6 +137,10 @@ class Objective(Speaking, ABC):
         """Lower and upper bounds on F of an estimate, whose translations are taken as stored."""
         return enclosure(self.graph, estimate)
 
+    def residual_lengths(self, estimate: Estimate) -> FloatArray | None:
+        """(m,) norms of t_j - t_i - R_i t_ij, metres; None where only rotations are measured."""
+        return None
+
     def gradient(self, point: Point) -> FloatArray:
         """Half the Euclidean gradient of F, (n, r, d); in the papers' notation X M by blocks.
 

@@ -246,6 +246,10 @@ class InformationProblem(Speaking):
         """(m,) angles between R_i R_ij and R_j, radians."""
         return self.chordal.residual_angles(estimate)
 
+    def residual_lengths(self, estimate: Estimate) -> FloatArray:
+        """(m,) norms of t_j - t_i - R_i t_ij, metres."""
+        return self.chordal.residual_lengths(estimate)
+
     def linearized(self, estimate: Estimate) -> NormalEquations:
         """The cost and its linearization at an estimate.
 

@@ -161,6 +161,10 @@ class PoseProblem(Objective):
         """(m, r) vectors t_j - t_i - R_i t_ij, plus R_j a where an edge has an arm a."""
         return operators.translation_residuals(self.graph, point)
 
+    def residual_lengths(self, estimate: Estimate) -> FloatArray:
+        """(m,) norms of the translation residuals, metres."""
+        return np.asarray(np.linalg.norm(self.translation_residuals(estimate), axis=1))
+
     def cost(self, point: Point) -> float:
         """F of the point."""
         return float(self.edge_costs(point).sum())

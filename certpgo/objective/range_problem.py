@@ -207,7 +207,7 @@ class RangeProblem(Brief):
 
     def residual_lengths(self, estimate: Estimate) -> FloatArray:
         """Norms of t_j - t_i - R_i t_ij, then errors of the distances, metres."""
-        moved = np.linalg.norm(self.alone.translation_residuals(estimate), axis=1)
+        moved = self.alone.residual_lengths(estimate)
         return np.concatenate([moved, np.abs(self.ranges.distances - self.lengths(estimate))])
 
     def stationarity(self, estimate: Estimate) -> float:

@@ -16,10 +16,8 @@ from certpgo.graph import Estimate, Graph, Instance, PoseGraph
 from certpgo.io.accept_paths import AnyPath, measured
 from certpgo.io.digits import Digits, Writing
 from certpgo.io.gtsam_values import estimate_from_values
-from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.linalg.arrays import BoolArray, IntArray
 from certpgo.objective.choose_cost import CHORDAL, Certifiable, certifiable
-from certpgo.objective.problem import PoseProblem
-from certpgo.objective.range_problem import RangeProblem
 from certpgo.solve import metrics
 from certpgo.solve.fit import Fit
 
@@ -170,7 +168,7 @@ def costly_edges(
     problem: Certifiable, estimate: Estimate, ids: IntArray, count: int = EDGES
 ) -> tuple[CostlyEdge, ...]:
     """The edges with the largest terms of F; none where F is zero or not finite."""
-    terms, lengths = problem.edge_costs(estimate), residual_lengths(problem, estimate)
+    terms, lengths = problem.edge_costs(estimate), problem.residual_lengths(estimate)
     total = float(terms.sum())
     if not 0.0 < total < math.inf:
         return ()
@@ -195,19 +193,9 @@ def measured_parts(problem: Certifiable) -> tuple[BoolArray, BoolArray]:
     return graph.measures_rotation, graph.measures_translation
 
 
-def residual_lengths(problem: Certifiable, estimate: Estimate) -> FloatArray | None:
-    """(m,) norms of t_j - t_i - R_i t_ij, or errors of distances, metres; None without either."""
-    if isinstance(problem, RangeProblem):
-        return problem.residual_lengths(estimate)
-    poses = problem.chordal
-    if not isinstance(poses, PoseProblem):
-        return None
-    return np.asarray(np.linalg.norm(poses.translation_residuals(estimate), axis=1))
-
-
 def _farthest(problem: Certifiable, estimate: Estimate) -> float | None:
     """The largest translation residual, metres; None where no translation is measured."""
-    lengths, (_, moved) = residual_lengths(problem, estimate), measured_parts(problem)
+    lengths, (_, moved) = problem.residual_lengths(estimate), measured_parts(problem)
     return float(lengths[moved].max()) if lengths is not None and moved.any() else None
 
 

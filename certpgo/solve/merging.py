@@ -170,7 +170,7 @@ def merge(
     instances = [_as_instance(one) for one in maps]
     whole, across = _joined(instances, _labelled(instances, offset), between)
     problem = problem_of(whole.graph) if whole.ranges is None else range_problem(whole)
-    if robust and isinstance(problem, RangeProblem):
+    if robust and problem.is_lifted:
         raise InputError("robust fits are of poses: maps with distances are merged without")
     parts = tuple(search(certifiable(one, CHORDAL), chosen) for one in instances)
     answer = search(problem, chosen)

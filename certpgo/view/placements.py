@@ -44,11 +44,11 @@ def residuals(instance: Instance, estimate: Estimate) -> tuple[Measure, ...]:
     """
     graph, ranges = instance.graph, instance.ranges
     R, (i, j) = estimate.rotations, graph.edges.T
-    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    rotation = graph.rotation
     angles = np.degrees(so.angle(np.swapaxes(R[j], 1, 2) @ R[i] @ rotation.rotations))
     found = []
-    if (rotation.kappa > 0.0).any():
-        angles = np.where(rotation.kappa > 0.0, angles, NOT_MEASURED)
+    if graph.measures_rotation.any():
+        angles = np.where(graph.measures_rotation, angles, NOT_MEASURED)
         found.append(Measure("degrees", _followed(angles, ranges)))
     if isinstance(graph, PoseGraph) and estimate.translations is not None:
         steps = np.einsum("mab,mb->ma", R[i], graph.translations)
@@ -56,7 +56,7 @@ def residuals(instance: Instance, estimate: Estimate) -> tuple[Measure, ...]:
             steps -= np.einsum("mab,mb->ma", R[j], graph.arms)
         t = estimate.translations
         lengths = np.linalg.norm(t[j] - t[i] - steps, axis=1)
-        lengths = np.where(graph.tau > 0.0, lengths, NOT_MEASURED)
+        lengths = np.where(graph.measures_translation, lengths, NOT_MEASURED)
         errors = None if ranges is None else np.abs(ranges.distances - ranges.lengths(t))
         found.append(Measure("metres", _followed(lengths, ranges, errors)))
     return tuple(found)
@@ -65,7 +65,7 @@ def residuals(instance: Instance, estimate: Estimate) -> tuple[Measure, ...]:
 def weights(instance: Instance) -> tuple[Measure, ...]:
     """The weights of edges and of distances, where they differ."""
     graph, ranges = instance.graph, instance.ranges
-    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    rotation = graph.rotation
     listed = [("rotation weight", rotation.kappa)]
     if isinstance(graph, PoseGraph):
         listed.append(("translation weight", graph.tau))
