@@ -6,7 +6,7 @@ from certpgo.errors import InputError, SpecError
 from certpgo.graph import Graph, Instance, PoseGraph
 from certpgo.graph.information import InformationGraph
 from certpgo.graph.priors import require_determined, require_held
-from certpgo.objective.costs import COSTS
+from certpgo.objective.costs import CHORDAL, COSTS
 from certpgo.objective.edge_cost import EdgeCost
 from certpgo.objective.information_problem import InformationProblem, Surrogate, surrogate
 from certpgo.objective.position_costs import WithPositions
@@ -15,8 +15,6 @@ from certpgo.objective.range_problem import RangeProblem
 
 #: What estimates are certified for.
 Certifiable = Problem | InformationProblem | RangeProblem
-#: The name of F itself.
-CHORDAL = "chordal"
 
 __all__ = [
     "CHORDAL",
