@@ -141,6 +141,17 @@ def blocks(pairs: IntArray, indptr: IntArray, indices: IntArray, slots: IntArray
 def worst_defect(R: FloatArray, d: int, /) -> tuple[int, float]: ...
 def expand(indptr: IntArray, indices: IntArray, b: int, rows: IntArray, /) -> None: ...
 def diagonal_places(indptr: IntArray, indices: IntArray, places: IntArray, /) -> None: ...
+def combine(
+    operation: str,
+    unit: float,
+    a: FloatArray,
+    a_radius: FloatArray,
+    b: FloatArray,
+    b_radius: FloatArray,
+    mid: FloatArray,
+    radius: FloatArray,
+    /,
+) -> None: ...
 def multiply(
     fronts: tuple[Any, ...], data: FloatArray, x: FloatArray, y: FloatArray, /
 ) -> None: ...

@@ -472,6 +472,10 @@ CALL(lower)
 #include "matrices.h"
 #include "graphs.h"
 
+#undef REAL
+#undef IN
+#include "balls.h"
+
 static PyMethodDef methods[] = {
     {"central_tree", central_tree, METH_VARARGS, "Parents in the tree of a central node."},
     {"compose", compose, METH_VARARGS, "Poses composed along a tree."},
@@ -491,6 +495,7 @@ static PyMethodDef methods[] = {
     {"pin", pin, METH_VARARGS, "Rows and columns of a matrix set to zero."},
     {"lever_sums", lever_sums, METH_VARARGS, "Sizes of levers summed by nodes."},
     {"scatter_sum", scatter_sum, METH_VARARGS, "Rows summed by an index."},
+    {"combine", combine, METH_VARARGS, "An operation on balls."},
     {"multiply", multiply, METH_VARARGS, "A x."},
     {"lower", lower, METH_VARARGS, "L by columns."},
     {"order", order, METH_VARARGS, "A fill-reducing order of a pattern."},

@@ -1,0 +1,82 @@
+/* Operations on balls whose numbers are of one format, REAL. */
+
+static inline void IN(keep)(Steps *s, Int offset, Int radius_offset, REAL mid, double radius, double unit)
+{
+    radius = (radius + unit * fabs((double)mid) + UNDERFLOWN) * UP;
+    memcpy(s->at[0] + offset, &mid, sizeof mid);
+    memcpy(s->at[1] + radius_offset, &radius, sizeof radius);
+}
+
+/* One row of sums, products or quotients. */
+static inline void IN(combine_row)(Steps *s, int operation, double unit)
+{
+    int last = s->dimensions - 1;
+    Int step[OPERANDS];
+    for (int k = 0; k < OPERANDS; k++) step[k] = s->strides[k][last];
+    for (Int e = 0; e < s->shape[last]; e++) {
+        REAL a = READ_AT(s->at[2] + e * step[2], s->wide[2]), mid;
+        REAL b = READ_AT(s->at[4] + e * step[4], s->wide[4]);
+        double u = double_at(s->at[3] + e * step[3], 0), v = double_at(s->at[5] + e * step[5], 0);
+        double size = fabs((double)b), radius;
+        if (operation == SUM) {
+            mid = a + b, radius = u + v;
+        } else if (operation == PRODUCT) {
+            mid = a * b, radius = fabs((double)a) * v + u * ((size + v) * UP);
+        } else {
+            double least = size * (1.0 - 4.0 * ROUNDING) - v * UP;
+            mid = a / b;
+            radius = (u + fabs((double)mid) * v) / (least * (1.0 - 4.0 * ROUNDING));
+            if (!(least > 0.0)) radius = INFINITY;
+        }
+        IN(keep)(s, e * step[0], e * step[1], mid, radius, unit);
+    }
+}
+
+/* One product of matrices, or a row of them. */
+static inline void IN(multiply_row)(Steps *s, const Matrices *of, double unit)
+{
+    int last = s->dimensions - 1;
+    double terms = (double)of->q;
+    for (Int e = 0; e < s->shape[last]; e++) {
+        const char *at[OPERANDS];
+        for (int k = 0; k < OPERANDS; k++) at[k] = s->at[k] + e * s->strides[k][last];
+        for (Int i = 0; i < of->p; i++)
+            for (Int j = 0; j < of->r; j++) {
+                REAL mid = 0;
+                double error = 0.0, sizes = 0.0;
+                for (Int k = 0; k < of->q; k++) {
+                    REAL a = READ_AT(at[2] + i * of->rows[2] + k * of->columns[2], s->wide[2]);
+                    REAL b = READ_AT(at[4] + k * of->rows[4] + j * of->columns[4], s->wide[4]);
+                    double u = double_at(at[3] + i * of->rows[3] + k * of->columns[3], 0);
+                    double v = double_at(at[5] + k * of->rows[5] + j * of->columns[5], 0);
+                    double left = fabs((double)a), size = fabs((double)b);
+                    mid += a * b;
+                    error += left * v + u * ((size + v) * UP);
+                    sizes += left * size;
+                }
+                error += (terms + 2.0) * unit * sizes;
+                error = error * (1.0 + 2.0 * terms * ROUNDING) + terms * UNDERFLOWN;
+                IN(keep)(s, e * s->strides[0][last] + i * of->rows[0] + j * of->columns[0],
+                         e * s->strides[1][last] + i * of->rows[1] + j * of->columns[1], mid, error,
+                         unit);
+            }
+    }
+}
+
+static void IN(combine)(Steps *s, int operation, const Matrices *of, double unit)
+{
+    Int index[DIMENSIONS] = {0};
+    for (int a = 0; a < s->dimensions; a++)
+        if (!s->shape[a]) return;
+    merge(s);
+    do {
+        if (operation == MATRICES)
+            IN(multiply_row)(s, of, unit);
+        else if (operation == SUM)
+            IN(combine_row)(s, SUM, unit);
+        else if (operation == PRODUCT)
+            IN(combine_row)(s, PRODUCT, unit);
+        else
+            IN(combine_row)(s, QUOTIENT, unit);
+    } while (next_row(s, index));
+}
