@@ -91,6 +91,28 @@ def hessian(
     upper: FloatArray,
     /,
 ) -> None: ...
+def slopes(
+    edges: tuple[Any, ...],
+    d: int,
+    weights: FloatArray,
+    series: FloatArray | None,
+    R: FloatArray,
+    t: FloatArray,
+    terms: FloatArray,
+    gradient: FloatArray,
+    /,
+) -> None: ...
+def curvatures(
+    edges: tuple[Any, ...],
+    d: int,
+    weights: FloatArray,
+    series: FloatArray | None,
+    R: FloatArray,
+    t: FloatArray,
+    diagonal: FloatArray,
+    upper: FloatArray,
+    /,
+) -> None: ...
 def turn(R: FloatArray, v: FloatArray, d: int, left: bool, out: FloatArray, /) -> None: ...
 def assemble(
     places: tuple[IntArray, ...],

@@ -76,6 +76,8 @@ class EdgeCost(ABC):
     name: ClassVar[str]
     #: Whether the checker knows it.
     provable: ClassVar[bool] = False
+    #: What its residual is called in the compiled kernel, for this class alone; "" if it has none.
+    compiled_residual: ClassVar[str] = ""
 
     @property
     @abstractmethod

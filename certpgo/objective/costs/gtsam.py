@@ -46,6 +46,7 @@ class GtsamCost(EdgeCost):
     """
 
     name: ClassVar[str] = "gtsam"
+    compiled_residual: ClassVar[str] = "logarithm"
 
     @property
     def title(self) -> str:
