@@ -92,11 +92,11 @@ class EdgeEquations:
 
     @cached_property
     def _arrays(self) -> tuple[tuple[Any, ...], int, FloatArray, FloatArray | None]:
-        graph = self._cost.graph
+        graph, weights = self._cost.graph, np.ascontiguousarray(self._cost.weights)
         rotation, moved = graph.rotation, (graph.isotropic.tau, graph.translations)
-        arrays = rotation.edges, rotation.rotations, rotation.kappa, *moved, self._cost.weights
-        pairs, P, kappa, tau, t, weights = (np.ascontiguousarray(x) for x in arrays)
-        return (pairs, P, None, kappa, tau, t, None), graph.d, weights, self._series
+        edges = rotation.edges, rotation.rotations, None, rotation.kappa, *moved, None
+        arrays = tuple(None if x is None else np.ascontiguousarray(x) for x in edges)
+        return arrays, graph.d, weights, self._series
 
 
 def _poses(point: Estimate) -> tuple[FloatArray, FloatArray]:
