@@ -19,7 +19,8 @@ from certpgo.graph.relaxed_point import Point, translations_of
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import Layout
-from certpgo.linalg.factor import Factor, Symbolic, default_engine
+from certpgo.linalg.factor import Solver, Symbolic, default_engine
+from certpgo.linalg.refined import SingleFirst
 from certpgo.objective.edge_cost import EdgeCost, Minorants
 from certpgo.objective.edge_equations import EdgeEquations, relative
 from certpgo.objective.problem import PoseProblem
@@ -79,9 +80,9 @@ class NormalEquations:
         length = self.problem.length
         return largest_step(unpack(self.gradient), unpack(scale), self.problem.d, length)
 
-    def factor(self, A: CSC) -> Factor | None:
-        """The factor of a matrix with the same pattern."""
-        return self.problem.symbolic(A).factor(A)
+    def factor(self, A: CSC) -> Solver | None:
+        """The factor of a matrix with the same pattern, in single precision where that suffices."""
+        return self.problem.factors.factor(self.problem.symbolic(A), A)
 
     def moved(self, x: FloatArray) -> NormalEquations:
         """The normal equations after a step x (N,)."""
@@ -263,6 +264,11 @@ class InformationProblem(Speaking):
     def symbolic(self, A: CSC) -> Symbolic:
         """The symbolic analysis of a block matrix of this graph."""
         return self.chordal.symbolic(A)
+
+    @cached_property
+    def factors(self) -> SingleFirst:
+        """How its Gauss-Newton matrices are factorized."""
+        return SingleFirst()
 
     def stationarity(self, estimate: Estimate) -> float:
         """Largest gradient of a pose over its curvature, radians and relative translations."""

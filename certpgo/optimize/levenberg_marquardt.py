@@ -104,6 +104,10 @@ def minimise(here: AnyModel, progress: Progress) -> AnyModel:
                 damping, exact, last = here.raised(damping), False, _REJECTED
                 continue
             step = -factor.solve(here.gradient)
+            if not np.isfinite(step).all():
+                factor, last = None, _REJECTED
+                damping = damping if reused else here.raised(damping)
+                continue
             there = here.moved(step)
         predicted = float(step @ (damped * step - here.gradient))
         # Where the decrease is below rounding of the cost, the gradient may still show progress.
