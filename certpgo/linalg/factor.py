@@ -42,7 +42,7 @@ HEAVY = 4e9
 DISTRIBUTED_FROM = 3e10
 
 
-class Solver(Protocol):
+class LinearSolver(Protocol):
     """What solves with a matrix A."""
 
     def solve(self, B: FloatArray) -> FloatArray:
@@ -50,7 +50,7 @@ class Solver(Protocol):
         ...
 
 
-class Factor(Solver, Protocol):
+class Factor(LinearSolver, Protocol):
     """A Cholesky factorization A[p][:, p] = L L^T."""
 
     def lower(self) -> tuple[CSC, IntArray]:

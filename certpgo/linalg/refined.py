@@ -8,7 +8,7 @@ import numpy as np
 
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.cg import End, conjugate_gradients
-from certpgo.linalg.factor import Solver, Symbolic
+from certpgo.linalg.factor import LinearSolver, Symbolic
 
 #: Relative accuracy of solutions in the norm of the matrix.
 ACCURACY = 1e-3
@@ -22,7 +22,7 @@ class SingleFirst:
     def __init__(self) -> None:
         self._single = True
 
-    def factor(self, symbolic: Symbolic, A: CSC) -> Solver | None:
+    def factor(self, symbolic: Symbolic, A: CSC) -> LinearSolver | None:
         """A factor for solutions accurate to `ACCURACY`; None if A is not positive definite.
 
         Solutions are NaN where it shows only then, or where a factor serves no more.
@@ -41,9 +41,9 @@ class SingleFirst:
 class _Refined:
     """A factor in single precision; if that does not suffice at first, one in double takes over."""
 
-    def __init__(self, first: SingleFirst, symbolic: Symbolic, A: CSC, rough: Solver) -> None:
+    def __init__(self, first: SingleFirst, symbolic: Symbolic, A: CSC, rough: LinearSolver) -> None:
         self._first, self._symbolic, self._A = first, symbolic, A
-        self._factor: Solver | None = rough
+        self._factor: LinearSolver | None = rough
         self._is_rough, self._has_served = True, False
 
     def solve(self, B: FloatArray) -> FloatArray:

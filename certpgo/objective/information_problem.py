@@ -19,7 +19,7 @@ from certpgo.graph.relaxed_point import Point, translations_of
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import Layout
-from certpgo.linalg.factor import Solver, Symbolic, default_engine
+from certpgo.linalg.factor import LinearSolver, Symbolic, default_engine
 from certpgo.linalg.refined import SingleFirst
 from certpgo.objective.edge_cost import EdgeCost, Minorants
 from certpgo.objective.edge_equations import EdgeEquations, relative
@@ -80,7 +80,7 @@ class NormalEquations:
         length = self.problem.length
         return largest_step(unpack(self.gradient), unpack(scale), self.problem.d, length)
 
-    def factor(self, A: CSC) -> Solver | None:
+    def factor(self, A: CSC) -> LinearSolver | None:
         """The factor of a matrix with the same pattern, in single precision where that suffices."""
         return self.problem.factors.factor(self.problem.symbolic(A), A)
 
