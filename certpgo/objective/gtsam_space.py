@@ -75,7 +75,7 @@ import numpy as np
 from certpgo.graph.information import InformationGraph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray
-from certpgo.linalg.ball_arithmetic import Ball, crossed, is_positive_definite, near_rotations, sums
+from certpgo.linalg.ball_arithmetic import Ball, crossed, is_positive_definite, sums
 from certpgo.objective.angle_functions import (
     AngleFunctions,
     clipped,
@@ -142,7 +142,9 @@ class _Terms:
         return np.asarray(np.minimum(1.0, ROOM * self.rho / np.maximum(X, 1e-300)))
 
 
-def minorants_in_space(graph: InformationGraph, y: FloatArray, E: FloatArray) -> Minorants:
+def minorants_in_space(
+    graph: InformationGraph, measured: Ball, y: FloatArray, E: FloatArray
+) -> Minorants:
     """Minorants that touch at translations y (m, 3) and rotations E (m, 3, 3), up to rounding.
 
     None where the information is not positive definite.
@@ -153,7 +155,8 @@ def minorants_in_space(graph: InformationGraph, y: FloatArray, E: FloatArray) ->
         sound = (terms.rho > 0.0) & (tau > 0.0) & np.isfinite(N).all(axis=(1, 2))
         sound &= np.isfinite(a + b).all(axis=1)
         tau, a, b, N = np.where(sound, tau, 1.0), _kept(a, sound), _kept(b, sound), _kept(N, sound)
-        constant = _constants(graph, Minorants(tau, a, b, N, np.zeros_like(tau)), terms)
+        found = Minorants(tau, a, b, N, np.zeros_like(tau))
+        constant = _constants(graph, measured, found, terms)
     return Minorants(tau, a, b, N, np.where(sound & np.isfinite(constant), constant, -np.inf))
 
 
@@ -165,31 +168,50 @@ def _taken_apart(graph: InformationGraph, y: FloatArray, omega: FloatArray) -> _
     at = AngleFunctions.of(np.linalg.norm(omega, axis=1))
     inverse = _inverse_jacobians(omega)
     q = _times(inverse, y) + _times(r, omega)
-    smallest, steep = _smallest(left), at.theta > TURNED
-    enough, left_over = KEPT * smallest, BALANCE * smallest
     m = len(t)
-    done, share, mu, eta = np.zeros(m, dtype=np.bool_), np.zeros(m), np.zeros(m), np.zeros(m)
-    remains, rho = np.empty((m, 3, 3)), np.empty(m)
+    share, mu, eta, rho = np.zeros(m), np.zeros(m), np.zeros(m), np.empty(m)
+    remains, todo = np.empty((m, 3, 3)), np.arange(m)
+    known = rest, q, P, y, omega, at.theta, inverse, t, left, _smallest(left)
     for tried in TOUCHED:
-        k = tried * _times(rest, q)
-        size = np.linalg.norm(k, axis=1)
-        slope = _slopes(k, tried * _times(_transposed(P), q), y, omega)
-        swept = (SWEPT * (np.pi + at.theta) * size) ** 2
-        pays = np.where(size > 0.0, np.clip(np.sqrt(swept * t / left_over), t / 1024, MOST * t), t)
-        eta_now = np.where(size > 0.0, pays, (1.0 - NEARLY) * t)
-        needed = CURVED * size * np.linalg.norm(y, axis=1) + swept / eta_now
-        needed += 0.5 * np.linalg.norm(_times(inverse, slope), axis=1)
-        mu_now = 1.0001 * needed / (1.0 - at.theta)
-        mu_now = np.where(needed > 0.0, mu_now, 0.0)
-        remains_now = left + _bilinear(k, y) / 6.0 - mu_now[:, None, None] * np.eye(3)
-        least = _smallest(remains_now) - 1e-12 * np.abs(remains_now).sum(axis=(1, 2))
-        fits = ~done & ((tried == 0.0) | (least >= enough) & ~(steep & (needed > 0.0)))
-        share[fits], mu[fits], eta[fits] = tried, mu_now[fits], eta_now[fits]
-        remains[fits], rho[fits] = remains_now[fits], least[fits]
-        done |= fits
+        mu_now, eta_now, remains_now, rho_now, fits = _paid(tried, *(x[todo] for x in known))
+        done, share[todo[fits]] = todo[fits], tried
+        mu[done], eta[done] = mu_now[fits], eta_now[fits]
+        remains[done], rho[done] = remains_now[fits], rho_now[fits]
+        todo = todo[~fits]
+        if not len(todo):
+            break
     x = share[:, None] * q
     p = _times(_transposed(P), x)
     return _Terms(y, omega, at, t, scalar, rest, r, left, share, x, p, mu, eta, remains, rho)
+
+
+def _paid(
+    share: float,
+    rest: FloatArray,
+    q: FloatArray,
+    P: FloatArray,
+    y: FloatArray,
+    omega: FloatArray,
+    theta: FloatArray,
+    inverse: FloatArray,
+    t: FloatArray,
+    left: FloatArray,
+    smallest: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, BoolArray]:
+    """The prices mu and eta of touching a share, O and rho after it, and whether they suffice."""
+    k = share * _times(rest, q)
+    size = np.linalg.norm(k, axis=1)
+    slope = _slopes(k, share * _times(_transposed(P), q), y, omega)
+    swept = (SWEPT * (np.pi + theta) * size) ** 2
+    balanced = np.clip(np.sqrt(swept * t / (BALANCE * smallest)), t / 1024, MOST * t)
+    eta = np.where(size > 0.0, balanced, (1.0 - NEARLY) * t)
+    needed = CURVED * size * np.linalg.norm(y, axis=1) + swept / eta
+    needed += 0.5 * np.linalg.norm(_times(inverse, slope), axis=1)
+    mu = np.where(needed > 0.0, 1.0001 * needed / (1.0 - theta), 0.0)
+    remains = left + _bilinear(k, y) / 6.0 - mu[:, None, None] * np.eye(3)
+    rho = _smallest(remains) - 1e-12 * np.abs(remains).sum(axis=(1, 2))
+    fits = (rho >= KEPT * smallest) & ~((theta > TURNED) & (needed > 0.0))
+    return mu, eta, remains, rho, fits | (share == 0.0)
 
 
 def _edges(
@@ -217,14 +239,13 @@ def _edges(
     return tau, a, graph.translations + _times(R, b), R @ coupled
 
 
-def _constants(graph: InformationGraph, found: Minorants, of: _Terms) -> FloatArray:
+def _constants(graph: InformationGraph, R: Ball, found: Minorants, of: _Terms) -> FloatArray:
     """Lower bounds (m,) on f less the minorants with constant zero."""
     T, P, W = (Ball.exact(block).widened for block in blocks(graph.information, 3))
     t, tau, mu, rho = (Ball.exact(x).widened for x in (of.t, found.tau, of.mu, of.rho))
     a, omega, x, e = (Ball.exact(x).widened for x in (found.a, of.omega, of.x, of.e))
     share, part = np.where(of.share > 0.0, of.share, 1.0), Ball.exact(of.part)
-    R, at = near_rotations(graph.rotations), of.at
-    b = R.T.apply(Ball.exact(found.b).widened - graph.translations)
+    at, b = of.at, R.T.apply(Ball.exact(found.b).widened - graph.translations)
     N = R.T @ found.N + _scaled(tau, b[:, :, None] * a[:, None, :])
     rest, eta = T - _scaled(t), t - tau
     k, p = rest.apply(x), P.T.apply(x)
