@@ -212,7 +212,7 @@ def test_a_coupling_that_is_not_paid_for_has_no_minorant(kind):
     for terms, exist in ((enough, True), (less, False)):
         tau, a, b, N = gtsam_space._edges(cost.graph, terms)
         found = Minorants(tau, a, b, N, np.zeros(40))
-        constants = gtsam_space._constants(cost.graph, found, terms)
+        constants = gtsam_space._constants(cost.graph, cost.measured, found, terms)
         assert (np.isfinite(constants) == exist).all()
 
 
