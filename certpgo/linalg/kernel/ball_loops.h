@@ -3,8 +3,8 @@
 static inline void IN(keep)(Steps *s, Int offset, Int radius_offset, REAL mid, double radius, double unit)
 {
     radius = (radius + unit * fabs((double)mid) + UNDERFLOWN) * UP;
-    memcpy(s->at[0] + offset, &mid, sizeof mid);
-    memcpy(s->at[1] + radius_offset, &radius, sizeof radius);
+    *(REAL *)(s->at[0] + offset) = mid;
+    *(double *)(s->at[1] + radius_offset) = radius;
 }
 
 /* One row of sums, products or quotients. */

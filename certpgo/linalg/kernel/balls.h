@@ -2,6 +2,7 @@
  * reasons; radii are doubles, and numbers doubles or of the wider format. */
 
 #include <float.h>
+#include <stddef.h>
 
 #if FLT_EVAL_METHOD != 0
 #error "balls need doubles that are rounded as doubles"
@@ -25,6 +26,12 @@ typedef struct {
     int wide[OPERANDS]; /* whether it is of the wider format */
 } Steps;
 
+/* Where numbers of the wider format may begin. */
+typedef struct {
+    char first;
+    long double wide;
+} Aligned;
+
 /* Adds one of the arrays, without its last `inner` dimensions; the first one gives the shape. */
 static int step_through(Steps *steps, int k, const Py_buffer *view, int inner)
 {
@@ -44,6 +51,10 @@ static int step_through(Steps *steps, int k, const Py_buffer *view, int inner)
     int wide = !strcmp(format, "g") && view->itemsize == sizeof(long double);
     if (!wide && (strcmp(format, "d") || view->itemsize != sizeof(double)))
         return refuse("an array of doubles expected, or of the wider format") != NULL;
+    Int unit = wide ? (Int)offsetof(Aligned, wide) : (Int)sizeof(double);
+    Int odd = (Int)((uintptr_t)view->buf % (uintptr_t)unit);
+    for (int a = 0; a < view->ndim; a++) odd |= view->strides[a] % unit;
+    if (odd) return refuse("an array at even addresses expected") != NULL;
     steps->wide[k] = wide;
     steps->at[k] = view->buf;
     return 1;
@@ -91,18 +102,13 @@ typedef struct {
 
 static inline double double_at(const char *at, int wide)
 {
-    double value;
     (void)wide;
-    memcpy(&value, at, sizeof value);
-    return value;
+    return *(const double *)at;
 }
 
 static inline long double wide_at(const char *at, int wide)
 {
-    long double value;
-    if (!wide) return double_at(at, 0);
-    memcpy(&value, at, sizeof value);
-    return value;
+    return wide ? *(const long double *)at : (long double)*(const double *)at;
 }
 
 #define REAL double
