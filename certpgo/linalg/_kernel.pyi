@@ -174,6 +174,17 @@ def combine(
     radius: FloatArray,
     /,
 ) -> None: ...
+def eliminate(
+    A: FloatArray,
+    radii: FloatArray,
+    p: int,
+    count: int,
+    unit: float,
+    mid: FloatArray,
+    radius: FloatArray,
+    proven: IntArray,
+    /,
+) -> None: ...
 def multiply(
     fronts: tuple[Any, ...], data: FloatArray, x: FloatArray, y: FloatArray, /
 ) -> None: ...

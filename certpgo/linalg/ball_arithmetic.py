@@ -26,6 +26,9 @@ TINY = 2.0**-1070
 #: Rounding of the radius itself.
 _UP = 1.0 + 16.0 * U
 
+#: Rows of the matrices that the compiled kernel eliminates, at most.
+LARGEST_ELIMINATED = 8
+
 # Extended precision where the machine has it as an IEEE format: x86 has 64 bits. PowerPC's pair of
 # doubles does not round as IEEE formats do.
 _LONG = np.finfo(np.longdouble)
@@ -243,6 +246,17 @@ def eliminated(A: Ball, count: int) -> tuple[Ball, BoolArray]:
     Returns the complements (m, p - count, p - count), and (m,) whether all leading blocks
     (count, count) are proven positive definite. They are if the pivots of elimination are positive.
     """
+    m, p, _ = A.mid.shape
+    if not compiled.AVAILABLE or p > LARGEST_ELIMINATED:
+        return _eliminated_in_numpy(A, count)
+    shape = (m, p - count, p - count)
+    mid, radius, proven = np.empty(shape, A.mid.dtype), np.empty(shape), np.empty(m, np.int64)
+    arrays = np.ascontiguousarray(A.mid), np.ascontiguousarray(A.radius)
+    compiled.kernel.eliminate(*arrays, p, count, _unit(mid), mid, radius, proven)
+    return Ball(mid, radius), proven != 0
+
+
+def _eliminated_in_numpy(A: Ball, count: int) -> tuple[Ball, BoolArray]:
     proven = np.ones(len(A.mid), dtype=np.bool_)
     with np.errstate(all="ignore"):
         for _ in range(count):

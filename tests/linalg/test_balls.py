@@ -16,6 +16,7 @@ from certpgo.linalg.ball_arithmetic import (
     Ball,
     arctan2,
     crossed,
+    eliminated,
     is_positive_definite,
     joined,
     near_rotations,
@@ -248,6 +249,24 @@ def test_positive_definite_matrices(d):
     assert proven.any()
     assert (least[proven] > 0.1).all()
     assert not is_positive_definite(Ball.exact(np.full((1, d, d), np.nan)))[0]
+
+
+@needs_the_kernel
+@pytest.mark.parametrize("count", [0, 2, 5])
+def test_compiled_elimination_is_that_in_numpy(count, wide, monkeypatch):
+    rng = np.random.default_rng(0)
+    A = rng.standard_normal((100, 5, 5))
+    A = A + np.swapaxes(A, 1, 2) + rng.uniform(0, 6, (100, 1, 1)) * np.eye(5)
+    A[:2, 2, 2] = np.nan, np.inf
+    ball = Ball.within(A, 10.0 ** rng.uniform(-20, -1, A.shape))
+    ball = ball.widened if wide else ball
+    found, proven = eliminated(ball, count)
+    monkeypatch.setattr(compiled, "AVAILABLE", False)
+    expected, expected_proven = eliminated(ball, count)
+    np.testing.assert_array_equal(found.mid, expected.mid, strict=True)
+    np.testing.assert_array_equal(found.radius, expected.radius, strict=True)
+    np.testing.assert_array_equal(proven, expected_proven, strict=True)
+    assert count == 0 or 10 < np.count_nonzero(proven) < 90
 
 
 def test_padding_keeps_the_balls():

@@ -11,6 +11,8 @@
 /* Dimensions of arrays at most, and arrays of a call. */
 #define DIMENSIONS 6
 #define OPERANDS 6
+/* Rows of matrices that are eliminated, at most. */
+#define LARGEST 8
 
 /* Rounding of doubles, of radii, and a bound on underflow. */
 #define ROUNDING (0.5 * DBL_EPSILON)
@@ -182,3 +184,29 @@ done:
     while (count) PyBuffer_Release(&views[--count]);
     return result;
 }
+
+/* eliminate(A, radii, count, unit, mid, radius, proven): matrices (m, p, p) to (m, p - count,
+ * p - count); proven (m,) whether the leading blocks are proven positive definite */
+static PyObject *eliminate_of(Held *held, PyObject *args)
+{
+    Array A = {held, NUMBERS}, radii = {held, DOUBLES}, mid = {held, NUMBERS, WRITTEN};
+    Array radius = {held, DOUBLES, WRITTEN}, proven = {held, INTS, WRITTEN};
+    double unit;
+    int p, count;
+    if (!PyArg_ParseTuple(args, "O&O&iidO&O&O&", array, &A, array, &radii, &p, &count, &unit, array,
+                          &mid, array, &radius, array, &proven))
+        return NULL;
+    Int m = proven.length, q = p - count;
+    if (p < 1 || p > LARGEST || count < 0 || q < 0 || A.length != m * p * p ||
+        radii.length != A.length || mid.length != m * q * q || radius.length != mid.length ||
+        mid.itemsize != A.itemsize)
+        return refuse("small matrices in balls, and room for their complements expected");
+    Py_BEGIN_ALLOW_THREADS
+    if (A.itemsize != sizeof(double))
+        complement_wide(m, p, count, unit, A.at, radii.at, mid.at, radius.at, proven.at);
+    else
+        complement_double(m, p, count, unit, A.at, radii.at, mid.at, radius.at, proven.at);
+    Py_END_ALLOW_THREADS
+    return Py_NewRef(Py_None);
+}
+CALL(eliminate)
