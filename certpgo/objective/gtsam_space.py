@@ -145,9 +145,10 @@ def _constants(graph: InformationGraph, R: Ball, found: Minorants, of: SpatialTe
     b = R.T.apply(Ball.exact(found.b).widened - graph.translations)
     N = R.T @ found.N + _scaled(tau, b[:, :, None] * a[:, None, :])
     rest, eta = T - _scaled(t), t - tau
-    least = 0.5 * smallest_eigenvalue(np.where(of.scalar[:, None, None], np.eye(3), of.rest))
-    definite = of.scalar
+    least, definite = np.full(len(of.t), 0.5), of.scalar
     if not of.scalar.all():
+        of_rest = np.where(of.scalar[:, None, None], np.eye(3), of.rest)
+        least = 0.5 * smallest_eigenvalue(of_rest)
         definite = definite | is_positive_definite(rest - _scaled(Ball.exact(least)))
     touched = _touched(of, rest, P, tau, a, b) if of.x.any() else _untouched(of, tau, a, b)
 

@@ -134,12 +134,15 @@ def _split(
     They are nan where the information is not definite. Of the shares tried, the one with the
     largest t^3 det W'.
     """
-    m, least = len(T), smallest_eigenvalue(T)
+    m, t = len(T), T[:, 0, 0].copy()
     crossless = np.asarray(~P.any(axis=(1, 2)))
     scalar = is_isotropic(T) & crossless
-    t = np.where(scalar, T[:, 0, 0], np.where(crossless, WHOLE * least, np.nan))
+    uneven = np.flatnonzero(crossless & ~scalar)
+    t[uneven] = WHOLE * smallest_eigenvalue(T[uneven])
+    t[~crossless] = np.nan
     # W' is positive definite exactly for t below the inverse of the largest translational variance.
-    both = ~crossless & (smallest_eigenvalue(W) > 0.0)
+    both, least = ~crossless, np.full(m, np.nan)
+    both[both] = smallest_eigenvalue(W[both]) > 0.0
     least[both] = smallest_eigenvalue(
         T[both] - P[both] @ np.linalg.solve(W[both], transposed(P[both]))
     )
