@@ -99,10 +99,7 @@ class Search(ABC):
         # After an error, the search continues with what was found before.
         with suppress(NumericalError, np.linalg.LinAlgError):
             for point in self.relaxation():
-                for start in self.roundings(point):
-                    if self.ends():
-                        break
-                    self.improve(self.descend(start))
+                self.descend_near(point)
         self.finish()
 
     @abstractmethod
@@ -112,6 +109,14 @@ class Search(ABC):
     @abstractmethod
     def relaxation(self) -> Iterator[Lift]:
         """Lower and lower points of the relaxation; the best of their bounds is kept."""
+
+    def descend_near(self, point: Lift) -> None:
+        """Descend from the roundings of a point; from the first one even if a stop is due."""
+        for start in self.roundings(point):
+            with suppress(NumericalError, np.linalg.LinAlgError):
+                self.improve(self.descend(start))
+            if self.ends():
+                break
 
     @abstractmethod
     def roundings(self, point: Lift) -> Iterable[Estimate]:
@@ -186,7 +191,8 @@ class Search(ABC):
     @property
     def basin(self) -> LocalMinimum:
         """The best estimate so far with its bound."""
-        return LocalMinimum(self.best.estimate, self.cost, True, self.bound)
+        ended = self.best.status in (Status.CONVERGED, Status.STALLED)
+        return LocalMinimum(self.best.estimate, self.cost, ended, self.bound)
 
     @property
     def status(self) -> Status:
