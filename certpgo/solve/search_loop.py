@@ -22,7 +22,7 @@ from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Lift, Point
 from certpgo.objective.choose_cost import Certifiable
 from certpgo.optimize.initialization import Start
-from certpgo.optimize.monitor import Monitor
+from certpgo.optimize.monitor import Monitor, Stopwatch
 from certpgo.optimize.progress import Hopeful
 from certpgo.optimize.solution import Level, Solution, Status
 from certpgo.solve.outliers import Disagreement
@@ -56,7 +56,7 @@ class Search(ABC):
         self.tier = None if settings.tier is None else case.tier
         self.asked = settings
         self.posed, self.problem, self.settings = posed, case.problem, settings
-        self.stop, self.watch = case.stop, case.stop.watch
+        self.stop = case.stop
         self.patience = settings.patience if settings.time_limit is None else math.inf
         self.counts: Counter[str] = Counter()
         self.cost = math.inf
@@ -182,6 +182,11 @@ class Search(ABC):
     def ends(self) -> bool:
         """Whether the gap is closed, or a stop leaves the rest of the search out."""
         return self.is_certified or self.stop.should_stop()
+
+    @property
+    def watch(self) -> Stopwatch:
+        """The stopwatch of all phases, which begins anew with the search."""
+        return self.stop.watch
 
     @property
     def is_certified(self) -> bool:

@@ -428,6 +428,7 @@ def test_a_descent_that_fails_is_not_the_last(monkeypatch):
         return descent(*given, **more)
 
     whole = solve(problem)
+    assert {"descend", "certify", "escape", "round"} <= set(whole.solution.seconds)
     monkeypatch.setattr(RangedCase, "descent", failing_first)
     found = solve(problem)
     assert not failures
