@@ -38,7 +38,7 @@ EQUIVALENT = ROOT / "reports" / "studies" / "mutants.toml"
 TESTS = {
     "certpgo/linalg/factor.py": ("linalg/test_factor*",),
     "certpgo/certify/bounds.py": ("certify/test_bounds*",),
-    "certpgo/certify/tolerances.py": (
+    "certpgo/certify/chordal_case.py": (
         "certify/test_case*",
         "certify/test_parts*",
         "certify/test_extremes*",
