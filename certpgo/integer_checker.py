@@ -431,7 +431,7 @@ class Proof(NamedTuple):
 
 def read_claim(data: bytes) -> dict[str, Any]:
     """The header of a proof; decimals stay decimals."""
-    text = stored(data, "|u1", None).decode()
+    text = bytes(stored(data, "|u1")[0]).decode()
     claim = json.loads(text, parse_float=Decimal, parse_constant=Decimal)
     claim = {"cost": None, "landmarks": False, "priors": False, "origin": None} | claim
     known = {
@@ -463,37 +463,36 @@ def read_claim(data: bytes) -> dict[str, Any]:
     return claim
 
 
-def stored(data: bytes, dtype: str, shape: tuple[int, ...] | None) -> bytes:
-    """The bytes of an array in a .npy file."""
-    start, size = (10, 2) if data[6] == 1 else (12, 4)
-    start += int.from_bytes(data[8 : 8 + size], "little")
-    header = ast.literal_eval(data[8 + size : start].decode())
-    found = header["descr"], header["fortran_order"], header["shape"]
-    shape = (len(data) - start,) if shape is None else shape
-    size = int(dtype[2:])
-    for n in shape:
-        size *= n
-    if data[:6] != b"\x93NUMPY" or found != (dtype, False, shape) or len(data) - start != size:
+def stored(data: bytes, dtype: str, shape: tuple[int, ...] | None = None) -> list[list[int]]:
+    """The rows of an array in a .npy file, of numbers as unsigned integers."""
+    long, size = data[6] > 1, int(dtype[2:])
+    start = 12 if long else 10
+    start += int.from_bytes(data[8:start], "little")
+    header = ast.literal_eval(data[12 if long else 10 : start].decode())
+    shape = shape or header["shape"]
+    if (data[:6], header["descr"], header["shape"]) != (b"\x93NUMPY", dtype, shape):
         raise Refused(f"{dtype} of shape {shape} expected: another graph's proof?")
-    return data[start:]
-
-
-def bits_of(data: bytes, dtype: str, *shape: int) -> list[int]:
-    """The words of an array, as unsigned integers."""
-    words, size = stored(data, dtype, shape), int(dtype[2:])
-    return [int.from_bytes(words[k : k + size], "little") for k in range(0, len(words), size)]
+    words = [int.from_bytes(data[k : k + size], "little") for k in range(start, len(data), size)]
+    n, columns = shape if len(shape) > 1 else (1, *shape)
+    if (len(data) - start, len(words)) != (size * len(words), n * columns):
+        raise Refused("an array is not as long as it says")
+    if header["fortran_order"]:
+        return [words[k::n] for k in range(n)]
+    return [words[k : k + columns] for k in range(0, len(words), columns)]
 
 
 def doubles(data: bytes, *shape: int) -> list[list[int]]:
     """The rows of an array of doubles."""
-    numbers = []
-    for word in bits_of(data, "<f8", *shape):
-        exponent, fraction = word >> 52 & 2047, word & (1 << 52) - 1
-        if exponent == 2047:
-            raise Refused("the proof holds numbers that are not finite")
-        size = (fraction | 1 << 52) << (exponent - 1) if exponent else fraction
-        numbers.append(-size if word >> 63 else size)
-    return [numbers[k : k + shape[1]] for k in range(0, len(numbers), shape[1])]
+    return [[from_bits(word) for word in row] for row in stored(data, "<f8", shape)]
+
+
+def from_bits(word: int) -> int:
+    """The double of 64 bits: sign, exponent, fraction."""
+    exponent, fraction = word >> 52 & 2047, word & (1 << 52) - 1
+    if exponent == 2047:
+        raise Refused("the proof holds numbers that are not finite")
+    size = (fraction | 1 << 52) << (exponent - 1) if exponent else fraction
+    return -size if word >> 63 else size
 
 
 def read_proof(files: dict[str, bytes], claim: dict[str, Any], graph: Graph) -> Proof:
@@ -503,8 +502,10 @@ def read_proof(files: dict[str, bytes], claim: dict[str, Any], graph: Graph) -> 
     q = [quaternion(row if d == 3 else [0, 0, *row[::-1]]) for row in pairs]
     t = doubles(files["translations"], n, d) if poses else []
     multipliers = doubles(files["multipliers"], n, d * (d + 1) // 2)
-    order = bits_of(files["order"], "<i4", n)
-    if any(word >> 23 & 255 == 255 for word in bits_of(files["delta"], "<f4", n * (d + poses))):
+    (order,) = stored(files["order"], "<i4", (n,))
+    if any(
+        word >> 23 & 255 == 255 for word in stored(files["delta"], "<f4", (n * (d + poses),))[0]
+    ):
         raise Refused("the proof holds numbers that are not finite")
     if sorted(order) != list(range(n)):
         raise Refused("order is no permutation")
