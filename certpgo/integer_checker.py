@@ -4,7 +4,7 @@
 
 needs only this file and Python, and no floating-point number. It reads the same files as checker.py
 and prints the same lines about the chordal cost, but shares no code with it. docs/checker.md says
-what is proven (section 1), what a proof holds (section 10) and why this program is right (section 11).
+what is proven (section 1), what a proof holds (section 10) and why this is right (section 11).
 """
 
 from __future__ import annotations
@@ -409,12 +409,15 @@ class Proof(NamedTuple):
 def read_claim(data: bytes) -> dict[str, Any]:
     """The header of a proof; decimals stay decimals."""
     text = bytes(stored(data, "|u1")[0]).decode()
-    claim = json.loads(text, parse_float=Decimal, parse_constant=Decimal)
-    claim = {"cost": None, "landmarks": False, "priors": False, "origin": None} | claim
-    known = {
+    given = json.loads(text, parse_float=Decimal, parse_constant=Decimal)
+    claim = {"cost": None, "landmarks": False, "priors": False, "origin": None, **given}
+    if claim["cost"] is not None:
+        raise Unreadable(
+            "a proof about another cost than the chordal, which checker.py knows alone"
+        )
+    known: dict[str, list[Any]] = {
         "format": ["certpgo proof"],
         "version": [1],
-        "cost": [None],
         "kind": ["poses", "rotations"],
         "d": [2, 3],
         "keep": ["all", "first", "last"],
@@ -435,7 +438,7 @@ def read_claim(data: bytes) -> dict[str, Any]:
     stated = claim["priors"] and isinstance(origin, list) and [*map(type, origin)]
     if origin is not None and stated != [Decimal] * claim["d"]:
         raise Unreadable("an origin is a list of d numbers, for priors")
-    return claim | {"maps": maps}
+    return {**claim, "maps": maps}
 
 
 def stored(data: bytes, dtype: str, *shape: int) -> list[list[int]]:
@@ -573,7 +576,7 @@ def scaled(
 Front = tuple[list[int], list[int], int]  # what is eliminated, what it reaches, and its parent
 
 
-def fronts(pairs: set[tuple[int, int]], order: list[int], spare: int = 4) -> list[Front]:
+def fronts(pairs: set[tuple[int, int]], order: list[int], spare: int = 16) -> list[Front]:
     """A symbolic elimination of nodes; a wrong one could only fail."""
     place = {node: k for k, node in enumerate(order)}
     later: list[set[int]] = [set() for _ in order]
@@ -582,14 +585,18 @@ def fronts(pairs: set[tuple[int, int]], order: list[int], spare: int = 4) -> lis
     waiting: list[list[int]] = [[] for _ in order]  # fronts, at the first place they reach
     pivots: list[list[int]] = []
     reached: list[set[int]] = []
+    zeros: list[int] = []  # that merging nodes into a front has added
     parent: dict[int, int] = {}
     for k, reach in enumerate(later):
         reach = reach.union(*(reached[f] for f in waiting[k])) - {k}
         front = max(waiting[k], key=lambda f: len(reached[f]), default=-1)
-        if front < 0 or len(reach) + 1 - len(reached[front]) > spare:
-            front = len(pivots)
+        added = len(reach) + 1 - len(reached[front]) if waiting[k] else 0
+        if not waiting[k] or zeros[front] + added * len(pivots[front]) > spare:
+            front, added = len(pivots), 0
             pivots.append([])
             reached.append(set())
+            zeros.append(0)
+        zeros[front] += added * len(pivots[front])
         pivots[front].append(order[k])
         reached[front] = reach
         parent |= {f: front for f in waiting[k] if f != front}
@@ -704,8 +711,8 @@ class Answer(NamedTuple):
         return max(Fraction(0), 1 - self.lower / self.upper) if self.upper else Fraction(0)
 
     def __str__(self) -> str:
-        upper, lower = digits(self.upper, 15, 1), digits(self.lower, 15, 0)
-        gap = digits(self.relative_gap, 2, 1)
+        upper, lower = digits(self.upper, 15, up=True), digits(self.lower, 15, up=False)
+        gap = digits(self.relative_gap, 2, up=True)
         return f"PROVED: F(x) <= {upper:g}, F* >= {lower:g}, relative gap <= {gap:.1e}"
 
 
@@ -740,7 +747,8 @@ def prove(graph: Graph, proof: Proof, d: int) -> tuple[Fraction, Fraction]:
     scale = [(unit - A[r, r].bit_length()) >> 1 for r in range(n)]  # to a diagonal in [1/4, 1)
     positions = set(at.values())
     exponents = [proof.exponent * (r in positions) - scale[r] for r in range(n)]
-    v = [1 << (exponent - min(exponents)) for exponent in exponents]
+    lowest = min(exponents)
+    v = [1 << (exponent - lowest) for exponent in exponents]
     if not any(
         is_positive_semidefinite(*scaled(A, blocks, unit, scale, 2 * bits), tree, v, bits)
         for bits in PRECISIONS
