@@ -291,6 +291,8 @@ def g2o_edge(tag: str, words: list[str], claim: dict[str, Any]) -> tuple[int, Ed
     numbers, information = [double(word) for word in rest[:size]], tuple(rest[size:])
     turn = [0, 0, 0, ONE] if not turned else half_angle(numbers[2]) if d == 2 else numbers[3:]
     kappa, tau = ONE, ONE
+    for word in information:
+        decimal(word)
     if information and None in (claim["kappa"], claim["tau"]):
         kappa, tau = weights(information, turned)
         if claim["rotation_information"] == "quaternion":
@@ -356,6 +358,8 @@ def read_graph(text: bytes, claim: dict[str, Any], kept: set[int] | None) -> Gra
         raise Unreadable("no measurements")
     number = {k: node for node, k in enumerate(sorted({k for edge in edges for k in edge[:2]}))}
     given = {k: None if claim[k] is None else double(str(claim[k])) for k in ("kappa", "tau")}
+    if 0 in given.values():
+        raise Unreadable("kappa and tau must be positive")
     origin = [double(str(o)) for o in claim["origin"] or ()]
     for k, edge in enumerate(edges):
         kappa = edge.kappa and (edge.kappa if given["kappa"] is None else given["kappa"])

@@ -138,6 +138,8 @@ def test_quaternions_of_matrices_are_those_of_the_package(seed, angle):
         ("EDGE_SE2 0 1 0 0 0 1 0 0 1 0", "5 or 11 numbers"),
         ("EDGE_SE2 0 1 0 0 x", "numbers"),
         ("EDGE_SE2 0 1 0 0 1_0", "numbers"),
+        ("EDGE_SE2 0 1 0 0 0 1 0 --0 1 0 1", "numbers"),
+        ("EDGE_SE2 0 1 0 0 0 1 0 0.0.0 1 0 1", "numbers"),
         ("EDGE_SE2 0 1 0 0 2e6", "angle"),
         ("EDGE_SE2 0 1 0 0 1e999", "angle"),
         ("EDGE_SE2 0 1 1e999 0 0", "not finite"),
