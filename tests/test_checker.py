@@ -591,7 +591,7 @@ LINE = "EDGE_SE2 0 1 1 0 0.5 1 0 0 1 0 1"
         ("0 1 1 0 0 0 1 0 0 0 1 0 0 0\n", "2D"),
         ("EDGE_SE2 1 2 0 0 0 .+5 0 0 1 0 1\n", "decimal"),
         ("EDGE_SE2 1 2 0 0 0 1e 0 0 1 0 1\n", "decimal"),
-        ("EDGE_SE2 1 2 0 0 0 1 0 0 . 0 1\n", "invalid literal"),
+        ("EDGE_SE2 1 2 0 0 0 1 0 0 . 0 1\n", "decimal"),
         ("EDGE_SE2 1 2 0 0 \u0661\n", "plain text"),
         ("EDGE_SE2 1 2 0 0 0 1e-300 0 0 1 0 1e-300\n", "tiny"),
     ],

@@ -265,11 +265,12 @@ def main() -> int:
         "# Damaged proofs\n\nWhat `certpgo/checker.py` and `certpgo/integer_checker.py` say about "
         "the same\nfiles; made by `python -m reports.studies.damaged_proofs`.\n"
         f"{sum(said.values())} comparisons, {len(false)} of them false. A bound that integers "
-        "alone prove\nis confirmed in rational arithmetic: doubles fail when hints are damaged, or by "
-        "rounding.\n\n"
+        "alone prove\nis confirmed in rational arithmetic: doubles fail when hints are damaged, or "
+        "by rounding.\n\n"
     )
-    arguments.out.write_text(text + "\n".join([*lines, *(f"\n{line}" for line in false[:20]), ""]))
-    print(*lines, *false[:20], sep="\n")
+    lines += [f"\n{line}" for line in false[:20]]
+    arguments.out.write_text(text + "\n".join([*lines, ""]))
+    print(*lines, sep="\n")
     return bool(false)
 
 
