@@ -179,7 +179,7 @@ def test_matrices_are_near_rotations():
 def test_quaternions_multiply_as_rotations_do(a, b):
     A, B = (np.array(exact.matrix(q, 3), dtype=object) for q in (a, b))
     assert (np.array(exact.matrix(exact.product(a, b), 3)) == A @ B).all()
-    assert (A.T @ A == exact.norm(a) ** 2 * np.eye(3, dtype=int)).all()
+    assert (exact.norm(a) ** 2 * np.eye(3, dtype=int) == A.T @ A).all()
     # |A/|a|^2 - B/|b|^2|^2 = 8 - 8 (a.b)^2 / |a|^2 |b|^2, of which the upper bound is made.
     if any(a) and any(b):
         n, m = exact.norm(a), exact.norm(b)
@@ -292,13 +292,13 @@ def sparse(rng, n, precision, slack):
     """A sparse symmetric matrix in units of 2^-(2 precision), singular but for the slack."""
     one = 1 << 2 * precision
     A = np.zeros((n, n), dtype=object)
-    for i, j in [(k, k + 1) for k in range(n - 1)] + [
-        tuple(rng.integers(n, size=2)) for _ in range(3)
-    ]:
+    pairs = [*((k, k + 1) for k in range(n - 1)), *rng.integers(n, size=(3, 2)).tolist()]
+    for i, j in pairs:
         weight = int(rng.integers(1, 2**40)) * one >> 44
         for r, s, x in ((i, i, weight), (j, j, weight), (i, j, -weight), (j, i, -weight)):
-            A[r, s] += x * (i != j)
-    return A + slack * np.eye(n, dtype=int)
+            A[r, s] += x if i != j else 0
+    A[np.diag_indices(n)] += slack
+    return A
 
 
 def eliminated(A, order, error=0, v=None, precision=12):
@@ -318,7 +318,7 @@ def eliminated(A, order, error=0, v=None, precision=12):
 
 
 @given(seeds, st.integers(2, 9), st.integers(-40, 4000))
-@settings(max_examples=300)
+@settings(max_examples=150)
 def test_what_passes_is_positive_semidefinite(seed, n, slack):
     rng = rng_of(seed)
     A = sparse(rng, n, 12, slack)
@@ -397,7 +397,7 @@ def test_both_agree_on_damaged_files():
 
 
 @given(seeds, dimensions, st.booleans())
-@settings(max_examples=30)
+@settings(max_examples=15)
 def test_what_is_proven_is_true(tmp_path_factory, seed, d, poses):
     path, proof = proofs.proven(tmp_path_factory.mktemp("proof"), made(seed, d, poses))
     assert compared(path, proof) == "both prove the same"
@@ -414,7 +414,7 @@ def test_what_is_proven_is_true(tmp_path_factory, seed, d, poses):
 
 
 @given(seeds, dimensions, st.booleans(), st.floats(-17, -13))
-@settings(max_examples=40)
+@settings(max_examples=25)
 def test_at_the_edge_only_what_is_positive_semidefinite_passes(
     tmp_path_factory, seed, d, poses, digits
 ):
@@ -433,7 +433,7 @@ def test_the_committed_proof():
     graph = Path(__file__).parent / "data" / "proofs" / "version1.g2o"
     assert compared(graph, graph.with_suffix(".cert")) == "both prove the same"
     other = graph.with_name("version2_plane.g2o")
-    with pytest.raises(exact.Unreadable, match="another cost"):
+    with pytest.raises(exact.Unreadable, match="--cost chordal"):
         exact.check(other, other.with_suffix(".cert"))
 
 

@@ -33,6 +33,10 @@ def test_check_says_what_is_proven(certpgo, square, proof):
 
 
 def test_check_in_integers_alone(certpgo, square, proof, tmp_path):
+    done = certpgo("check", square, proof, "--exact")
+    assert (done.code, done.err.count("\n")) == (1, 1)
+    assert "--cost chordal" in done.err
+    assert certpgo("solve", square, "--cost", "chordal", "--proof", proof).code == 0
     doubles, done = certpgo("check", square, proof), certpgo("check", square, proof, "--exact")
     assert (done.code, done.out) == (0, doubles.out)
     first = certpgo("check", square, proof, "--json").json
