@@ -65,6 +65,7 @@ TESTS = {
     ),
     "certpgo/certify/multipliers.py": ("certify/test_shifted*", "certify/test_dual*"),
     "certpgo/certify/units.py": ("certify/test_extremes*",),
+    "certpgo/integer_checker.py": ("test_integer_checker*",),
     "certpgo/checker.py": ("test_checker*", "certify/test_proof*", "certify/test_cost_proof*"),
 }
 #: Share of the mutants that may survive, of those that are not equivalent.
