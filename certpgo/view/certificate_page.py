@@ -28,7 +28,7 @@ from certpgo.solve.diagnostics import kinds_in_words
 from certpgo.view.advice import advice, cost_options
 from certpgo.view.charts import Bars, Curve, Lines, bars, histogram, lines
 from certpgo.view.eigenvalues import CertificateMatrix, certificate_matrix
-from certpgo.view.load_scene import scene_of, start
+from certpgo.view.load_scene import INITIAL_VALUES, is_spread, scene_of, start
 from certpgo.view.page import page
 from certpgo.view.page_scene import Data, page_scene
 
@@ -149,14 +149,19 @@ def _scene(
     judged = replace(
         instance, graph=problem.measured, initial=None, information=None, outliers=None
     )
-    if not judged.graph.is_connected and instance.initial is None:  # joined by distances
-        return page_scene(scene_of(judged, ("estimate", estimate)), problem.edge_costs(estimate))
-    begun = start(replace(judged, initial=instance.initial))
-    if _is_same(begun[1], estimate):
-        begun = start(judged)
+    begun = _beginning(judged, instance.initial, estimate)
     clouds = () if cloud is None else (cloud,)
-    shown = scene_of(judged, begun, ("estimate", estimate), *clouds)
+    shown = scene_of(judged, *begun, ("estimate", estimate), *clouds)
     return page_scene(shown, problem.edge_costs(estimate), rejected=rejected)
+
+
+def _beginning(
+    judged: Instance, initial: Estimate | None, estimate: Estimate
+) -> list[tuple[str, Estimate]]:
+    """Other initial values than the estimate, or dead reckoning; none if only distances join it."""
+    if initial is not None and is_spread(initial) and not _is_same(initial, estimate):
+        return [(INITIAL_VALUES, initial)]
+    return [start(judged)] if judged.graph.is_connected else []
 
 
 def _is_same(a: Estimate, b: Estimate) -> bool:
