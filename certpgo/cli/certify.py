@@ -212,8 +212,6 @@ class _Assessed(Result):
             yield f"best estimate written to {outputs.estimate}"
         elif _is_better_known(self.found, outputs.json):
             yield "--best OUT writes the lower-cost estimate"
-        if not self.standing and _may_gain(self.found, self.part):
-            yield "only rounding may keep the gap open: try --tier proof"
 
     def prove(self, out: Path, source: Path, *, json: bool) -> bool:
         certificate = self.found.certificate
@@ -275,17 +273,6 @@ def _is_better_known(found: Assessment, json: bool) -> bool:
     optimal = certificate.is_optimal(found.best_cost)
     said = optimal or certificate.basin_is_global or certificate.verdict.value == "REFUTED"
     return found.excess > certificate.tolerance and (json or not said)
-
-
-def _may_gain(assessment: Assessment, part: JudgedGraph) -> bool:
-    """Whether the refined point is so close to the bound that the proof tier may close the gap."""
-    from certpgo.certify.tolerances import PROOF_GAIN
-
-    certificate = assessment.certificate
-    gap = certificate.refined_cost - certificate.lower_bound
-    near = certificate.tolerance < gap <= PROOF_GAIN * certificate.tolerance
-    provable = not part.problem.unprovable and certificate.tier.value == "standard"
-    return provable and certificate.better is None and near
 
 
 def _disagreement(problem: Certifiable, found: Assessment) -> Disagreement | None:
