@@ -73,9 +73,12 @@ def command(
 
 def _as_json(part: Instance, found: Ladder) -> dict[str, Any]:
     """Bounds on the chordal cost, with angles in radians."""
+    from certpgo.certify.wording import objective
+
     return {
         "graph": part.name,
         "options": dict(part.options),
+        "objective": objective(part.options),
         "cost": found.cost,
         "given": found.given,
         "angles": "radians",

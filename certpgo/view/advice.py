@@ -109,7 +109,7 @@ def advice(
         case Verdict.CERTIFIED:
             steps = _after_certified(given)
         case Verdict.REFUTED:
-            steps = _after_refuted(given)
+            steps = _after_refuted(certificate, given)
         case Verdict.UNDECIDED:
             steps = _after_undecided(certificate, given)
         case _:
@@ -174,11 +174,9 @@ def _with_less_rounding(certificate: Certificate, given: _Given) -> Iterator[Ste
         yield "Rounding limits this proof; the tier proof has less of it.", given.at("proof")
 
 
-def _after_refuted(given: _Given) -> Iterator[Step]:
-    yield (
-        "The estimate is in the wrong basin. Take the better one that was found.",
-        given.certify("--best", "better.g2o"),
-    )
+def _after_refuted(certificate: Certificate, given: _Given) -> Iterator[Step]:
+    wrong = "The estimate is in the wrong basin. " if certificate.settled else ""
+    yield f"{wrong}Take the better one that was found.", given.certify("--best", "better.g2o")
     yield (
         "Start your solver from the certified search instead of odometry.",
         given.solve("-o", "start.g2o"),

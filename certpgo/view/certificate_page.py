@@ -34,6 +34,8 @@ from certpgo.view.page_scene import Data, page_scene
 
 #: Eigenvalues shown beyond the d of the gauge.
 EIGENVALUES = 5
+#: Those of the gauge are zero at stationary points, up to this part of the largest one shown.
+GAUGE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -267,12 +269,18 @@ def _spectrum(problem: Certifiable, certificate: Certificate) -> tuple[Bars | No
         values = matrix.eigenvalues(d + EIGENVALUES)
     except (NumericalError, np.linalg.LinAlgError) as error:
         return None, f"The eigenvalues could not be computed: {error}."
-    gauge = set(np.argsort(np.abs(values), kind="stable")[:d].tolist())
+    nearest = np.argsort(np.abs(values), kind="stable")[:d]
+    is_stationary = bool(np.abs(values[nearest]).max() <= GAUGE * np.abs(values).max())
+    gauge = set(nearest.tolist()) if is_stationary else set()
     names = [f"{k + 1}" + (" (gauge)" if k in gauge else "") for k in range(len(values))]
-    return bars(values.tolist(), names), _spectrum_in_words(matrix, certificate)
+    return bars(values.tolist(), names), _spectrum_in_words(
+        matrix, certificate, is_stationary=is_stationary
+    )
 
 
-def _spectrum_in_words(matrix: CertificateMatrix, certificate: Certificate) -> str:
+def _spectrum_in_words(
+    matrix: CertificateMatrix, certificate: Certificate, *, is_stationary: bool
+) -> str:
     """What the eigenvalues of the matrix say."""
     source, proof = "", ""
     if matrix.touches is None:
@@ -288,9 +296,13 @@ def _spectrum_in_words(matrix: CertificateMatrix, certificate: Certificate) -> s
             "The matrix is that of the surrogate, a pose graph whose cost plus a constant is never "
             f"above F, and equal to it {where}: {cost_shown(matrix.touches)}. "
         )
+    gauge = (
+        f"the {matrix.problem.d} nearest to zero belong to the gauge, a rotation of the whole world"
+    )
+    if not is_stationary:
+        gauge = "none is zero, as none belongs to the gauge where the point is not stationary"
     return (
-        f"{source}Translations are eliminated. If none is negative, {claim}; the "
-        f"{matrix.problem.d} nearest to zero belong to the gauge, a rotation of the whole world. "
+        f"{source}Translations are eliminated. If none is negative, {claim}; {gauge}. "
         f"Computed eigenvalues only illustrate{proof}."
     )
 

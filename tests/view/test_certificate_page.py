@@ -383,6 +383,7 @@ def test_the_page_of_another_cost_is_about_that_cost(weighed, cost):
         8,
     )
     assert spectrum[3] > 1.0
+    assert text.count("(gauge)") == 3
     assert f"4 {spectrum[3]:.3g} 5 " in text
     (shown,) = re.findall(r"never above F, and equal to it at this estimate: ([\d.]+)\. ", text)
     assert float(shown) == pytest.approx(found.cost, rel=1e-8)
@@ -398,6 +399,7 @@ def test_the_matrix_of_another_cost_is_negative_where_it_should_be(weighed):
     assessment = assess(problem, estimate, certificate)
     page = certificate_page(weighed, problem, estimate, assessment, Origin("g", "e"))
     text = read(page).text
+    assert ("(gauge)" in text, "none belongs to the gauge" in text) == (False, True)
     assert "at this estimate" in text
     assert re.search(r"certificate matrix .* 1 -\d", text)
 
