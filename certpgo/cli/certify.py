@@ -218,13 +218,17 @@ class _Assessed(Result):
         return prove(out, source, self.part.instance, self.given, certificate, json=json)
 
     def write_page(self, out: Path, outputs: Outputs) -> None:
+        from certpgo.solve.accuracy_wording import disagreeing
+
         part, disagreement = self.part, self.disagreement
         origin = origin_of(
             self.asked.graph,
             self.asked.reading,
             estimate=self.asked.estimate,
             proof=outputs.proof,
-            remarks=[] if disagreement is None else [f"{disagreement}."],
+            remarks=[]
+            if disagreement is None
+            else [f"{disagreeing(disagreement, self.found.certificate)}."],
             disagreeing=disagreement is not None,
         )
         write_page(out, part.instance, part.problem, self.given, self.found, origin)
@@ -298,6 +302,7 @@ def _batch(
     """Certify every estimate, with progress on stderr; returns the exit code."""
     from dataclasses import asdict
 
+    from certpgo.certify.wording import named_cost
     from certpgo.graph.phrases import cost_shown
     from certpgo.solve.batch import JudgedGraph, judge_all, write_rows
 
@@ -319,7 +324,7 @@ def _batch(
             done = len({row.estimate for row in rows})
             result = row.reason
             if row.cost is not None:
-                result = f"{row.estimate}: F {cost_shown(row.cost)}"
+                result = f"{row.estimate}: {named_cost(row.objective)} = {cost_shown(row.cost)}"
             typer.echo(f"{done}/{len(sources)} {row.verdict} {result}", err=True)
     write_rows(out, rows)
     if json:

@@ -199,7 +199,9 @@ _EDGE_HEADER = ("edge", "nodes", "term of F", "share of F", "residual, degrees",
 
 
 def _cost(problem: Certifiable) -> Iterable[str]:
-    if not problem.is_chordal:
+    if problem.is_lifted:
+        yield "The cost F on this page includes the squared errors of distances."
+    elif not problem.is_chordal:
         yield f"The cost F is {problem.title} on this page."
 
 
@@ -219,7 +221,10 @@ def _rungs(problem: Certifiable, estimate: Estimate, certificate: Certificate) -
 def _head(instance: Instance, origin: Origin) -> Iterable[tuple[str, str]]:
     graph = instance.graph
     nodes, edges = counted(graph.num_nodes, "node{s}"), counted(graph.num_edges, "edge{s}")
-    yield "graph", f"{origin.graph} ({nodes}, {edges}, {graph.d}D)"
+    size = [nodes, edges, f"{graph.d}D"]
+    if instance.ranges is not None:  # numbered after the edges
+        size.insert(2, counted(instance.ranges.num_edges, "distance{s}"))
+    yield "graph", f"{origin.graph} ({', '.join(size)})"
     if of_kinds := kinds_in_words(instance):
         yield "among these", ", ".join(of_kinds)
     if origin.estimate:
@@ -230,10 +235,10 @@ def _head(instance: Instance, origin: Origin) -> Iterable[tuple[str, str]]:
 
 def _facts(instance: Instance, assessment: Assessment) -> Iterable[tuple[str, str]]:
     certificate = assessment.certificate
-    yield from numbers(certificate)
+    yield from numbers(certificate, assessment.farthest)
     if assessment.fit is not None:
         yield "chi^2", str(assessment.fit)
-    yield from distances(assessment)
+    yield from distances(assessment, instance)
     yield from digits(assessment)
     yield from trusts(certificate)
     yield "objective", stated_objective(instance.options, certificate)

@@ -150,7 +150,9 @@ def test_pages_of_distances(certpgo, tmp_path):
     graph.write_text(BEACON)
     assert certpgo("solve", graph, "-o", estimate, "--html", page).code == 0
     text = page.read_text()
-    assert "F and squared errors of distances" in text
+    assert "The cost F on this page includes the squared errors of distances." in text
+    assert re.search(r"largest residual</dt><dd>[^<]* degrees, [^<]* m<", text)
+    assert "4 nodes, 2 edges, 3 distances, 2D" in text
     assert "--robust" not in text
     assert scene_of(text)["kinds"][-3:] == [3, 3, 3]
     again = tmp_path / "again.html"
