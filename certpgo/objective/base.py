@@ -255,6 +255,10 @@ class Objective(Speaking, ABC):
         other.__dict__.update((name, getattr(self, name)) for name in shared)
         return other
 
+    def of_same_edges(self, graph: RotationGraph | PoseGraph) -> Self:
+        """The problem of another graph with the same edges; pattern and order are shared."""
+        return self._shared(type(self)(graph, self.engine))  # type: ignore[call-arg]
+
     def check(self, estimate: Estimate) -> None:
         """Refuse an estimate of another graph by an InputError."""
         if not isinstance(estimate, Estimate):

@@ -18,7 +18,9 @@ import numpy as np
 from certpgo.graph.display import Brief
 from certpgo.graph.estimate import Estimate
 from certpgo.graph.information import InformationGraph
+from certpgo.graph.pose_graph import PoseGraph
 from certpgo.graph.relaxed_point import translations_of
+from certpgo.graph.rotation_graph import RotationGraph
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.linalg.ball_arithmetic import Ball
 from certpgo.linalg.rotations import rotation_defect
@@ -33,7 +35,7 @@ class Minorants(Brief):
 
     Attributes
     ----------
-    tau : (m,) positive weights
+    tau : (m,) weights, positive but for truncated costs
     a, b : (m, d) arms at the edge's second and first pose, metres
     N : (m, d, d) couplings of the rotations
     constant : (m,) rounded down; -inf where there is no minorant
@@ -58,6 +60,32 @@ class Minorants(Brief):
         touching = None if self.touching is None else self.touching[chosen]
         arms = self.a[chosen], self.b[chosen]
         return Minorants(self.tau[chosen], *arms, self.N[chosen], self.constant[chosen], touching)
+
+    def replaced(self, chosen: BoolArray, others: Minorants) -> Minorants:
+        """The same with others, as many as are chosen, at the chosen edges."""
+        both = []
+        for name in ("tau", "a", "b", "N", "constant"):
+            values = getattr(self, name).copy()
+            values[chosen] = getattr(others, name)
+            both.append(values)
+        return Minorants(*both)
+
+    def summed(
+        self, measured: PoseGraph, kind: type[PoseGraph] = PoseGraph
+    ) -> tuple[PoseGraph, float]:
+        """The pose graph, of that kind, and the constant that add up to those of ``measured``."""
+        rotation, constant = self.summed_rotations(measured.rotation)
+        arms = self.a if self.a.any() else None
+        return kind(rotation, self.b, self.tau, arms, measured.points), constant
+
+    def summed_rotations(self, measured: RotationGraph) -> tuple[RotationGraph, float]:
+        """The same of rotations alone; the constant is rounded down."""
+        n, edges, R = measured.num_nodes, measured.edges, measured.rotations
+        general = RotationGraph.of_couplings(n, edges, R, self.N)
+        # Its cost has the traces of the polar factors as well.
+        _, K, K_left = general.polar
+        traces = np.concatenate([np.diagonal(A, axis1=1, axis2=2).ravel() for A in (K, K_left)])
+        return general, math.nextafter(math.fsum(np.r_[self.constant, -traces]), -math.inf)
 
 
 @dataclass(frozen=True, eq=False)

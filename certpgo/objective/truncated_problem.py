@@ -1,0 +1,233 @@
+"""The truncated cost: f_T = sum_K f_e + sum_O min(f_e, c_e), of kept and of rejected measurements.
+
+Its minimum is over all poses and all choices of which rejected measurements to take back, each of
+which costs its price c_e as long as it is left out. Its minorants are in
+`certpgo.objective.truncated`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from certpgo.errors import InputError
+from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.graph.display import Brief
+from certpgo.graph.graph import has_matrix_weights
+from certpgo.graph.relaxed_point import Point, translations_of
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_floats
+from certpgo.linalg.ball_arithmetic import U
+from certpgo.objective.enclosure import edge_enclosures
+from certpgo.objective.problem import Problem
+from certpgo.objective.rotation_problem import RotationsOfPoses
+from certpgo.objective.signed_weights import SignedGraph, SignedProblem
+from certpgo.objective.truncated import Truncation, untruncated
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TruncatedProblem(Brief):
+    """Minimise F of kept measurements and the truncated costs of rejected ones.
+
+    Attributes
+    ----------
+    whole : the problem of all m measurements, with isotropic weights
+    prices : (m,) what a rejected measurement costs at most, in units of F; infinite for kept ones
+
+    Raises
+    ------
+    GraphError
+        The kept measurements do not connect the graph, or leave a node free.
+    InputError
+        Prices that are not positive, or edges with matrix weights.
+
+    Examples
+    --------
+    A triangle measured twice, and once more by an edge that is wrong by a quarter turn:
+
+    >>> import numpy as np
+    >>> from certpgo import Estimate, RotationGraph, RotationProblem, certify
+    >>> from certpgo.objective.truncated_problem import TruncatedProblem
+    >>> R = np.tile(np.eye(2), (7, 1, 1))
+    >>> R[-1] = [[0.0, -1.0], [1.0, 0.0]]
+    >>> edges = np.array([(0, 1), (1, 2), (2, 0)] * 2 + [(0, 1)])
+    >>> whole = RotationProblem(RotationGraph(3, edges, R, kappa=np.full(7, 100.0)))
+    >>> rejecting = TruncatedProblem(whole, np.r_[np.full(6, np.inf), 20.0])
+    >>> certificate = certify(rejecting, Estimate(np.tile(np.eye(2), (3, 1, 1))))
+    >>> print(f"{certificate.verdict}, {certificate.cost_upper:.3f}")
+    CERTIFIED, 20.000
+    """
+
+    whole: Problem
+    prices: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "prices", frozen_floats(self.prices))
+        if self.prices.shape != (self.whole.graph.num_edges,) or not (self.prices > 0.0).all():
+            raise InputError(
+                f"prices must be {self.whole.graph.num_edges} positive numbers, one per edge"
+            )
+        if has_matrix_weights(self.whole.graph):
+            raise InputError("rejections are certified for isotropic weights alone")
+        if not self.is_rejected.any():
+            raise InputError("no measurement is rejected: all prices are infinite")
+        _ = self.kept  # refuses what is not determined
+
+    @cached_property
+    def is_rejected(self) -> BoolArray:
+        """(m,) which measurements have a price."""
+        return np.isfinite(self.prices)
+
+    @property
+    def rejected(self) -> IntArray:
+        """(k,) indices of the rejected measurements."""
+        return np.flatnonzero(self.is_rejected)
+
+    @cached_property
+    def kept(self) -> Problem:
+        """The problem of the kept measurements."""
+        return self.whole.reweighted(np.where(self.is_rejected, 0.0, 1.0))
+
+    def taking_back(self, estimate: Estimate) -> Problem:
+        """The problem of the kept measurements and of those whose price is more than their cost."""
+        counted = self.terms(estimate) < self.prices
+        if (counted != self.is_rejected).all():
+            return self.kept
+        return self.whole.reweighted(np.where(counted, 1.0, 0.0))
+
+    def terms(self, estimate: Estimate) -> FloatArray:
+        """(m,) terms of F of all measurements, whether truncated or not."""
+        return self.whole.edge_costs(estimate)
+
+    cost_name = "chordal"
+    is_chordal = is_lifted = False
+
+    @property
+    def title(self) -> str:
+        """What the cost is."""
+        return "truncated cost"
+
+    @property
+    def unprovable(self) -> str:
+        """Why there are no proofs of the cost."""
+        return "the proof tier is for the cost of given measurements, not for truncated costs"
+
+    @property
+    def n(self) -> int:
+        """Number of nodes."""
+        return self.whole.n
+
+    @property
+    def d(self) -> int:
+        """Dimension of space, 2 or 3."""
+        return self.whole.d
+
+    @property
+    def engine(self) -> str:
+        """The factorization engine."""
+        return self.whole.engine
+
+    @property
+    def graph(self) -> RotationGraph | PoseGraph:
+        """All measurements."""
+        return self.whole.graph
+
+    @property
+    def measured(self) -> RotationGraph | PoseGraph:
+        """All measurements."""
+        return self.whole.graph
+
+    @property
+    def chordal(self) -> Problem:
+        """The problem of the kept measurements under F."""
+        return self.kept
+
+    @property
+    def scale(self) -> float:
+        """W of the kept measurements."""
+        return self.kept.scale
+
+    def scaled(self, factor: float) -> TruncatedProblem:
+        """The same measurements with all weights and prices times ``factor``."""
+        return TruncatedProblem(self.whole.scaled(factor), factor * self.prices)
+
+    def check(self, estimate: Estimate) -> None:
+        """Refuse an estimate of another graph by an InputError."""
+        self.whole.check(estimate)
+
+    def edge_costs(self, estimate: Estimate) -> FloatArray:
+        """(m,) terms of the cost."""
+        return np.minimum(self.terms(estimate), self.prices)
+
+    def cost(self, estimate: Estimate) -> float:
+        """The truncated cost of an estimate."""
+        return float(self.edge_costs(estimate).sum())
+
+    def enclosure(self, estimate: Estimate) -> tuple[float, float]:
+        """Lower and upper bounds on the cost, whose translations are taken as stored."""
+        low, high = self.kept.enclosure(estimate)
+        rejected = self.graph.with_edges(self.is_rejected)
+        for_each = edge_enclosures(rejected, estimate)
+        prices = self.prices[self.is_rejected]
+        less, more = (math.fsum(np.minimum(of, prices)) for of in for_each)
+        return math.nextafter((low + less) * (1.0 - 4.0 * U), -math.inf), math.nextafter(
+            (high + more) * (1.0 + 4.0 * U), math.inf
+        )
+
+    def residual_angles(self, estimate: Estimate) -> FloatArray:
+        """(m,) angles between R_i R_ij and R_j, radians."""
+        return self.whole.residual_angles(estimate)
+
+    def residual_lengths(self, estimate: Estimate) -> FloatArray | None:
+        """(m,) norms of t_j - t_i - R_i t_ij, metres; None where only rotations are measured."""
+        return self.whole.residual_lengths(estimate)
+
+    def stationarity(self, estimate: Estimate) -> float:
+        """Distance from stationarity, radians."""
+        return self.taking_back(estimate).stationarity(estimate)
+
+    def truncation(self, point: Point) -> Truncation:
+        """The rejected measurements at the relative poses of a point."""
+        rejected = self.graph.with_edges(self.is_rejected)
+        i, j = rejected.edges.T
+        back = np.swapaxes(point.rotations[i], 1, 2)
+        v = np.zeros((len(i), self.d))
+        if isinstance(rejected, PoseGraph):
+            t = translations_of(point)
+            v = (back @ (t[j] - t[i])[:, :, None])[:, :, 0]
+        return Truncation(rejected, self.prices[self.is_rejected], v, back @ point.rotations[j])
+
+    def surrogate(
+        self, point: Point, ratios: FloatArray | None = None
+    ) -> tuple[Problem, float]:
+        """A problem under F, and a constant: together nowhere above the cost.
+
+        They are equal to it at the point, if all measurements have minorants there. The constant is
+        rounded down for exactly the weights of the problem.
+
+        Parameters
+        ----------
+        ratios : (k, 2) weights of the rejected measurements over their own, see `Truncation`; by
+            default those with which their prices are reached
+        """
+        truncation = self.truncation(point)
+        if ratios is None:
+            ratios = truncation.ratios()
+        found = truncation.minorants(ratios)
+        minorants = untruncated(self.graph).replaced(self.is_rejected, truncation.minorants(ratios))
+        if isinstance(self.graph, PoseGraph):
+            graph, constant = minorants.summed(self.graph, SignedGraph)
+            return self._general.of_same_edges(graph), constant
+        rotation, constant = minorants.summed_rotations(self.graph)
+        return self._general.of_same_edges(rotation), constant
+
+    @cached_property
+    def _general(self) -> Problem:
+        """A problem with all edges, whose pattern surrogates share."""
+        g = self.graph
+        if isinstance(g, PoseGraph):
+            signed = SignedGraph(g.rotation, g.translations, g.tau, points=g.points)
+            return SignedProblem(signed, self.engine)
+        return RotationsOfPoses(g, self.engine)
