@@ -15,7 +15,7 @@ from certpgo.errors import NumericalError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.io.accept_paths import AnyPath, estimated, measured
 from certpgo.io.writing import AnyAnswer
-from certpgo.objective.choose_cost import Certifiable, certifiable
+from certpgo.objective.choose_cost import Judged, certifiable
 from certpgo.optimize.monitor import Iteration, Monitor, silent
 from certpgo.optimize.progress import Hopeful
 from certpgo.optimize.solution import Status
@@ -29,7 +29,7 @@ RECENT = 30
 
 
 def certify(
-    problem: Certifiable | Graph | Instance | AnyPath,
+    problem: Judged | Graph | Instance | AnyPath,
     estimate: Estimate | AnyAnswer | AnyPath,
     *,
     cost: str | None = None,
@@ -112,7 +112,7 @@ class Judge:
 
     def __init__(
         self,
-        problem: Certifiable,
+        problem: Judged,
         *,
         tier: Tier | str = Tier.STANDARD,
         rtol: float = RTOL,
@@ -223,7 +223,7 @@ class Judge:
         return self._other
 
 
-def _bounds(problem: Certifiable, point: Estimate) -> Bounds | None:
+def _bounds(problem: Judged, point: Estimate) -> Bounds | None:
     # They are about chordal costs with isotropic weights.
     if not problem.is_chordal or problem.chordal.graph.is_general:
         return None

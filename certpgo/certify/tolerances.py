@@ -21,7 +21,7 @@ from certpgo.certify.units import in_units, unit_of
 from certpgo.errors import GraphError, InputError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Point
-from certpgo.objective.choose_cost import Certifiable
+from certpgo.objective.choose_cost import Judged
 from certpgo.objective.problem import Problem
 from certpgo.optimize import spectral
 from certpgo.optimize.monitor import Monitor, silent
@@ -356,7 +356,7 @@ def difference_up(high: float, low: float) -> float:
     return math.nextafter(gap, math.inf) if short else gap
 
 
-def refuse_unprovable(problem: Certifiable) -> None:
+def refuse_unprovable(problem: Judged) -> None:
     """Refuse a problem whose cost the checker does not know.
 
     Raises

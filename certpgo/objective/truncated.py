@@ -92,8 +92,9 @@ class Truncation:
             both = np.sqrt(f / loads) / root[:, None] - 1.0
             alone = c[:, None] / (f - c[:, None])
             # Where one of the two is better left out, the other reaches the price alone.
-            out = ~(both > 0.0)
-            far = np.where(out.any(axis=1)[:, None], np.where(out, 0.0, alone), both)
+            out = np.asarray(~(both > 0.0))
+            single = out.any(axis=1, keepdims=True)
+            far = np.where(single, np.where(out, 0.0, alone), both)
             near = total / (c - total)
         near = np.where(near < FLATTEST, 0.0, near)[:, None] * np.ones(2)
         ratios = (1.0 + RAISED) * np.where((total > c)[:, None], far, near)
@@ -105,7 +106,7 @@ class Truncation:
         Their constants are rounded down for exactly the other doubles.
         """
         t, R, weights = self.measured
-        kept = np.where((ratios <= STEEPEST).all(axis=1)[:, None], ratios, 0.0)
+        kept = np.where((ratios <= STEEPEST).all(axis=1, keepdims=True), ratios, 0.0)
         with np.errstate(divide="ignore", invalid="ignore"):
             out = np.maximum(self.prices / self.costs.sum(axis=1), 1.0)
         out = np.where(np.isfinite(out) & kept.any(axis=1), out, 1.0)
@@ -134,7 +135,9 @@ class Truncation:
             both = Ball.exact(np.where(counts, w, 1.0)), Ball.exact(np.where(counts, b, 0.0))
             reached = reached + both[0] * both[1] / (both[0] + both[1]) * square
         reached = Ball.exact(np.minimum(reached.lower, self.prices))
-        spent = (sums(Z.reshaped(k, d * d).squared()) + float(d)) * np.where(turned, beta[:, 0], 0.0)
+        spent = (sums(Z.reshaped(k, d * d).squared()) + float(d)) * np.where(
+            turned, beta[:, 0], 0.0
+        )
         return np.asarray((reached - spent).lower)
 
 
@@ -149,7 +152,9 @@ def untruncated(graph: Graph) -> Minorants:
     N = kappa[:, None, None] * R
     off = Ball.exact(N) - Ball.within(R, rotation_defect(R)) * kappa[:, None, None]
     distance = sums(off.reshaped(m, d * d).squared()).sqrt().size
-    constant = (2.0 * d * Ball.exact(kappa) - 2.0 * math.sqrt(d) * 1.001 * Ball.exact(distance)).lower
+    constant = (
+        2.0 * d * Ball.exact(kappa) - 2.0 * math.sqrt(d) * 1.001 * Ball.exact(distance)
+    ).lower
     if isinstance(graph, PoseGraph):
         zeros = np.zeros_like(graph.translations)
         return Minorants(graph.tau, zeros, graph.translations, N, constant)

@@ -90,9 +90,12 @@ class TruncatedProblem(Brief):
         """The problem of the kept measurements."""
         return self.whole.reweighted(np.where(self.is_rejected, 0.0, 1.0))
 
-    def taking_back(self, estimate: Estimate) -> Problem:
-        """The problem of the kept measurements and of those whose price is more than their cost."""
-        counted = self.terms(estimate) < self.prices
+    def counted(self, estimate: Estimate) -> BoolArray:
+        """(m,) the measurements whose terms are not truncated: all kept ones, for instance."""
+        return np.asarray(self.terms(estimate) < self.prices)
+
+    def counting(self, counted: BoolArray) -> Problem:
+        """The problem of some measurements."""
         if (counted != self.is_rejected).all():
             return self.kept
         return self.whole.reweighted(np.where(counted, 1.0, 0.0))
@@ -186,7 +189,7 @@ class TruncatedProblem(Brief):
 
     def stationarity(self, estimate: Estimate) -> float:
         """Distance from stationarity, radians."""
-        return self.taking_back(estimate).stationarity(estimate)
+        return self.counting(self.counted(estimate)).stationarity(estimate)
 
     def truncation(self, point: Point) -> Truncation:
         """The rejected measurements at the relative poses of a point."""
@@ -199,9 +202,7 @@ class TruncatedProblem(Brief):
             v = (back @ (t[j] - t[i])[:, :, None])[:, :, 0]
         return Truncation(rejected, self.prices[self.is_rejected], v, back @ point.rotations[j])
 
-    def surrogate(
-        self, point: Point, ratios: FloatArray | None = None
-    ) -> tuple[Problem, float]:
+    def surrogate(self, point: Point, ratios: FloatArray | None = None) -> tuple[Problem, float]:
         """A problem under F, and a constant: together nowhere above the cost.
 
         They are equal to it at the point, if all measurements have minorants there. The constant is
@@ -215,7 +216,6 @@ class TruncatedProblem(Brief):
         truncation = self.truncation(point)
         if ratios is None:
             ratios = truncation.ratios()
-        found = truncation.minorants(ratios)
         minorants = untruncated(self.graph).replaced(self.is_rejected, truncation.minorants(ratios))
         if isinstance(self.graph, PoseGraph):
             graph, constant = minorants.summed(self.graph, SignedGraph)
