@@ -20,6 +20,7 @@ from certpgo.graph.graph import has_matrix_weights
 from certpgo.graph.relaxed_point import Point, translations_of
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_floats
 from certpgo.linalg.ball_arithmetic import U
+from certpgo.objective.chi_squared import flagged_from, quantiles
 from certpgo.objective.enclosure import edge_enclosures
 from certpgo.objective.problem import Problem
 from certpgo.objective.rotation_problem import RotationsOfPoses
@@ -231,3 +232,34 @@ class TruncatedProblem(Brief):
             signed = SignedGraph(g.rotation, g.translations, g.tau, points=g.points)
             return SignedProblem(signed, self.engine)
         return RotationsOfPoses(g, self.engine)
+
+
+def rejecting(
+    problem: Problem, rejected: IntArray, quantile: float | None = None, scale: float = 1.0
+) -> TruncatedProblem:
+    """The truncated cost whose prices are a quantile of a correct measurement's term of F.
+
+    Parameters
+    ----------
+    rejected : (k,) indices of the rejected measurements
+    quantile : of chi^2, as in `certpgo.objective.chi_squared.quantiles`; by default that from which
+        measurements are rejected, 1 - 0.01 / m
+    scale : standard deviation of the noise over that stated by the weights
+
+    Raises
+    ------
+    InputError
+        Indices that are not of measurements, or given twice, or a quantile out of its range.
+    """
+    m = problem.graph.num_edges
+    chosen = np.asarray(rejected)
+    if chosen.ndim != 1 or chosen.dtype.kind not in "iu" or len(np.unique(chosen)) != len(chosen):
+        raise InputError("rejected measurements are given by their indices, each once")
+    if len(chosen) and not 0 <= chosen.min() <= chosen.max() < m:
+        raise InputError(f"rejected measurements have indices from 0 to {m - 1}")
+    if quantile is not None and not 0.0 < quantile < 1.0:
+        raise InputError(f"a quantile lies between 0 and 1, not at {quantile}")
+    found = quantiles(problem, flagged_from(problem) if quantile is None else quantile)
+    prices = np.full(m, np.inf)
+    prices[chosen] = scale**2 * found[chosen]
+    return TruncatedProblem(problem, prices)

@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.io.accept_paths import AnyPath, measured
 from certpgo.linalg.arrays import IntArray
@@ -17,6 +19,7 @@ from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.progress import Stop
 from certpgo.solve.outliers import select
+from certpgo.solve.rejection import certify_rejection
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.search import search
 from certpgo.solve.settings import SolveSettings
@@ -28,6 +31,7 @@ def solve_robustly(
     *,
     initial: Estimate | None = None,
     trusted: IntArray | None = None,
+    quantile: float | None = None,
     monitor: Monitor = silent,
     **options: Any,
 ) -> CertifiedSolution:
@@ -42,13 +46,18 @@ def solve_robustly(
     initial : initial estimate of the robust fit; n poses, in metres
     trusted : (k,) indices of measurements that are known to be right, such as those of odometry:
         they are never rejected, and lead the choice among the others
+    quantile : of chi^2, the price c_e of leaving a measurement out, by which the rejections are
+        certified; it does not change the choice. By default that from which measurements are
+        rejected, 1 - 0.01 / m
     settings, monitor, options : as in `certpgo.solve`; the time limit covers the choice and
         the search together
 
     Returns
     -------
     Certificate, levels and trace are about the kept measurements: they prove that no estimate fits
-    these better, not that the right ones were kept. ``solution.weights`` is 0 for rejected ones,
+    these better. ``rejection`` has the verdict about the truncated cost, the F of the kept ones plus
+    min(f_e, c_e) of each rejected one: if CERTIFIED, no other estimate costs less, whichever of
+    them it takes back. None if nothing was rejected. ``solution.weights`` is 0 for rejected ones,
     ``solution.rejected`` lists these, and ``solution.judged(problem)`` is the certified problem;
     ``cost`` is F of all measurements.
 
@@ -65,6 +74,8 @@ def solve_robustly(
     >>> instance = langevin_graph(40, 12.0, 3.0, np.random.default_rng(0), outliers=0.15)
     >>> result = certpgo.solve_robustly(instance.graph)
     >>> wrong = np.flatnonzero(instance.outliers)
+    >>> print(result.rejection.verdict)
+    CERTIFIED
     >>> result.verdict.value, bool(np.array_equal(result.solution.rejected, wrong))
     ('CERTIFIED', True)
     """
@@ -87,6 +98,18 @@ def solve_robustly(
             Start(selection.estimate, "the robust fit"),
             monitor,
         )
+    rejection = None
+    rejected = np.flatnonzero(selection.rejected)
+    if len(rejected):
+        rejection = certify_rejection(
+            problem,
+            found.estimate,
+            rejected,
+            quantile=quantile,
+            scale=selection.scale,
+            settings=replace(chosen, time_limit=_left(found, left)),
+            monitor=monitor,
+        )
     solution = replace(
         found.solution,
         cost=problem.cost(found.estimate),
@@ -102,4 +125,10 @@ def solve_robustly(
         settings=chosen,
         disagreement=None,
         instance=source,
+        rejection=rejection,
     )
+
+
+def _left(found: CertifiedSolution, limit: float | None) -> float | None:
+    """Seconds that a search left of its limit."""
+    return None if limit is None else max(limit - sum(found.solution.seconds.values()), 0.0)
