@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from certpgo.solve.fit import Fit
     from certpgo.solve.metrics import TrajectoryErrors
     from certpgo.solve.outliers import Disagreement
+    from certpgo.solve.rejection import Rejection
     from certpgo.solve.result import CertifiedSolution
 
 UNPROVABLE = (
@@ -63,6 +64,11 @@ class Solved(Result):
     def disagreement(self) -> Disagreement | None:
         """Measurements that disagree with the rest."""
         return None if self.found is None else self.found.disagreement
+
+    @property
+    def rejection(self) -> Rejection | None:
+        """What is proven about the rejected measurements."""
+        return None if self.found is None else self.found.rejection
 
     @property
     def accuracy(self) -> TrajectoryErrors | None:
@@ -135,6 +141,7 @@ class Solved(Result):
                 "undetermined": self._undetermined,
                 "kept": solution.kept,
                 "rejected": _verdict.edges_as_json(self.part, solution.rejected),
+                "rejection": _verdict.rejection_as_json(self.part, self.rejection),
                 "own_bound": solution.lower_bound,
                 "settings": None if found is None else asdict(found.settings),
                 "written": None if outputs.estimate is None else str(outputs.estimate),
@@ -148,7 +155,7 @@ class Solved(Result):
             facts([*self._search(written), *self._uncertified()])
             notice(f"{self._own_bound()}; --certify certifies the estimate")
             return
-        _verdict.headline(certificate)
+        _verdict.headline(certificate, self.rejection)
         facts(self._search(written))
         typer.echo()
         _verdict.show(
@@ -197,6 +204,10 @@ class Solved(Result):
             yield "kept", f"{kept}; the verdict is about these, with their final weights"
         if len(solution.rejected):
             yield "rejected", few_edges(part, solution.rejected)
+        if self.rejection is not None:
+            yield from self.rejection.in_words()
+            if len(self.rejection.ambiguous):
+                yield "ambiguous", few_edges(part, self.rejection.ambiguous)
 
     def _uncertified(self) -> Iterator[tuple[str, str]]:
         """The numbers that no certificate is about."""

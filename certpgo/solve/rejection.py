@@ -72,9 +72,8 @@ class Rejection(Brief):
         c, low, high = self.certificate, self.prices.min(), self.prices.max()
         each = f"{low:.4g}" if high < 1.0001 * low else f"{low:.4g} to {high:.4g}"
         yield "rejections", self.sentence
-        whole = (
-            f"the kept, and each of {counted(len(self.edges), 'rejected one{s}')} up to its price"
-        )
+        each_of = counted(len(self.edges), "rejected one{s}")
+        whole = f"the kept, and each of {each_of} up to its price"
         yield "truncated cost", f"{cost_shown(c.cost_upper)}  ({whole})"
         yield "", f"not below {bound_shown(c.lower_bound)}"
         rare = f"{1.0 - self.quantile:.3g}"

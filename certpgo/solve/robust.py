@@ -55,7 +55,7 @@ def solve_robustly(
     Returns
     -------
     Certificate, levels and trace are about the kept measurements: they prove that no estimate fits
-    these better. ``rejection`` has the verdict about the truncated cost, the F of the kept ones plus
+    these better. ``rejection`` has the verdict about the truncated cost, F of the kept ones plus
     min(f_e, c_e) of each rejected one: if CERTIFIED, no other estimate costs less, whichever of
     them it takes back. None if nothing was rejected. ``solution.weights`` is 0 for rejected ones,
     ``solution.rejected`` lists these, and ``solution.judged(problem)`` is the certified problem;
