@@ -15,7 +15,9 @@ from certpgo.errors import NumericalError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.io.accept_paths import AnyPath, estimated, measured
 from certpgo.io.writing import AnyAnswer
-from certpgo.objective.choose_cost import Judged, certifiable
+from certpgo.linalg.arrays import IntArray
+from certpgo.objective.choose_cost import CHORDAL, Judged, certifiable
+from certpgo.objective.truncated_problem import rejecting
 from certpgo.optimize.monitor import Iteration, Monitor, silent
 from certpgo.optimize.progress import Hopeful
 from certpgo.optimize.solution import Status
@@ -33,6 +35,8 @@ def certify(
     estimate: Estimate | AnyAnswer | AnyPath,
     *,
     cost: str | None = None,
+    rejected: IntArray | None = None,
+    quantile: float | None = None,
     tier: Tier | str = Tier.STANDARD,
     rtol: float = RTOL,
     atol: float = ATOL,
@@ -53,6 +57,12 @@ def certify(
     estimate : n poses or rotations in the graph's order and units, from any source; or an answer of
         `certpgo.solve`, or the path of a file, see `certpgo.read_estimate`
     cost : the cost of a graph, an instance or a file, as in `certpgo.solve`
+    rejected : (k,) indices of measurements that were rejected, as in ``solution.rejected`` of a
+        robust answer. The certificate is then about the truncated cost, F of the others plus
+        min(f_e, c_e) of each of these: CERTIFIED if no other estimate costs less, whichever of them
+        it takes back
+    quantile : of chi^2, their prices c_e; by default that from which measurements are rejected,
+        1 - 0.01 / m
     tier : ``"standard"``, ``"proof"``, which trusts no factorization, or ``"screen"``, which never
         yields CERTIFIED
     rtol, atol : CERTIFIED means gap <= rtol F + atol W
@@ -85,7 +95,9 @@ def certify(
     posed = measured(problem)
     given = estimated(estimate, posed)
     if cost is not None or isinstance(posed, Instance | PoseGraph | RotationGraph):
-        posed = certifiable(posed, cost)
+        posed = certifiable(posed, CHORDAL if cost is None and rejected is not None else cost)
+    if rejected is not None:
+        posed = rejecting(posed, rejected, quantile)
     judge = Judge(
         posed,
         tier=tier,

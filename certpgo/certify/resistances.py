@@ -1,73 +1,131 @@
 """Effective resistances of edges: how little a certificate matrix opposes their residuals.
 
-For the residuals X B of an edge, in the matrix X of all poses, and a certificate matrix S that is
-zero on the poses of the estimate, as B is,
+The residuals of an edge at poses X are X B, for a block column B that is zero but at two nodes. For
+a certificate matrix S >= 0 that is zero on the poses of an estimate, as B is, and weights W,
 
-    S >= beta B B^T   if and only if   beta lambda_max(B^T S^+ B) <= 1.
+    S - B W B^T >= 0   if and only if   W <= G^-1,   G = B^T S^+ B.
 
-Where the anchor's rows are cut off, the inverse serves for S^+.
+So W = s G^-1 can be taken off where s < 1: s is its load. What other edges have left afterwards
+follows from all products B_e^T S^+ B_f by Woodbury's identity. Where the anchor's rows are cut off,
+the inverse serves for S^+.
 """
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
-from certpgo.graph import PoseGraph
-from certpgo.linalg.arrays import CSC, FloatArray
+import numpy as np
+from scipy.sparse import csc_array
+
+from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.blocks import pinned
+from certpgo.linalg.factor import Factor
 from certpgo.objective.problem import Problem
 from certpgo.objective.truncated import Truncation
 
-#: Edges whose columns are solved for at once.
-BATCH = 64
+#: Columns that are solved for at once, and products that are kept at most.
+BATCH, DENSE = 256, 3000
+#: Load up to which edges are taken off, so that S stays definite despite rounding, and what those
+#: of smallest load add up to if there are more than `DENSE` columns.
+FULL, LIGHT = 0.98, 0.5
 
 
-def resistances(problem: Problem, S: CSC, at: Truncation) -> FloatArray | None:
-    """(k, b, b) matrices B^T S^+ B of edges: of rotations b = d; of poses, translations first.
-
-    As computed, without bounds on rounding. None if S is not definite beyond the anchor.
+class Resistances:
+    """Those of some edges at an estimate, as computed, without bounds on rounding.
 
     Parameters
     ----------
-    S : certificate matrix of the problem at an estimate, with the pattern of all edges
+    problem, S : a certificate matrix at an estimate, with the pattern of all edges
+    factor : of that without the anchor's rows
     at : the edges at the relative poses of that estimate
     """
-    layout = problem.pattern.layout_of(S)
-    anchor = layout.first_row(problem.anchor) + np.arange(layout.sizes[problem.anchor])
-    A = pinned(S, anchor)
-    factor = problem.symbolic(A).factor(A)
-    if factor is None:
-        return None
-    found = []
-    for first in range(0, len(at.prices), BATCH):
-        B = _columns(problem, at, slice(first, first + BATCH))
-        B[anchor] = 0.0
-        N, k, b = B.shape
-        Y = factor.solve(np.ascontiguousarray(B.reshape(N, k * b))).reshape(N, k, b)
-        found.append(np.einsum("Nka,Nkb->kab", B, Y))
-    return np.concatenate(found)
+
+    def __init__(self, problem: Problem, factor: Factor, at: Truncation) -> None:
+        self._problem, self._factor, self._at = problem, factor, at
+        self.B = _columns(problem, at)
+        self.b = at.weights.shape[1]
+
+    @staticmethod
+    def of(problem: Problem, S: CSC, at: Truncation) -> Resistances | None:
+        """Those at a certificate matrix; None if it is not definite beyond the anchor."""
+        A = pinned(S, _anchor(problem))
+        factor = problem.symbolic(A).factor(A)
+        return None if factor is None else Resistances(problem, factor, at)
+
+    @property
+    def blocks(self) -> FloatArray:
+        """(k, b, b) matrices G."""
+        k, b, step = len(self._at.prices), self.b, max(BATCH // self.b, 1)
+        found = np.empty((k, b, b))
+        for first in range(0, k, step):
+            here = np.arange(first, min(first + step, k))
+            products = self.products(here)
+            found[here] = products[np.arange(len(here)), :, np.arange(len(here))]
+        return found
+
+    def products(self, edges: IntArray) -> FloatArray:
+        """(h, b, h, b) products B_e^T S^+ B_f of h edges."""
+        b, h = self.b, len(edges)
+        columns = self.B[:, (b * edges[:, None] + np.arange(b)).ravel()]
+        solved = self._factor.solve(np.ascontiguousarray(columns.toarray()))
+        return np.asarray(columns.T @ solved).reshape(h, b, h, b)
 
 
-def _columns(problem: Problem, at: Truncation, chosen: slice) -> FloatArray:
-    """(N, k, b) the columns B of some edges."""
-    i, j = at.graph.edges[chosen].T
-    v, Q = at.v[chosen], at.Q[chosen]
-    (k, d), e = v.shape, np.arange(len(v))
-    p = int(isinstance(at.graph, PoseGraph))
-    B = np.zeros((problem.n, p + d, k, p + d))
-    B[j, p:, e, p:] = np.eye(d)
-    B[i, p:, e, p:] = -Q
+def packed(found: Resistances, at: Truncation) -> tuple[FloatArray, FloatArray]:
+    """Weights W (k, b, b) that may all be taken off together, and loads (k,), as far as computed.
+
+    The edges of smallest load come first; where that is too large, W is zero.
+    """
+    W, loads = at.reaching(found.blocks)
+    order = np.argsort(loads, kind="stable")
+    light = 0
+    if len(loads) * found.b > DENSE:
+        light = int(np.searchsorted(np.cumsum(loads[order]), LIGHT))
+    used = float(loads[order[:light]].sum())
+    dense = order[light : light + DENSE // found.b]
+    W[order[light:]] = 0.0
+    # With a load taken off, S is no less than the rest of itself.
+    G = found.products(dense) / (1.0 - used)
+    for _ in range(len(dense)):
+        own = np.einsum("kakb->kab", G)
+        rest, load = at.subset(dense).reaching(own)
+        load[W[dense].any(axis=(1, 2))] = math.inf
+        e = int(np.argmin(load))
+        loads[dense] = np.where(np.isfinite(load), load, loads[dense])
+        if not load[e] < FULL:
+            break
+        W[dense[e]] = rest[e]
+        # S - B W B^T, by Woodbury's identity.
+        taken = rest[e] @ G[e].reshape(found.b, -1)
+        pull = np.linalg.solve(np.eye(found.b) - rest[e] @ own[e], taken)
+        G = G + np.tensordot(G[:, :, e], pull.reshape(found.b, *G.shape[2:]), 1)
+    return W, loads
+
+
+def _anchor(problem: Problem) -> IntArray:
+    layout = problem.pattern.layout_of(problem.matrix)
+    return layout.first_row(problem.anchor) + np.arange(layout.sizes[problem.anchor])
+
+
+def _columns(problem: Problem, at: Truncation) -> CSC:
+    """(N, k b) the block columns B, without the anchor's rows."""
+    i, j = at.graph.edges.T
+    (k, d), p, n = at.v.shape, at.moved, problem.n
+    b = p + d
+    at_i, at_j = np.zeros((2, k, b, b))
+    at_j[:] = np.eye(b)
+    at_i[:, p:, p:] = -at.Q
     if p:
-        B[j, 0, e, 0] = 1.0
-        B[i, 0, e, 0] = -1.0
-        B[i, 1:, e, 0] = -v
-    return problem.pattern.layout_of(problem.matrix).pack(B)
-
-
-def loads_of(found: FloatArray, at: Truncation) -> FloatArray:
-    """(k, 2) weights of rotations and translations times their largest resistances."""
-    d = at.graph.d
-    turned = np.linalg.eigvalsh(found[:, -d:, -d:])[:, -1]
-    moved = found[:, 0, 0] if found.shape[1] > d else np.zeros(len(found))
-    _, _, weights = at.measured
-    return np.asarray(weights * np.stack([turned, moved], axis=1))
+        at_i[:, 0, 0] = -1.0
+        at_i[:, 1:, 0] = -at.v
+    layout = problem.pattern.layout_of(problem.matrix)
+    place = np.full(n * b, -1)
+    place[layout.pack(np.arange(n * b).reshape(n, b))] = np.arange(layout.size)
+    place = place.reshape(n, b)
+    place[problem.anchor] = -1
+    rows = np.concatenate([place[i], place[j]])[:, :, None] + np.zeros(b, dtype=int)
+    columns = np.tile(b * np.arange(k)[:, None] + np.arange(b), (2, 1))[:, None, :]
+    columns = columns + np.zeros((b, 1), dtype=int)
+    values, known = np.concatenate([at_i, at_j]), rows >= 0
+    shape = (layout.size, k * b)
+    return csc_array((values[known], (rows[known], columns[known])), shape=shape)

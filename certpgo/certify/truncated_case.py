@@ -4,11 +4,9 @@ A rejected measurement is an edge of negative weight, see `certpgo.objective.tru
 certificate matrix S_K of the kept measurements minus all of these edges is positive semidefinite,
 the estimate is optimal over all poses and over all choices of rejected measurements.
 
-Where it is not, some measurements are ambiguous: their residuals are not large against the
-uncertainty of the estimate in their direction. S_K >= beta B B^T, for the block column B of an
-edge, if and only if beta times the largest eigenvalue of B^T S_K^+ B, an effective resistance, is
-at most one. These loads, of rotations and translations of each edge, say how its weight is split
-best, and which edges to leave at zero, where min(f, c) >= 0 bounds their terms.
+Where it is not, `certpgo.certify.resistances` has the weights that burden it least. Measurements
+that are left out then are ambiguous: their residuals are not large against the uncertainty of the
+estimate in their direction, and min(f, c) >= 0 is all that bounds their terms.
 """
 
 from __future__ import annotations
@@ -21,13 +19,13 @@ from certpgo.certify.bounds import Bounds
 from certpgo.certify.certificate import Certificate, Verdict
 from certpgo.certify.dual import DualBound
 from certpgo.certify.obstacle import LimitedBy
-from certpgo.certify.resistances import loads_of, resistances
+from certpgo.certify.resistances import Resistances, packed
 from certpgo.certify.surrogate_bound import bound_below
 from certpgo.certify.tolerances import DESCENT, Case, LocalMinimum
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Point
 from certpgo.linalg.arrays import FloatArray, IntArray
-from certpgo.objective.truncated import FLATTEST, STEEPEST
+from certpgo.objective.truncated import FLATTEST
 from certpgo.objective.truncated_problem import TruncatedProblem
 from certpgo.optimize.monitor import Iteration, Monitor
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
@@ -93,43 +91,36 @@ class TruncatedCase(Case):
         """The bound with all prices, or else with none, which is that of the kept measurements."""
         if not isinstance(point, Estimate):
             return None
-        ratios = self.problem.truncation(point).ratios()
-        whole = self._bound_by(point, cost, ratios, sharp=sharp, tight=True)
+        W = self.problem.truncation(point).plain()
+        whole = self._bound_by(point, cost, W, sharp=sharp, tight=True)
         if whole is not None or tight:
             return whole
         alone = self._optimum_of_kept(point)
-        return self._bound_by(alone, cost, np.zeros_like(ratios), sharp=sharp, tight=False)
+        return self._bound_by(alone, cost, np.zeros_like(W), sharp=sharp, tight=False)
 
     def raised(self, basin: LocalMinimum) -> LocalMinimum:
-        """The basin with a bound by as many prices as can be proven, in the order of their loads.
+        """The basin with a bound by as many prices as can be proven at once.
 
-        At the optimum of the kept measurements, by the rejected ones that cost more than their
+        At the optimum of the kept measurements, of the rejected ones that cost more than their
         price there.
         """
-        if not isinstance(basin.bound, RejectionBound) or not len(basin.bound.ambiguous):
+        bound = basin.bound
+        if not isinstance(bound, RejectionBound) or not len(bound.ambiguous):
             return basin
         point = self._optimum_of_kept(basin.point)
-        loads = self._loads(point)
-        if loads is None:
+        at = self.problem.truncation(point)
+        below, _ = self.problem.surrogate(point, np.zeros_like(at.plain()))
+        S = below.certificate_matrix(below.multipliers(point))
+        found = Resistances.of(below, S, at)
+        if found is None:
             return basin
-        truncation = self.problem.truncation(point)
-        ratios = truncation.ratios(loads)
-        total = (ratios * loads).sum(axis=1)
-        total[truncation.costs.sum(axis=1) <= truncation.prices] = np.inf
-        order = np.argsort(total, kind="stable")[: int(np.isfinite(total).sum())]
-        best, proven, failed = basin.bound, 0, len(order) + 1
-        # Loads that add up to one at most are no risk.
-        count = max(int(np.searchsorted(np.cumsum(total[order]), 1.0)), 1)
-        while proven + 1 < failed and not self.stop.should_stop():
-            chosen = np.zeros_like(ratios)
-            chosen[order[:count]] = ratios[order[:count]]
-            bound = self._bound_by(point, basin.cost, chosen, sharp=True, tight=True)
-            if bound is None:
-                failed = count
-            else:
-                proven, best = count, max(best, bound, key=lambda one: one.value)
-            count = (proven + failed) // 2
-        return replace(basin, bound=best)
+        W, loads = packed(found, at)
+        better = None
+        while better is None and W.any() and not self.stop.should_stop():
+            better = self._bound_by(point, basin.cost, W, sharp=True, tight=True)
+            used = W.any(axis=(1, 2))
+            W[loads >= np.median(loads[used])] = 0.0  # rounding: the largest ones are left out
+        return basin if better is None else replace(basin, bound=better)
 
     def _optimum_of_kept(self, near: Estimate) -> Estimate:
         kept = self.problem.kept
@@ -137,19 +128,11 @@ class TruncatedCase(Case):
             return near
         return kept.complete(newton(kept, near, DESCENT, watch=self.stop.watch).estimate.rotations)
 
-    def _loads(self, point: Estimate) -> FloatArray | None:
-        """(k, 2) what ratios of one cost at a point; None if the kept ones have no bound there."""
-        nothing = np.zeros((len(self.problem.rejected), 2))
-        below, _ = self.problem.surrogate(point, nothing)
-        S, at = below.certificate_matrix(below.multipliers(point)), self.problem.truncation(point)
-        found = resistances(below, S, at)
-        return None if found is None else loads_of(found, at)
-
     def _bound_by(
-        self, point: Estimate, cost: float, ratios: FloatArray, *, sharp: bool, tight: bool
+        self, point: Estimate, cost: float, W: FloatArray, *, sharp: bool, tight: bool
     ) -> RejectionBound | None:
-        """The bound with minorants of these ratios (k, 2)."""
-        below, constant = self.problem.surrogate(point, ratios)
+        """The bound with minorants of these weights (k, b, b)."""
+        below, constant = self.problem.surrogate(point, W)
         found = bound_below(
             below,
             constant,
@@ -162,15 +145,10 @@ class TruncatedCase(Case):
         )
         if found is None:
             return None
-        left_out = ((ratios == 0.0).all(axis=1) | (ratios > STEEPEST).any(axis=1)) & (
-            self.problem.truncation(point).costs.sum(axis=1) > FLATTEST * self._prices
-        )
+        at = self.problem.truncation(point)
+        left_out = ~W.any(axis=(1, 2)) & (at.costs > FLATTEST * at.prices)
         values = {of.name: getattr(found, of.name) for of in fields(found)}
         return RejectionBound(**values, ambiguous=self.problem.rejected[left_out])
-
-    @property
-    def _prices(self) -> FloatArray:
-        return self.problem.prices[self.problem.is_rejected]
 
     def certificate(
         self,

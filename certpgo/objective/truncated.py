@@ -1,34 +1,36 @@
 """Minorants of truncated edge costs min(f, c): of a rejected measurement and its price.
 
-For f = kappa |R_j - R_i R~|^2 + tau |t_j - t_i - R_i t~|^2, any weights beta_R, beta_t >= 0 and any
-matrix Z and vector z, let p_R = |Z - R~|_F, p_t = |z - t~| and a || b = a b / (a + b). Then
+Write F = [v Q] for the relative pose of an edge, v = R_i^T (t_j - t_i) and Q = R_i^T R_j, and M for
+the measured one. Then f = tr((F - M) D (F - M)^T) with D = diag(tau, kappa I). For any centre C and
+any weight W >= 0 let A : B = (A^-1 + B^-1)^-1 be the parallel sum, and
 
-    c' = (kappa || beta_R) p_R^2 + (tau || beta_t) p_t^2 <= c
+    c' = tr((C - M) (D : W) (C - M)^T).
 
-implies, for all poses,
+The sum of two quadratic forms is never below their parallel sum, whatever F is, so that
 
-    c' - beta_R |R_j - R_i Z|^2 - beta_t |t_j - t_i - R_i z|^2 <= min(f, c).
+    f >= c' - tr((F - C) W (F - C)^T),
 
-For the left side is at most c', and with a = |R_j - R_i R~| the triangle inequality gives
-|R_j - R_i Z| >= p_R - a, as R_i is orthogonal; kappa a^2 + beta (p - a)^2 >= (kappa || beta) p^2
-for every a. The same holds for translations, and both together. So a rejected measurement is an
-edge of negative weight.
+and if c' is cut off at c, the right side is nowhere above c: it is a minorant of min(f, c). In the
+matrix of all poses, it is an edge of negative weight.
 
-Where it is rejected at an estimate, f > c there, Z and z are the estimate's own relative pose: the
-edge has no residual and no gradient, and c' = c if the weights are large enough. Where f < c, they
-lie further out by c / f, and both weights are f / (c - f) of the measurement's: cost and gradient
-are those of f.
+Where a measurement is rejected at an estimate, f > c there, C is the estimate's own relative pose:
+the edge has no residual and no gradient, and touches min(f, c) if c' = c. Where f < c, C lies
+further out, M + (c / f) (F - M), and W = f / (c - f) D: value and gradient are those of f.
+
+The constants that are used do not rely on these formulas, and are slightly better: for all
+rotations Q and all v, by the nuclear norm |X|_* = max <X, Q> over orthogonal Q.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from certpgo.graph import Graph, PoseGraph
-from certpgo.linalg.arrays import FloatArray
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import Ball, sums
 from certpgo.linalg.rotations import rotation_defect
 from certpgo.objective.edge_cost import Minorants
@@ -38,11 +40,16 @@ from certpgo.objective.edge_cost import Minorants
 STEEPEST, FLATTEST = 1e6, 1e-9
 #: By which weights are raised, so that rounding does not lower the price that is reached.
 RAISED = 1e-13
+EPS = float(np.finfo(float).eps)
+#: Bisections of the logarithm, for the weight that reaches a price.
+BISECTIONS = 60
 
 
 @dataclass(frozen=True, eq=False)
 class Truncation:
     """Rejected measurements at the relative poses of an estimate.
+
+    Matrices of weights are (k, d + 1, d + 1), translations first; of rotations alone, (k, d, d).
 
     Attributes
     ----------
@@ -57,88 +64,155 @@ class Truncation:
     v: FloatArray
     Q: FloatArray
 
+    def subset(self, chosen: IntArray) -> Truncation:
+        """Some of them."""
+        parts = self.prices[chosen], self.v[chosen], self.Q[chosen]
+        return Truncation(self.graph.with_edges(chosen), *parts)
+
     @property
-    def measured(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """(k, d) measured translations, (k, d, d) rotations, and (k, 2) weights kappa, tau."""
-        rotation = self.graph.rotation
+    def moved(self) -> int:
+        """1 for poses, 0 for rotations alone."""
+        return int(isinstance(self.graph, PoseGraph))
+
+    @property
+    def translations(self) -> FloatArray:
+        """(k, d) measured translations, zeros for rotations alone."""
+        return self.graph.translations if isinstance(self.graph, PoseGraph) else 0.0 * self.v
+
+    @cached_property
+    def weights(self) -> FloatArray:
+        """(k, b) diagonals of D."""
+        kappa = np.repeat(self.graph.rotation.kappa[:, None], self.graph.d, axis=1)
         if isinstance(self.graph, PoseGraph):
-            weights = np.stack([rotation.kappa, self.graph.tau], axis=1)
-            return self.graph.translations, rotation.rotations, weights
-        weights = np.stack([rotation.kappa, np.zeros_like(rotation.kappa)], axis=1)
-        return np.zeros_like(self.v), rotation.rotations, weights
+            return np.concatenate([self.graph.tau[:, None], kappa], axis=1)
+        return kappa
+
+    @cached_property
+    def residuals(self) -> FloatArray:
+        """(k, d, b) F - M."""
+        turned = self.Q - self.graph.rotation.rotations
+        if not self.moved:
+            return turned
+        return np.concatenate([(self.v - self.translations)[:, :, None], turned], axis=2)
+
+    @cached_property
+    def costs(self) -> FloatArray:
+        """(k,) terms of F."""
+        return np.asarray(((self.residuals**2).sum(axis=1) * self.weights).sum(axis=1))
 
     @property
-    def costs(self) -> FloatArray:
-        """(k, 2) terms of F, of rotations and translations."""
-        t, R, weights = self.measured
-        squares = ((self.Q - R) ** 2).sum(axis=(1, 2)), ((self.v - t) ** 2).sum(axis=1)
-        return np.asarray(weights * np.stack(squares, axis=1))
+    def is_far(self) -> BoolArray:
+        """(k,) whether each costs more than its price."""
+        return np.asarray(self.costs > self.prices)
 
-    def ratios(self, loads: FloatArray | None = None) -> FloatArray:
-        """(k, 2) weights beta over kappa and tau with which the prices are reached; or infinite.
-
-        Parameters
-        ----------
-        loads : (k, 2) what a ratio of 1 costs the certificate, by rotations and translations, see
-            `certpgo.certify.truncated_case`; the sum of ratios times loads is smallest. Ones by
-            default
-        """
-        f, c = self.costs, self.prices
-        total = f.sum(axis=1)
-        if loads is None:
-            loads = np.ones_like(f)
+    def plain(self) -> FloatArray:
+        """(k, b, b) weights W = ratio D with which minorants touch, zero where there are none."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            root = (total - c) / np.sqrt(f * loads).sum(axis=1)
-            both = np.sqrt(f / loads) / root[:, None] - 1.0
-            alone = c[:, None] / (f - c[:, None])
-            # Where one of the two is better left out, the other reaches the price alone.
-            out = np.asarray(~(both > 0.0))
-            single = out.any(axis=1, keepdims=True)
-            far = np.where(single, np.where(out, 0.0, alone), both)
-            near = total / (c - total)
-        near = np.where(near < FLATTEST, 0.0, near)[:, None] * np.ones(2)
-        ratios = (1.0 + RAISED) * np.where((total > c)[:, None], far, near)
-        return np.where(np.isnan(ratios) | (self.measured[2] == 0.0), 0.0, ratios)
+            ratio = np.minimum(self.prices, self.costs) / np.abs(self.costs - self.prices)
+        ratio[~(ratio <= STEEPEST) | (~self.is_far & (ratio < FLATTEST))] = 0.0
+        return np.asarray((1.0 + RAISED) * ratio[:, None, None] * self._diagonal)
 
-    def minorants(self, ratios: FloatArray) -> Minorants:
-        """The minorants with weights of these ratios (k, 2); zero where one is too steep.
+    @property
+    def _diagonal(self) -> FloatArray:
+        return np.asarray(self.weights[:, :, None] * np.eye(self.weights.shape[1]))
+
+    def reaching(self, resistances: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The weights that reach the prices at the least load, and these loads (k,).
+
+        W = s G^-1 for resistances G (k, b, b) has the load s, see `certpgo.certify.resistances`,
+        and no W of that load is larger. Infinite loads where the price is more than the cost.
+        """
+        root = np.sqrt(self.weights)
+        values, U = np.linalg.eigh(root[:, :, None] * resistances * root[:, None, :])
+        squares = ((self.residuals * root[:, None, :] @ U) ** 2).sum(axis=1)
+        known = values > FLATTEST * values[:, -1:]
+        low, high = np.full((2, len(squares)), [[1e-15], [1e15]])
+        for _ in range(BISECTIONS):
+            s = np.sqrt(low * high)
+            reached = (squares * (s[:, None] / (s[:, None] + values))).sum(axis=1) >= self.prices
+            low, high = np.where(reached, low, s), np.where(reached, s, high)
+        inverse = np.where(known, 1.0 / np.where(known, values, 1.0), 0.0)
+        half = root[:, :, None] * U
+        W = (half * (high[:, None] * inverse)[:, None, :]) @ np.swapaxes(half, 1, 2)
+        return W, np.where(self.is_far, high, np.inf)
+
+    def rises(self, resistances: FloatArray) -> FloatArray:
+        """(k,) by how much F rises at least if each is taken back: tr((F - M) (D : G^-1) ...^T).
+
+        As computed: what weights of load 1 reach.
+        """
+        root = np.sqrt(self.weights)
+        values, U = np.linalg.eigh(root[:, :, None] * resistances * root[:, None, :])
+        squares = ((self.residuals * root[:, None, :] @ U) ** 2).sum(axis=1)
+        return np.asarray((squares / (1.0 + values)).sum(axis=1))
+
+    def minorants(self, W: FloatArray) -> Minorants:
+        """The minorants with these weights (k, b, b); zero where they are zero.
 
         Their constants are rounded down for exactly the other doubles.
         """
-        t, R, weights = self.measured
-        kept = np.where((ratios <= STEEPEST).all(axis=1, keepdims=True), ratios, 0.0)
+        used = W.any(axis=(1, 2))
         with np.errstate(divide="ignore", invalid="ignore"):
-            out = np.maximum(self.prices / self.costs.sum(axis=1), 1.0)
-        out = np.where(np.isfinite(out) & kept.any(axis=1), out, 1.0)
-        beta = kept * weights
-        z = t + out[:, None] * (self.v - t)
-        N = -beta[:, :1, None] * (R + out[:, None, None] * (self.Q - R))
-        constant = np.where(kept.any(axis=1), self._constants(beta, z, N), 0.0)
-        return Minorants(-beta[:, 1], np.zeros_like(z), z, N, constant)
+            out = np.where(used & ~self.is_far, self.prices / self.costs, 1.0)
+        tau, arms = np.zeros(len(W)), np.zeros_like(self.v)
+        if self.moved:
+            tau = W[:, 0, 0]
+            arms = W[:, 1:, 0] / np.where(tau > 0.0, tau, 1.0)[:, None]
+        K = W[:, self.moved :, self.moved :] - tau[:, None, None] * _outer(arms, arms)
+        Z = self.graph.rotation.rotations + out[:, None, None] * (
+            self.Q - self.graph.rotation.rotations
+        )
+        z = self.translations + out[:, None] * (self.v - self.translations)
+        b = z + (Z @ arms[:, :, None])[:, :, 0]
+        N = -Z @ K
+        constant = np.where(used, self._constants(tau, arms, b, N), 0.0)
+        return Minorants(-tau, arms, b, N, constant)
 
-    def _constants(self, beta: FloatArray, z: FloatArray, N: FloatArray) -> FloatArray:
-        """(k,) lower bounds on c' - beta_R (d + |Z|^2), where N = -beta_R Z."""
-        t, R, weights = self.measured
-        turned = beta[:, 0] > 0.0
-        divisor = np.where(turned, beta[:, 0], 1.0)[:, None, None]
-        Z = -Ball.exact(N) / Ball.exact(divisor)
-        off = Z - Ball.within(R, rotation_defect(R))
-        k, d = t.shape
-        squares = (
-            sums(off.reshaped(k, d * d).squared()),
-            sums((Ball.exact(z) - t).squared()),
-        )
-        reached = Ball.exact(np.zeros(k))
-        for which, square in enumerate(squares):
-            w, b = weights[:, which], beta[:, which]
-            counts = b > 0.0
-            both = Ball.exact(np.where(counts, w, 1.0)), Ball.exact(np.where(counts, b, 0.0))
-            reached = reached + both[0] * both[1] / (both[0] + both[1]) * square
-        reached = Ball.exact(np.minimum(reached.lower, self.prices))
-        spent = (sums(Z.reshaped(k, d * d).squared()) + float(d)) * np.where(
-            turned, beta[:, 0], 0.0
-        )
-        return np.asarray((reached - spent).lower)
+    def _constants(
+        self, tau: FloatArray, a: FloatArray, b: FloatArray, N: FloatArray
+    ) -> FloatArray:
+        """(k,) the largest C with -tau |v + Q a - b|^2 - 2 <N, Q> + C <= min(f, c), rounded down.
+
+        It is at most c for C <= c - 2 |N|_*. Against f, the best v is between t and b - Q a; what
+        is left is linear in Q.
+        """
+        R, kappa = self.graph.rotation.rotations, self.graph.rotation.kappa
+        d, y = self.graph.d, Ball.exact(self.translations) - b
+        between = Ball.exact(np.zeros(len(kappa)))
+        if isinstance(self.graph, PoseGraph):
+            both = (tau > 0.0) & (self.graph.tau > 0.0)
+            one, other = (Ball.exact(np.where(both, w, 1.0)) for w in (tau, self.graph.tau))
+            between = one * other / (one + other) * np.where(both, 1.0, 0.0)
+        coupling = Ball.exact(N) - Ball.within(R, rotation_defect(R)) * kappa[:, None, None]
+        coupling = coupling + between[:, None, None] * (y[:, :, None] * a[:, None, :])
+        squares = sums(y.squared()) + sums(Ball.exact(a).squared())
+        of_cost = 2.0 * d * Ball.exact(kappa) + between * squares - 2.0 * nuclear(coupling)
+        of_price = Ball.exact(self.prices) - 2.0 * nuclear(Ball.exact(N))
+        return np.minimum(of_cost.lower, of_price.lower)
+
+
+def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.asarray(a[:, :, None] * b[:, None, :])
+
+
+def nuclear(A: Ball) -> Ball:
+    """Upper bounds, as points, on the nuclear norms of matrices (m, d, d) in balls.
+
+    The sum of the singular values of A = U S V^T + E is at most |U| |V| tr(S) + d^(1/2) |E|_F.
+    """
+    m, d, _ = A.mid.shape
+    U, S, Vt = np.linalg.svd(A.mid)
+    rest = A - Ball.exact(U * S[:, None, :]) @ Vt
+    error = sums(rest.reshaped(m, d * d).squared()).sqrt().size
+    largest = _norms(U) * _norms(Vt) * S.sum(axis=1)
+    return Ball.exact((1.0 + 16.0 * EPS) * (largest + 1.0001 * math.sqrt(d) * error))
+
+
+def _norms(U: FloatArray) -> FloatArray:
+    """(m,) upper bounds on the norms of almost orthogonal matrices: |U|^2 <= 1 + |U^T U - I|."""
+    m, d, _ = U.shape
+    defect = Ball.exact(np.swapaxes(U, 1, 2)) @ U - np.eye(d)
+    return np.asarray(1.0 + sums(defect.reshaped(m, d * d).squared()).sqrt().size)
 
 
 def untruncated(graph: Graph) -> Minorants:
@@ -152,11 +226,9 @@ def untruncated(graph: Graph) -> Minorants:
     N = kappa[:, None, None] * R
     off = Ball.exact(N) - Ball.within(R, rotation_defect(R)) * kappa[:, None, None]
     distance = sums(off.reshaped(m, d * d).squared()).sqrt().size
-    constant = (
-        2.0 * d * Ball.exact(kappa) - 2.0 * math.sqrt(d) * 1.001 * Ball.exact(distance)
-    ).lower
-    if isinstance(graph, PoseGraph):
-        zeros = np.zeros_like(graph.translations)
-        return Minorants(graph.tau, zeros, graph.translations, N, constant)
+    lost = 2.002 * math.sqrt(d) * Ball.exact(distance)
+    constant = (2.0 * d * Ball.exact(kappa) - lost).lower
     zeros = np.zeros((m, d))
+    if isinstance(graph, PoseGraph):
+        return Minorants(graph.tau, zeros, graph.translations, N, constant)
     return Minorants(np.zeros(m), zeros, zeros, N, constant)

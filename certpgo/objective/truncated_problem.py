@@ -22,7 +22,7 @@ from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_floats
 from certpgo.linalg.ball_arithmetic import U
 from certpgo.objective.chi_squared import flagged_from, quantiles
 from certpgo.objective.enclosure import edge_enclosures
-from certpgo.objective.problem import Problem
+from certpgo.objective.problem import PoseProblem, Problem, RotationProblem
 from certpgo.objective.rotation_problem import RotationsOfPoses
 from certpgo.objective.signed_weights import SignedGraph, SignedProblem
 from certpgo.objective.truncated import Truncation, untruncated
@@ -203,7 +203,7 @@ class TruncatedProblem(Brief):
             v = (back @ (t[j] - t[i])[:, :, None])[:, :, 0]
         return Truncation(rejected, self.prices[self.is_rejected], v, back @ point.rotations[j])
 
-    def surrogate(self, point: Point, ratios: FloatArray | None = None) -> tuple[Problem, float]:
+    def surrogate(self, point: Point, W: FloatArray | None = None) -> tuple[Problem, float]:
         """A problem under F, and a constant: together nowhere above the cost.
 
         They are equal to it at the point, if all measurements have minorants there. The constant is
@@ -211,13 +211,12 @@ class TruncatedProblem(Brief):
 
         Parameters
         ----------
-        ratios : (k, 2) weights of the rejected measurements over their own, see `Truncation`; by
-            default those with which their prices are reached
+        W : (k, b, b) weights of the rejected measurements, see `Truncation`; by default those with
+            which they touch their costs, or zero where there are none
         """
-        truncation = self.truncation(point)
-        if ratios is None:
-            ratios = truncation.ratios()
-        minorants = untruncated(self.graph).replaced(self.is_rejected, truncation.minorants(ratios))
+        at = self.truncation(point)
+        negative = at.minorants(at.plain() if W is None else W)
+        minorants = untruncated(self.graph).replaced(self.is_rejected, negative)
         if isinstance(self.graph, PoseGraph):
             graph, constant = minorants.summed(self.graph, SignedGraph)
             return self._general.of_same_edges(graph), constant
@@ -235,7 +234,7 @@ class TruncatedProblem(Brief):
 
 
 def rejecting(
-    problem: Problem, rejected: IntArray, quantile: float | None = None, scale: float = 1.0
+    problem: object, rejected: IntArray, quantile: float | None = None, scale: float = 1.0
 ) -> TruncatedProblem:
     """The truncated cost whose prices are a quantile of a correct measurement's term of F.
 
@@ -249,8 +248,11 @@ def rejecting(
     Raises
     ------
     InputError
-        Indices that are not of measurements, or given twice, or a quantile out of its range.
+        Indices that are not of measurements, or given twice, or a quantile out of its range; or a
+        problem of another cost than F.
     """
+    if not isinstance(problem, PoseProblem | RotationProblem):
+        raise InputError("rejections are certified under the chordal cost F, without distances")
     m = problem.graph.num_edges
     chosen = np.asarray(rejected)
     if chosen.ndim != 1 or chosen.dtype.kind not in "iu" or len(np.unique(chosen)) != len(chosen):
