@@ -92,11 +92,11 @@ class TruncatedCase(Case):
         if not isinstance(point, Estimate):
             return None
         W = self.problem.truncation(point).plain()
-        whole = self._bound_by(point, cost, W, sharp=sharp, tight=True)
+        whole = self.bound_by(point, cost, W, sharp=sharp, tight=True)
         if whole is not None or tight:
             return whole
-        alone = self._optimum_of_kept(point)
-        return self._bound_by(alone, cost, np.zeros_like(W), sharp=sharp, tight=False)
+        alone = self.optimum_of_kept(point)
+        return self.bound_by(alone, cost, np.zeros_like(W), sharp=sharp, tight=False)
 
     def raised(self, basin: LocalMinimum) -> LocalMinimum:
         """The basin with a bound by as many prices as can be proven at once.
@@ -107,28 +107,32 @@ class TruncatedCase(Case):
         bound = basin.bound
         if not isinstance(bound, RejectionBound) or not len(bound.ambiguous):
             return basin
-        point = self._optimum_of_kept(basin.point)
-        at = self.problem.truncation(point)
-        below, _ = self.problem.surrogate(point, np.zeros_like(at.plain()))
-        S = below.certificate_matrix(below.multipliers(point))
-        found = Resistances.of(below, S, at)
+        point = self.optimum_of_kept(basin.point)
+        at, found = self.problem.truncation(point), self.resistances(point)
         if found is None:
             return basin
         W, loads = packed(found, at)
         better = None
         while better is None and W.any() and not self.stop.should_stop():
-            better = self._bound_by(point, basin.cost, W, sharp=True, tight=True)
+            better = self.bound_by(point, basin.cost, W, sharp=True, tight=True)
             used = W.any(axis=(1, 2))
             W[loads >= np.median(loads[used])] = 0.0  # rounding: the largest ones are left out
         return basin if better is None else replace(basin, bound=better)
 
-    def _optimum_of_kept(self, near: Estimate) -> Estimate:
+    def optimum_of_kept(self, near: Estimate) -> Estimate:
+        """The local optimum of the kept measurements near an estimate."""
         kept = self.problem.kept
         if (self.problem.counted(near) != self.problem.is_rejected).all():
             return near
         return kept.complete(newton(kept, near, DESCENT, watch=self.stop.watch).estimate.rotations)
 
-    def _bound_by(
+    def resistances(self, point: Estimate) -> Resistances | None:
+        """Those of the rejected measurements there; None if the kept ones have no bound there."""
+        at = self.problem.truncation(point)
+        below, _ = self.problem.surrogate(point, np.zeros_like(at.plain()))
+        return Resistances.of(below, below.certificate_matrix(below.multipliers(point)), at)
+
+    def bound_by(
         self, point: Estimate, cost: float, W: FloatArray, *, sharp: bool, tight: bool
     ) -> RejectionBound | None:
         """The bound with minorants of these weights (k, b, b)."""

@@ -122,29 +122,30 @@ class Truncation:
         W = s G^-1 for resistances G (k, b, b) has the load s, see `certpgo.certify.resistances`,
         and no W of that load is larger. Infinite loads where the price is more than the cost.
         """
-        root = np.sqrt(self.weights)
-        values, U = np.linalg.eigh(root[:, :, None] * resistances * root[:, None, :])
-        squares = ((self.residuals * root[:, None, :] @ U) ** 2).sum(axis=1)
-        known = values > FLATTEST * values[:, -1:]
+        values, squares, half = self._modes(resistances)
         low, high = np.full((2, len(squares)), [[1e-15], [1e15]])
         for _ in range(BISECTIONS):
             s = np.sqrt(low * high)
-            reached = (squares * (s[:, None] / (s[:, None] + values))).sum(axis=1) >= self.prices
+            reached = _reached(values, squares, s) >= self.prices
             low, high = np.where(reached, low, s), np.where(reached, s, high)
-        inverse = np.where(known, 1.0 / np.where(known, values, 1.0), 0.0)
-        half = root[:, :, None] * U
-        W = (half * (high[:, None] * inverse)[:, None, :]) @ np.swapaxes(half, 1, 2)
-        return W, np.where(self.is_far, high, np.inf)
+        return _inverse(values, half, high), np.where(self.is_far, high, np.inf)
 
-    def rises(self, resistances: FloatArray) -> FloatArray:
-        """(k,) by how much F rises at least if each is taken back: tr((F - M) (D : G^-1) ...^T).
+    def loaded(self, resistances: FloatArray, load: float) -> tuple[FloatArray, FloatArray]:
+        """The largest weights of a load, and the values (k,) that their minorants have, uncut.
 
-        As computed: what weights of load 1 reach.
+        For a load of 1 that is tr((F - M) (D^-1 + G)^-1 (F - M)^T): by how much F rises at least,
+        where S leaves all room, if the measurement is taken back.
         """
+        values, squares, half = self._modes(resistances)
+        s = np.full(len(squares), load)
+        return _inverse(values, half, s), _reached(values, squares, s)
+
+    def _modes(self, resistances: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Eigenvalues (k, b) and -vectors U of D^1/2 G D^1/2; |(F - M) D^1/2 U|^2, and D^1/2 U."""
         root = np.sqrt(self.weights)
         values, U = np.linalg.eigh(root[:, :, None] * resistances * root[:, None, :])
-        squares = ((self.residuals * root[:, None, :] @ U) ** 2).sum(axis=1)
-        return np.asarray((squares / (1.0 + values)).sum(axis=1))
+        half = root[:, :, None] * U
+        return values, ((self.residuals @ half) ** 2).sum(axis=1), half
 
     def minorants(self, W: FloatArray) -> Minorants:
         """The minorants with these weights (k, b, b); zero where they are zero.
@@ -189,6 +190,23 @@ class Truncation:
         of_cost = 2.0 * d * Ball.exact(kappa) + between * squares - 2.0 * nuclear(coupling)
         of_price = Ball.exact(self.prices) - 2.0 * nuclear(Ball.exact(N))
         return np.minimum(of_cost.lower, of_price.lower)
+
+
+def _reached(values: FloatArray, squares: FloatArray, s: FloatArray) -> FloatArray:
+    """(k,) sums of squares over 1 + values / s."""
+    return np.asarray((squares * (s[:, None] / (s[:, None] + np.maximum(values, 0.0)))).sum(axis=1))
+
+
+def _inverse(values: FloatArray, half: FloatArray, s: FloatArray) -> FloatArray:
+    """(k, b, b) s G^-1, without what is not measured."""
+    known = values > FLATTEST * values[:, -1:]
+    inverse = np.where(known, s[:, None] / np.where(known, values, 1.0), 0.0)
+    return np.asarray((half * inverse[:, None, :]) @ np.swapaxes(half, 1, 2))
+
+
+def largest(minorants: Minorants) -> FloatArray:
+    """(k,) upper bounds on minorants of negative weight: C + 2 |N|_*, rounded up."""
+    return (2.0 * nuclear(Ball.exact(minorants.N)) + minorants.constant).upper
 
 
 def _outer(a: FloatArray, b: FloatArray) -> FloatArray:

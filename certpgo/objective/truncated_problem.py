@@ -157,6 +157,11 @@ class TruncatedProblem(Brief):
         """The same measurements with all weights and prices times ``factor``."""
         return TruncatedProblem(self.whole.scaled(factor), factor * self.prices)
 
+    def with_prices_of(self, point: Estimate) -> TruncatedProblem:
+        """The problem with the costs at a point as prices: nothing is cut off there."""
+        costs = np.maximum(self.terms(point), np.finfo(float).tiny)
+        return TruncatedProblem(self.whole, np.where(self.is_rejected, costs, np.inf))
+
     def check(self, estimate: Estimate) -> None:
         """Refuse an estimate of another graph by an InputError."""
         self.whole.check(estimate)
