@@ -32,12 +32,14 @@ class Rejection(Brief):
     certificate : of the estimate, about f_T; CERTIFIED means that no other estimate and no other
         choice of rejected measurements costs less
     quantile : of chi^2, that the prices c_e are
+    scale : standard deviation of the noise over that stated by the weights
     """
 
     problem: TruncatedProblem
     estimate: Estimate
     certificate: Certificate
     quantile: float
+    scale: float = 1.0
 
     @property
     def edges(self) -> IntArray:
@@ -114,4 +116,4 @@ def certify_rejection(
         own = case.raised(case.basin(estimate, True))
         certificate = case.certificate(estimate, own)
     known = flagged_from(problem) if quantile is None else quantile
-    return Rejection(truncated, estimate, certificate, known)
+    return Rejection(truncated, estimate, certificate, known, scale)
