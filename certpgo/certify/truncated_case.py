@@ -75,6 +75,11 @@ class TruncatedCase(Case):
                 break
         return replace(found, cost=self.problem.cost(start))
 
+    def _spectral_start(self) -> Estimate:
+        """That of the kept measurements."""
+        kept = Case(self.problem.kept, self.unit, self.tier, self.rtol, self.atol, self.stop)
+        return kept._spectral_start()
+
     def short_descent(self, start: Estimate, settings: NewtonSettings) -> Estimate:
         """The end of a descent that begins near it."""
         return self.descent(start).estimate
@@ -163,7 +168,8 @@ class TruncatedCase(Case):
     ) -> Certificate:
         """The certificate of an estimate, whose gap ambiguous measurements may limit."""
         found = super().certificate(estimate, own, other, bounds)
-        found = replace(found, rejected=len(self.problem.rejected))
+        angle = float(self.problem.kept.residual_angles(estimate).max())
+        found = replace(found, rejected=len(self.problem.rejected), max_residual_angle=angle)
         best = other if other is not None and other.value > own.value else own
         unproven = found.verdict in (Verdict.BOUNDED, Verdict.UNDECIDED)
         if not unproven or not isinstance(best.bound, RejectionBound):

@@ -302,6 +302,8 @@ class Solved(Result):
 
     def write_page(self, out: Path, outputs: Outputs) -> None:
         """Write the page of the certificate."""
+        from certpgo.solve.accuracy_wording import ends
+
         solution, part, assessment = self.solution, self.part, self.assessment
         if assessment is None:
             return
@@ -309,8 +311,13 @@ class Solved(Result):
         if solution.kept is not None:
             remarks.append(
                 f"The verdict is about the {solution.kept} of {part.graph.num_edges} measurements "
-                "that the method kept, with their final weights; the view shows these."
+                "that the method kept, with their final weights; the view shows the others in red."
             )
+        if self.rejection is not None:
+            remarks.append(f"Rejections are {self.rejection.sentence}.")
+        if len(solution.rejected):
+            pairs = part.ids[part.graph.edges[solution.rejected]].tolist()
+            remarks.append(f"Rejected: {', '.join(ends(part, i, j) for i, j in pairs)}.")
         if many := _verdict.rejecting_many(len(solution.rejected), solution.kept or 0):
             remarks.append(f"{many[0].upper()}{many[1:]}.")
         if self.disagreement is not None:
@@ -326,4 +333,13 @@ class Solved(Result):
             disagreeing=self.disagreement is not None,
             settings=None if self.found is None else self.found.settings,
         )
-        write_page(out, part, self._problem, solution.estimate, assessment, origin, solution.trace)
+        write_page(
+            out,
+            part,
+            self._problem,
+            solution.estimate,
+            assessment,
+            origin,
+            solution.trace,
+            rejected=part.graph.edges[solution.rejected],
+        )

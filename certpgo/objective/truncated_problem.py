@@ -145,8 +145,8 @@ class TruncatedProblem(Brief):
 
     @property
     def chordal(self) -> Problem:
-        """The problem of the kept measurements under F."""
-        return self.kept
+        """The problem of all measurements under F."""
+        return self.whole
 
     @property
     def scale(self) -> float:
