@@ -30,6 +30,8 @@ def read_rejected(path: str | Path, instance: Instance) -> IntArray:
     try:
         with path.open(newline="", encoding="utf-8") as file:
             rows = list(csv.DictReader(file))
+    except FileNotFoundError:
+        raise FormatError(path, None, "no such file") from None
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise FormatError(path, None, f"not readable as CSV: {error}") from None
     pairs, found = instance.ids[instance.graph.edges], list[int]()

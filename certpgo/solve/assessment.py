@@ -175,6 +175,7 @@ def costly_edges(
         return ()
     angles = problem.residual_angles(estimate)
     turned, moved = measured_parts(problem)
+    known = np.flatnonzero(turned | moved)
     return tuple(
         CostlyEdge(
             edge=e,
@@ -184,7 +185,7 @@ def costly_edges(
             angle=float(angles[e]) if turned[e] else None,
             metres=float(lengths[e]) if lengths is not None and moved[e] else None,
         )
-        for e in np.argsort(-terms, kind="stable")[:count].tolist()
+        for e in known[np.argsort(-terms[known], kind="stable")[:count]].tolist()
     )
 
 
