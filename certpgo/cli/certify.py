@@ -61,8 +61,8 @@ def command(
         typer.Option(
             "--rejected",
             metavar="CSV",
-            help="Measurements that were rejected (certpgo outliers writes them): the verdict is "
-            "about the truncated cost.",
+            help="Measurements that were rejected, as certpgo outliers writes them with their "
+            "prices: the verdict is about the truncated cost.",
         ),
     ] = None,
     quantile: Quantile = None,
@@ -105,11 +105,7 @@ def command(
     from certpgo.certify.judge import Judge
     from certpgo.io.digits import writing_of
     from certpgo.io.matching import Matching
-    from certpgo.io.rejections import read_rejected
     from certpgo.io.timestamps import file_of_times, timed, timed_by
-    from certpgo.objective.choose_cost import certifiable
-    from certpgo.objective.problem import problem_of
-    from certpgo.objective.truncated_problem import rejecting
     from certpgo.solve.batch import JudgedGraph
 
     _refuse_mixtures(estimates, csv, truth=truth, best=best, proof=proof, html=html)
@@ -134,14 +130,8 @@ def command(
     settings |= {"time_limit": time_limit, "monitor": status, "ctrl_c": True}
 
     def judged(of: Instance) -> list[JudgedGraph]:
-        if rejected is not None:
-            of_all = problem_of(of.graph)
-            posed = rejecting(of_all, read_rejected(rejected, of), quantile)
-            return [JudgedGraph(of, posed, Judge(posed, **settings))]
-        problems = [(part, certifiable(part, asked.cost)) for part in reading.parts(of)]
-        return [
-            JudgedGraph(part, problem, Judge(problem, **settings)) for part, problem in problems
-        ]
+        posed = [(part, _posed(part, asked.cost, rejected, quantile)) for part in reading.parts(of)]
+        return [JudgedGraph(part, problem, Judge(problem, **settings)) for part, problem in posed]
 
     if csv is not None:
         return _batch(estimates, sources, instance, judged, how, csv, json, reading, status)
@@ -265,6 +255,19 @@ def _refuse_mixtures(
         raise InputError("several estimates need --csv OUT")
     if csv is not None and any(outputs.values()):
         raise InputError("--best, --proof and --html need a single estimate, without --csv")
+
+
+def _posed(part: Instance, cost: str, rejected: Path | None, quantile: float | None) -> Judged:
+    """The problem under a cost, truncated if measurements are rejected."""
+    from certpgo.io.rejections import read_rejected
+    from certpgo.objective.choose_cost import certifiable
+    from certpgo.objective.truncated_problem import rejecting
+
+    problem = certifiable(part, cost)
+    if rejected is None:
+        return problem
+    edges, prices = read_rejected(rejected, part)
+    return rejecting(problem, edges, quantile, prices=None if quantile else prices)
 
 
 def _refuse_rejected(rejected: Path | None, quantile: float | None, **outputs: Path | None) -> None:

@@ -239,7 +239,12 @@ class TruncatedProblem(Brief):
 
 
 def rejecting(
-    problem: object, rejected: IntArray, quantile: float | None = None, scale: float = 1.0
+    problem: object,
+    rejected: IntArray,
+    quantile: float | None = None,
+    *,
+    scale: float = 1.0,
+    prices: FloatArray | None = None,
 ) -> TruncatedProblem:
     """The truncated cost whose prices are a quantile of a correct measurement's term of F.
 
@@ -249,6 +254,7 @@ def rejecting(
     quantile : of chi^2, as in `certpgo.objective.chi_squared.quantiles`; by default that from which
         measurements are rejected, 1 - 0.01 / m
     scale : standard deviation of the noise over that stated by the weights
+    prices : (k,) other prices, in units of F
 
     Raises
     ------
@@ -267,6 +273,6 @@ def rejecting(
     if quantile is not None and not 0.0 < quantile < 1.0:
         raise InputError(f"a quantile lies between 0 and 1, not at {quantile}")
     found = quantiles(problem, flagged_from(problem) if quantile is None else quantile)
-    prices = np.full(m, np.inf)
-    prices[chosen] = scale**2 * found[chosen]
-    return TruncatedProblem(problem, prices)
+    whole = np.full(m, np.inf)
+    whole[chosen] = scale**2 * found[chosen] if prices is None else prices
+    return TruncatedProblem(problem, whole)

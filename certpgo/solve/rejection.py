@@ -110,7 +110,7 @@ def certify_rejection(
     """
     chosen = settings or SolveSettings()
     tier = Tier.STANDARD if chosen.tier in (None, Tier.PROOF) else chosen.tier
-    truncated = rejecting(problem, rejected, quantile, scale)
+    truncated = rejecting(problem, rejected, quantile, scale=scale)
     case = TruncatedCase.of(truncated, tier, chosen.rtol, chosen.atol, monitor)
     with case.stop.within(chosen.time_limit):
         own = case.raised(case.basin(estimate, True))
