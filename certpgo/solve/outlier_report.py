@@ -132,7 +132,7 @@ def outlier_report(
     >>> from certpgo.solve.outlier_report import outlier_report
     >>> instance = langevin_graph(40, 12.0, 3.0, np.random.default_rng(0), outliers=0.15)
     >>> report = outlier_report(certpgo.solve_robustly(instance.graph))
-    >>> len(report.edges) == instance.outliers.sum(), all(e.is_refuted for e in report.edges)
+    >>> len(report.edges) == int(instance.outliers.sum()), all(e.is_refuted for e in report.edges)
     (True, True)
     """
     if answer.rejection is None:

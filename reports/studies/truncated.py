@@ -2,13 +2,13 @@
 
     python -m reports.studies.truncated [--graphs 1000] [--doubtful 8] [--seed 0] [--out FILE]
 
-Random graphs of 4 to 9 poses or rotations, in the plane and in space, with noise as stated and up to
-so many doubtful measurements, a third of which are right and the others wrong by anything between a
-hundredth and three radians and metres. The price is between 3 and 60. For every choice of doubtful
-measurements, the graph of the others and these is solved. A bound is false if it is above the lowest
-cost found, CERTIFIED if another choice costs less than the tolerance allows, a rise if taking the
-measurement back costs less, and a refutation if the measurement is right. Printed as CSV: per kind
-of graph, the verdicts and what was false.
+Random graphs of 4 to 9 poses or rotations, in the plane and in space, with noise as stated and up
+to so many doubtful measurements, a third of which are right and the others wrong by anything
+between a hundredth and three radians and metres. The price is between 3 and 60. For every choice
+of doubtful measurements, the graph of the others and these is solved. A bound is false if it is
+above the lowest cost found, CERTIFIED if another choice costs less than the tolerance allows, a
+rise if taking the measurement back costs less, and a refutation if the measurement is right.
+Printed as CSV: per kind of graph, the verdicts and what was false.
 """
 
 import argparse
