@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import importlib
+import sys
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from certpgo import (
-    _former_names,  # noqa: F401
+    _former_names,
     _start,  # noqa: F401 - first: Ctrl-C during the imports below
 )
-
-# `certify` is both a function and a subpackage: importing it first makes the function win.
-from certpgo.certify import Certificate, Tier, Verdict, certify
 from certpgo.errors import (
     CertPGOError,
     FormatError,
@@ -22,69 +21,76 @@ from certpgo.errors import (
     NumericalError,
     SpecError,
 )
-from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
-from certpgo.graph.labels import WORLD
-from certpgo.graph.ranges import Ranges
-from certpgo.objective.problem import PoseProblem, RotationProblem
-from certpgo.optimize.marginals import Marginals
-from certpgo.optimize.monitor import Iteration, Monitor
-from certpgo.optimize.riemannian_newton import NewtonSettings
-from certpgo.optimize.solution import Solution, Status
-from certpgo.solve.outliers import Disagreement
-from certpgo.solve.result import CertifiedSolution
-from certpgo.solve.robust import solve_robustly
-from certpgo.solve.settings import SolveSettings
-from certpgo.solve.solving import solve
 
 if TYPE_CHECKING:
     from certpgo import plot as plot
+    from certpgo.certify import Certificate, Tier, Verdict, certify
     from certpgo.certify.proof_file import check, write_proof
+    from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
+    from certpgo.graph.labels import WORLD
     from certpgo.graph.priors import with_directions, with_priors
+    from certpgo.graph.ranges import Ranges
     from certpgo.io import read, read_estimate, write
     from certpgo.linalg.distributed.schedulers import scheduler
     from certpgo.objective.gtsam_graph import from_gtsam, to_gtsam
+    from certpgo.objective.problem import PoseProblem, RotationProblem
+    from certpgo.optimize.marginals import Marginals
+    from certpgo.optimize.monitor import Iteration, Monitor
+    from certpgo.optimize.riemannian_newton import NewtonSettings
+    from certpgo.optimize.solution import Solution, Status
     from certpgo.registration.reconstruct import reconstruct
     from certpgo.registration.register import register
     from certpgo.registration.sequences import read_sequence
     from certpgo.registry import get_solver
     from certpgo.solve.assessment import certify_values
     from certpgo.solve.merging import Merged, merge
+    from certpgo.solve.outliers import Disagreement
+    from certpgo.solve.result import CertifiedSolution
+    from certpgo.solve.robust import solve_robustly
     from certpgo.solve.robust_session import RobustSession
     from certpgo.solve.session import Session
     from certpgo.solve.session_outliers import Suspicion
     from certpgo.solve.session_status import Standing
+    from certpgo.solve.settings import SolveSettings
+    from certpgo.solve.solving import solve
     from certpgo.solve.sparsifying import Sparsified, SuggestedLoops, sparsify, suggest_loops
     from certpgo.view.show import show
 
-#: Imported on first use, to keep `import certpgo` fast.
-_LATER = {
-    "Merged": "solve.merging",
-    "Sparsified": "solve.sparsifying",
-    "SuggestedLoops": "solve.sparsifying",
-    "RobustSession": "solve.robust_session",
-    "Session": "solve.session",
-    "Standing": "solve.session_status",
-    "Suspicion": "solve.session_outliers",
-    "check": "certify.proof_file",
-    "certify_values": "solve.assessment",
-    "from_gtsam": "objective.gtsam_graph",
-    "to_gtsam": "objective.gtsam_graph",
-    "read": "io",
-    "read_estimate": "io",
-    "read_sequence": "registration.sequences",
-    "reconstruct": "registration.reconstruct",
-    "write": "io",
-    "write_proof": "certify.proof_file",
-    "get_solver": "registry",
-    "merge": "solve.merging",
-    "sparsify": "solve.sparsifying",
-    "suggest_loops": "solve.sparsifying",
-    "register": "registration.register",
-    "show": "view.show",
-    "scheduler": "linalg.distributed.schedulers",
-    "with_directions": "graph.priors",
-    "with_priors": "graph.priors",
+#: Where each public name is; it is imported on first use, to keep `import certpgo` fast.
+_HOMES = {
+    "certify": ("Certificate", "Tier", "Verdict", "certify"),
+    "certify.proof_file": ("check", "write_proof"),
+    "graph": ("Estimate", "Instance", "PoseGraph", "RotationGraph"),
+    "graph.labels": ("WORLD",),
+    "graph.priors": ("with_directions", "with_priors"),
+    "graph.ranges": ("Ranges",),
+    "io": ("read", "read_estimate", "write"),
+    "linalg.distributed.schedulers": ("scheduler",),
+    "objective.gtsam_graph": ("from_gtsam", "to_gtsam"),
+    "objective.problem": ("PoseProblem", "RotationProblem"),
+    "optimize.marginals": ("Marginals",),
+    "optimize.monitor": ("Iteration", "Monitor"),
+    "optimize.riemannian_newton": ("NewtonSettings",),
+    "optimize.solution": ("Solution", "Status"),
+    "registration.reconstruct": ("reconstruct",),
+    "registration.register": ("register",),
+    "registration.sequences": ("read_sequence",),
+    "registry": ("get_solver",),
+    "solve.assessment": ("certify_values",),
+    "solve.merging": ("Merged", "merge"),
+    "solve.outliers": ("Disagreement",),
+    "solve.result": ("CertifiedSolution",),
+    "solve.robust": ("solve_robustly",),
+    "solve.robust_session": ("RobustSession",),
+    "solve.session": ("Session",),
+    "solve.session_outliers": ("Suspicion",),
+    "solve.session_status": ("Standing",),
+    "solve.settings": ("SolveSettings",),
+    "solve.solving": ("solve",),
+    "solve.sparsifying": ("Sparsified", "SuggestedLoops", "sparsify", "suggest_loops"),
+    "view.show": ("show",),
 }
+_HOME = {name: module for module, names in _HOMES.items() for name in names}
 
 #: Subpackages to work with, imported on first use too.
 _ROOMS = ("plot",)
@@ -153,12 +159,26 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    if name in _ROOMS:
+    if name in _ROOMS or _former_names.name_today(name) is not None:
         return importlib.import_module(f"certpgo.{name}")
-    if name not in _LATER:
+    if name not in _HOME:
         raise AttributeError(f"module 'certpgo' has no attribute {name!r}")
-    return getattr(importlib.import_module(f"certpgo.{_LATER[name]}"), name)
+    value = getattr(importlib.import_module(f"certpgo.{_HOME[name]}"), name)
+    setattr(sys.modules[__name__], name, value)
+    return value
 
 
 def __dir__() -> list[str]:
     return sorted([*__all__, *_ROOMS, "__version__", "__doc__"])
+
+
+class _Package(ModuleType):
+    """The package, in which the functions `certify` and `solve` win over subpackages."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        # Importing a subpackage would set the attribute to the module.
+        if not (name in _HOME and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package

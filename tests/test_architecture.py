@@ -219,10 +219,30 @@ def third_party_after(statement):
     return {name for name in loaded if not name.startswith("_")}
 
 
-def test_import_certpgo_loads_numpy_and_scipy_alone():
+def test_solving_loads_numpy_and_scipy_alone():
     theirs = third_party_after("import numpy.testing, scipy.sparse.csgraph, scipy.sparse.linalg")
-    assert third_party_after("import certpgo") - theirs == {"certpgo"}
+    assert third_party_after("import certpgo; certpgo.solve") - theirs == {"certpgo"}
     assert {"numpy", "scipy"} <= theirs
+
+
+def test_the_package_and_its_help_load_no_numerics():
+    assert third_party_after("import certpgo") == {"certpgo"}
+    for arguments in (["--version"], ["--help"], ["solve", "--help"]):
+        loaded = third_party_after(
+            "import contextlib, io\nfrom certpgo.cli import main\n"
+            f"with contextlib.redirect_stdout(io.StringIO()): main({arguments})"
+        )
+        assert not {"numpy", "scipy"} & loaded, arguments
+
+
+def test_functions_win_over_the_subpackages_of_their_names():
+    code = (
+        "import certpgo.solve.fit, certpgo.certify.judge, certpgo\n"
+        "assert callable(certpgo.solve) and callable(certpgo.certify)\n"
+        "from certpgo import certify, solve\n"
+        "assert certify is certpgo.certify and solve is certpgo.solve"
+    )
+    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
 
 
 @pytest.mark.parametrize(

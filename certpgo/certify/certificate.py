@@ -121,7 +121,8 @@ class Certificate(Statement):
     better : a lower-cost estimate from another initialization, or None; if REFUTED, descent from
         the estimate does not reach it
     better_cost : F of ``better``
-    bounds : bounds that need no factorization, at ``refined``; None if they failed
+    bounds : bounds that need no factorization, at ``refined``; None if they failed, or were not
+        asked for
     engine : factorization engine
     objective : the cost that the certificate is about: F, or that of another program, see
         `certpgo.objective.choose_cost`; then F stands for that cost everywhere here

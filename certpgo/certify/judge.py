@@ -41,6 +41,7 @@ def certify(
     rtol: float = RTOL,
     atol: float = ATOL,
     refine: bool = True,
+    angles: bool = False,
     time_limit: float | None = None,
     monitor: Monitor = silent,
 ) -> Certificate:
@@ -67,6 +68,7 @@ def certify(
         yields CERTIFIED
     rtol, atol : CERTIFIED means gap <= rtol F + atol W
     refine : if False, compute the bound only from the estimate's own multipliers
+    angles : whether to compute the bounds on residual angles too, see `Certificate.bounds`
     time_limit : seconds after which the bound found so far is used, once the current step is
         finished
     monitor : is called with each iteration of the descents, and may stop the search for a bound
@@ -104,6 +106,7 @@ def certify(
         rtol=rtol,
         atol=atol,
         refine=refine,
+        angles=angles,
         time_limit=time_limit,
         monitor=monitor,
     )
@@ -117,7 +120,7 @@ class Judge:
 
     Parameters
     ----------
-    problem, tier, rtol, atol, refine, monitor : as for `certify`
+    problem, tier, rtol, atol, refine, angles, monitor : as for `certify`
     time_limit : for each estimate
     ctrl_c : whether the first Ctrl-C only stops the search for a bound, like the monitor
     """
@@ -130,13 +133,14 @@ class Judge:
         rtol: float = RTOL,
         atol: float = ATOL,
         refine: bool = True,
+        angles: bool = False,
         time_limit: float | None = None,
         monitor: Monitor = silent,
         ctrl_c: bool = False,
     ) -> None:
         refuse_time_limit(time_limit)
         self._case = case_of(problem, tier, rtol, atol, monitor)
-        self._problem, self._refine = problem, refine
+        self._problem, self._refine, self._angles = problem, refine, angles
         self._time_limit, self._ctrl_c = time_limit, ctrl_c
         self._best: LocalMinimum | None = None
         self._other: LocalMinimum | None = None
@@ -160,7 +164,8 @@ class Judge:
             self._best = best = max(known, key=lambda basin: basin.value)
             if best.value > own.value:
                 own = replace(own, bound=best.bound)
-            return case.certificate(estimate, own, other, _bounds(case.problem, own.point))
+            angles = _bounds(case.problem, own.point) if self._angles else None
+            return case.certificate(estimate, own, other, angles)
 
     @property
     def interrupted(self) -> bool:
@@ -208,6 +213,8 @@ class Judge:
         def of_few(iteration: Iteration) -> bool:
             return case.stop(iteration) or iteration.number >= FEW
 
+        if self._best is None and (found := case.at_rest(estimate)) is not None:
+            return found
         begun = case.basin(estimate, True, self._best, of_few)
         if begun.settled or case.stop.should_stop():
             return begun

@@ -39,6 +39,8 @@ MUCH = 0.1
 PROOF_GAIN = 1e3
 #: Descent to a basin; a point that has not converged by then is not a basin of its own.
 DESCENT = NewtonSettings(max_iterations=200)
+#: Share of the tolerated gap within which a stationary point's own bound needs no descent.
+AT_REST = 0.1
 #: Stationarity, radians, at which a stalled descent counts as converged, a point as stationary.
 SETTLED = 1e-6
 
@@ -167,6 +169,18 @@ class Case:
         except (NumericalError, np.linalg.LinAlgError):
             return LocalMinimum(start, self.cost_upper(start), False, None, refine)
         return LocalMinimum(point, cost, settled, bound, refine)
+
+    def at_rest(self, estimate: Estimate) -> LocalMinimum | None:
+        """The basin of a stationary point that its own multipliers prove optimal, else None."""
+        try:
+            point = self.completed(estimate)
+            if self.stop.should_stop() or not self.problem.stationarity(point) <= SETTLED:
+                return None
+            cost = self.cost_upper(point)
+            found = LocalMinimum(point, cost, True, self.bound(point, cost))
+        except (NumericalError, np.linalg.LinAlgError):
+            return None
+        return found if cost - found.value <= AT_REST * self.difference(cost) else None
 
     def completed(self, estimate: Estimate) -> Estimate:
         """The estimate at which a bound is computed: with its best translations.

@@ -48,7 +48,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     ----------
     argv : arguments after the program's name; by default those of the process
     """
-    _start.usual_interrupts()
     try:
         # Not list(...): the command of that name is an attribute of this module.
         arguments = [*(sys.argv[1:] if argv is None else argv)]
@@ -142,6 +141,9 @@ def _guarded(function: Command) -> Callable[..., None]:
     @functools.wraps(function)
     def guarded(*args: object, **kwargs: object) -> None:
         try:
+            # Not earlier: the help needs no numerics. Until they are here, Ctrl-C ends at once.
+            importlib.import_module("certpgo.graph")
+            _start.usual_interrupts()
             code = function(*args, **kwargs)
             sys.stdout.flush()
         except CertPGOError as error:

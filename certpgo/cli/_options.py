@@ -9,7 +9,7 @@ import typer
 
 from certpgo.cli._show import notice
 from certpgo.errors import InputError, SpecError
-from certpgo.objective.choose_cost import CHORDAL, COSTS, own_cost
+from certpgo.objective.costs import CHORDAL, COSTS
 
 if TYPE_CHECKING:
     from certpgo.graph import Instance
@@ -115,6 +115,8 @@ def chosen_cost(cost: str | None, instance: Instance, **options: Any) -> str:
         return cost
     if instance.ranges is not None:
         return CHORDAL
+    from certpgo.objective.choose_cost import own_cost
+
     own, information = own_cost(instance), instance.information
     for name, value in options.items():
         if value:

@@ -18,7 +18,6 @@ from certpgo.cli._show import document, notice, paragraph, table, working
 from certpgo.cli._truth import KnownPoses, TruthFile, TruthOffset
 from certpgo.cli._verdict import INTERRUPTED
 from certpgo.errors import CertPGOError, InputError
-from certpgo.graph.phrases import counted
 
 if TYPE_CHECKING:
     from certpgo.graph import Graph, Instance
@@ -159,6 +158,8 @@ class _Results:
     @contextmanager
     def kept(self) -> Iterator[None]:
         """Complete the files after the block; if it is cut short, say where the results are."""
+        from certpgo.graph.phrases import counted
+
         try:
             yield
             self.complete()
@@ -339,6 +340,8 @@ def _methods(names: Sequence[str] | None, cost: str, graph: Graph) -> list[Compe
 
 def _duration(sources: Sequence[Source], methods: int) -> str | None:
     """How long a comparison takes, roughly, from the size of the files; None if that is short."""
+    from certpgo.graph.phrases import counted
+
     sizes = [path.stat().st_size for source in sources if (path := source.path()).is_file()]
     seconds = PACE * methods * sum(sizes)
     if seconds < SHORT:

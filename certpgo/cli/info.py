@@ -12,8 +12,6 @@ import typer
 from certpgo.cli._options import GraphName, Json
 from certpgo.cli._reading import Components, Reading, takes_reading
 from certpgo.cli._show import document, facts, working
-from certpgo.graph.phrases import shown_path
-from certpgo.objective.choose_cost import costs_of
 
 if TYPE_CHECKING:
     from certpgo.graph import Instance
@@ -72,6 +70,9 @@ def _as_json(
     spectra: dict[str, dict[str, Spectrum]],
     engine: str,
 ) -> dict[str, Any]:
+    from certpgo.graph.phrases import shown_path
+    from certpgo.objective.choose_cost import costs_of
+
     return {
         "name": instance.name,
         "source": shown_path(instance.source),
@@ -94,7 +95,8 @@ def _as_json(
 def _lines(
     instance: Instance, found: Structure, engine: str, left_open: str | None
 ) -> Iterable[tuple[str, str]]:
-    from certpgo.graph.phrases import counted, reading_sentence
+    from certpgo.graph.phrases import counted, reading_sentence, shown_path
+    from certpgo.objective.choose_cost import costs_of
 
     yield "name", instance.name
     yield "source", shown_path(instance.source)

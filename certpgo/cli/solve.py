@@ -34,13 +34,13 @@ from certpgo.cli._show import StatusLine, notice, noticing, working
 from certpgo.cli._solved import UNPROVABLE, Solved
 from certpgo.cli._truth import KnownPoses, TruthFile, TruthOffset
 from certpgo.errors import InputError
-from certpgo.optimize.monitor import Monitor, TableMonitor
 
 if TYPE_CHECKING:
     from certpgo import SolveSettings
     from certpgo.graph import Estimate, Instance
     from certpgo.io.datasets.source import Source
     from certpgo.io.matching import Matching
+    from certpgo.optimize.monitor import Monitor
     from certpgo.optimize.solution import Solver
     from certpgo.solve.outliers import Disagreement
 
@@ -163,6 +163,8 @@ def command(
         raise InputError(f"{method} takes no initial estimate: not with --initial")
     asked = Asked(graph, chosen_cost(cost, instance, method=method, robust=robust), reading)
     outputs = outputs.about(source, instance, asked.cost)
+
+    from certpgo.optimize.monitor import TableMonitor
 
     def solved(part: Instance, known: KnownPoses | None) -> Solved:
         begin = None if start is None else restricted_to(part, start, instance)

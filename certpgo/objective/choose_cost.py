@@ -6,7 +6,7 @@ from certpgo.errors import InputError, SpecError
 from certpgo.graph import Graph, Instance, PoseGraph
 from certpgo.graph.information import InformationGraph
 from certpgo.graph.priors import require_determined, require_held
-from certpgo.objective.costs import COSTS
+from certpgo.objective.costs import CHORDAL, COSTS
 from certpgo.objective.edge_cost import EdgeCost
 from certpgo.objective.information_problem import InformationProblem, Surrogate, surrogate
 from certpgo.objective.position_costs import WithPositions
@@ -18,8 +18,6 @@ from certpgo.objective.truncated_problem import TruncatedProblem
 Certifiable = Problem | InformationProblem | RangeProblem
 #: What they are judged for, with rejections among them.
 Judged = Certifiable | TruncatedProblem
-#: The name of F itself.
-CHORDAL = "chordal"
 
 __all__ = [
     "CHORDAL",

@@ -68,7 +68,8 @@ class RangeSearch(Search):
             for bound in self.relaxed.bounds():
                 self.keep_bound(bound)
         before, self.levels = self.best, self.relaxed.levels
-        yield self.relaxed.point
+        if not self.is_certified:
+            yield self.relaxed.point
         if self.best is not before:
             self.start = self.origin = ORIGIN
 

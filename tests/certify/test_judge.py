@@ -74,9 +74,10 @@ def test_where_eigenvectors_fail_descent_starts_at_identities(monkeypatch):
 
 def test_bounds_that_cannot_be_computed_are_left_out(monkeypatch):
     problem, best, _ = noisy_cycle()
-    assert certify(problem, best).bounds is not None
+    assert certify(problem, best).bounds is None  # not asked for
+    assert certify(problem, best, angles=True).bounds is not None
     monkeypatch.setattr(judge, "bounds", failing)
-    certificate = certify(problem, best)
+    certificate = certify(problem, best, angles=True)
     assert certificate.bounds is None
     assert certificate.verdict is Verdict.CERTIFIED
 

@@ -46,7 +46,7 @@ def run(*arguments, folder):
 @pytest.mark.parametrize("module", ["numpy", "scipy", "typer"])
 def test_during_the_imports(tmp_path, module):
     (tmp_path / f"{module}.py").write_text(IMPATIENT)
-    done = run("-m", "certpgo", "--version", folder=tmp_path)
+    done = run("-m", "certpgo", "list", "datasets", folder=tmp_path)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "certpgo: interrupted\n")
 
 
@@ -55,7 +55,7 @@ def test_during_the_imports_of_the_installed_command(tmp_path):
     (tmp_path / "scipy.py").write_text(IMPATIENT)
     script = tmp_path / "certpgo"
     script.write_text("import sys\nfrom certpgo.cli import main\nsys.exit(main())\n")
-    done = run(script, "--version", folder=tmp_path)
+    done = run(script, "list", "datasets", folder=tmp_path)
     assert (done.returncode, done.stderr) == (130, "certpgo: interrupted\n")
 
 
@@ -63,7 +63,9 @@ def test_during_the_imports_of_the_installed_command(tmp_path):
 def test_the_library_leaves_ctrl_c_to_its_program(tmp_path):
     (tmp_path / "scipy.py").write_text(IMPATIENT)
     script = tmp_path / "mine.py"
-    script.write_text("try:\n    import certpgo\nexcept KeyboardInterrupt:\n    print('caught')\n")
+    script.write_text(
+        "try:\n    from certpgo import read\nexcept KeyboardInterrupt:\n    print('caught')\n"
+    )
     assert run(script, folder=tmp_path).stdout == "caught\n"
 
 

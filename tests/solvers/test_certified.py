@@ -393,6 +393,8 @@ def test_the_answer_forwards_and_reports():
     assert {"start", "newton", "certify", "escape", "low rank"} <= set(answer.solution.seconds)
     numbers = [step.number for step in answer.solution.trace]
     assert numbers == list(range(len(numbers)))
+    at = [step.seconds for step in answer.solution.trace]
+    assert 0.0 < at[0] < at[-1] <= sum(answer.solution.seconds.values())
     assert answer.levels[-1].eigenvalue is None
     plain = solve(graph)
     assert plain.start != "given"

@@ -9,12 +9,18 @@ from __future__ import annotations
 import pkgutil
 from collections.abc import Iterator, Mapping
 from importlib import import_module
+from typing import TYPE_CHECKING
 
 from certpgo.errors import UnusableFile
-from certpgo.objective.edge_cost import EdgeCost
+
+if TYPE_CHECKING:
+    from certpgo.objective.edge_cost import EdgeCost
+
+#: The name of F itself, which has no file here.
+CHORDAL = "chordal"
 
 
-class _Folder(Mapping[str, type[EdgeCost]]):
+class _Folder(Mapping[str, "type[EdgeCost]"]):
     """Costs by name, each loaded when it is asked for."""
 
     def __iter__(self) -> Iterator[str]:

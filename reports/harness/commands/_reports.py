@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from certpgo.cli._show import table
-from certpgo.graph.phrases import counted
 
 if TYPE_CHECKING:
     from reports.harness.experiments.execute import TaskResult
@@ -143,6 +142,8 @@ class TableReport:
 
     def line(self) -> str:
         """A summary in one line."""
+        from certpgo.graph.phrases import counted
+
         records = self.records
         failed = sum(bool(record.absence) for record in records)
         said = f", {failed} failed or not run" if failed else ""
