@@ -21,14 +21,16 @@ from certpgo.certify.dual import DualBound
 from certpgo.certify.obstacle import LimitedBy
 from certpgo.certify.resistances import Resistances, packed
 from certpgo.certify.surrogate_bound import bound_below
-from certpgo.certify.tolerances import DESCENT, Case, LocalMinimum
+from certpgo.certify.surrogate_case import OwnCostCase
+from certpgo.certify.tolerances import Case, LocalMinimum
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Point
-from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.truncated import FLATTEST
 from certpgo.objective.truncated_problem import TruncatedProblem
 from certpgo.optimize.monitor import Iteration, Monitor
-from certpgo.optimize.riemannian_newton import NewtonSettings, newton
+from certpgo.optimize.riemannian_newton import NewtonSettings
 from certpgo.optimize.solution import Solution, Status
 
 #: Descents, each with the measurements that the last one takes back.
@@ -55,8 +57,15 @@ class TruncatedCase(Case):
 
     def completed(self, estimate: Estimate) -> Estimate:
         """The estimate with the best translations for the measurements that count there."""
-        counted = self.problem.counted(estimate)
-        return self.problem.counting(counted).complete(estimate.rotations)
+        return self._of(self.problem.counted(estimate)).completed(estimate)
+
+    def _of(self, counted: BoolArray) -> Case:
+        """The case of some measurements, without prices."""
+        problem = self.problem.counting(counted)
+        settings = self.unit, self.tier, self.rtol, self.atol, self.stop
+        if isinstance(problem, InformationProblem):
+            return OwnCostCase(problem, *settings)
+        return Case(problem, *settings)
 
     def descent(self, start: Estimate, monitor: Monitor | None = None) -> Solution:
         """Descents on F of the measurements that count, until these no longer change."""
@@ -67,8 +76,7 @@ class TruncatedCase(Case):
             def truncated(iteration: Iteration, prices: float = prices) -> bool:
                 return forward(replace(iteration, cost=iteration.cost + prices))
 
-            problem, watch = self.problem.counting(counted), self.stop.watch
-            found = newton(problem, start, DESCENT, monitor=truncated, watch=watch)
+            found = self._of(counted).descent(start, truncated)
             before, start = counted, found.estimate
             counted = self.problem.counted(start)
             if (counted == before).all() or found.status is Status.INTERRUPTED:
@@ -77,8 +85,7 @@ class TruncatedCase(Case):
 
     def _spectral_start(self) -> Estimate:
         """That of the kept measurements."""
-        kept = Case(self.problem.kept, self.unit, self.tier, self.rtol, self.atol, self.stop)
-        return kept._spectral_start()
+        return self._of(~self.problem.is_rejected)._spectral_start()
 
     def short_descent(self, start: Estimate, settings: NewtonSettings) -> Estimate:
         """The end of a descent that begins near it."""
@@ -126,10 +133,11 @@ class TruncatedCase(Case):
 
     def optimum_of_kept(self, near: Estimate) -> Estimate:
         """The local optimum of the kept measurements near an estimate."""
-        kept = self.problem.kept
-        if (self.problem.counted(near) != self.problem.is_rejected).all():
+        kept = ~self.problem.is_rejected
+        if (self.problem.counted(near) == kept).all():
             return near
-        return kept.complete(newton(kept, near, DESCENT, watch=self.stop.watch).estimate.rotations)
+        case = self._of(kept)
+        return case.completed(case.descent(near).estimate)
 
     def resistances(self, point: Estimate) -> Resistances | None:
         """Those of the rejected measurements there; None if the kept ones have no bound there."""

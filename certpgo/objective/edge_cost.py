@@ -106,6 +106,14 @@ class EdgeCost(ABC):
     provable: ClassVar[bool] = False
 
     @property
+    def turned_share(self) -> float:
+        """The least ratio of the squared rotational residual to |Q - R|_F^2; 0 if not known.
+
+        Where it is known, translational residuals are no shorter than y.
+        """
+        return 0.0
+
+    @property
     @abstractmethod
     def title(self) -> str:
         """What it is, in the words of the program's users."""
@@ -154,15 +162,19 @@ class EdgeCost(ABC):
         """The same cost on another graph, if there is one."""
         return None if graph is None else replace(self, graph=graph)
 
-    def enclosure(self, estimate: Estimate) -> tuple[float, float]:
-        """Lower and upper bounds on the sum of the costs, with translations taken as stored."""
+    def edge_enclosures(self, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
+        """(m,) lower and upper bounds on the costs, with translations taken as stored."""
         i, j = self.graph.edges.T
         R = Ball.within(estimate.rotations, rotation_defect(estimate.rotations))
         t = Ball.exact(translations_of(estimate))
         v = R.T[i].apply(t[j] - t[i])
         found = self.enclosures(v, R.T[i] @ R[j])
+        return found.lower, found.upper
+
+    def enclosure(self, estimate: Estimate) -> tuple[float, float]:
+        """Lower and upper bounds on the sum of the costs, with translations taken as stored."""
         try:
-            low, high = math.fsum(found.lower), math.fsum(found.upper)
+            low, high = map(math.fsum, self.edge_enclosures(estimate))
         except OverflowError:
             return -math.inf, math.inf
         return math.nextafter(low, -math.inf), math.nextafter(high, math.inf)

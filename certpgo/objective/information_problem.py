@@ -242,6 +242,10 @@ class InformationProblem(Speaking):
         """Lower and upper bounds on f of an estimate, whose translations are taken as stored."""
         return self.edge_cost.enclosure(estimate)
 
+    def edge_enclosures(self, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
+        """(m,) lower and upper bounds on the terms of f."""
+        return self.edge_cost.edge_enclosures(estimate)
+
     def residual_angles(self, estimate: Estimate) -> FloatArray:
         """(m,) angles between R_i R_ij and R_j, radians."""
         return self.chordal.residual_angles(estimate)

@@ -57,17 +57,19 @@ class Truncation:
     prices : (k,) at which their costs are truncated, in units of F
     v : (k, d) R_i^T (t_j - t_i) of the estimate; zeros for rotations alone
     Q : (k, d, d) R_i^T R_j
+    exact : whether F of the graph is the measurements' cost, and not only below it
     """
 
     graph: Graph
     prices: FloatArray
     v: FloatArray
     Q: FloatArray
+    exact: bool = True
 
     def subset(self, chosen: IntArray) -> Truncation:
         """Some of them."""
         parts = self.prices[chosen], self.v[chosen], self.Q[chosen]
-        return Truncation(self.graph.with_edges(chosen), *parts)
+        return Truncation(self.graph.with_edges(chosen), *parts, self.exact)
 
     @property
     def moved(self) -> int:
@@ -109,7 +111,8 @@ class Truncation:
         """(k, b, b) weights W = ratio D with which minorants touch, zero where there are none."""
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.minimum(self.prices, self.costs) / np.abs(self.costs - self.prices)
-        ratio[~(ratio <= STEEPEST) | (~self.is_far & (ratio < FLATTEST))] = 0.0
+        near = ~self.is_far & ((ratio < FLATTEST) | (not self.exact))
+        ratio[~(ratio <= STEEPEST) | near] = 0.0
         return np.asarray((1.0 + RAISED) * ratio[:, None, None] * self._diagonal)
 
     @property

@@ -8,7 +8,7 @@ which costs its price c_e as long as it is left out. Its minorants are in
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -21,7 +21,9 @@ from certpgo.graph.relaxed_point import Point, translations_of
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_floats
 from certpgo.linalg.ball_arithmetic import U
 from certpgo.objective.chi_squared import flagged_from, quantiles
-from certpgo.objective.enclosure import edge_enclosures
+from certpgo.objective.edge_cost import Minorants
+from certpgo.objective.information_problem import InformationProblem
+from certpgo.objective.marginalized import isotropic_below
 from certpgo.objective.problem import PoseProblem, Problem, RotationProblem
 from certpgo.objective.rotation_problem import RotationsOfPoses
 from certpgo.objective.signed_weights import SignedGraph, SignedProblem
@@ -30,19 +32,22 @@ from certpgo.objective.truncated import Truncation, untruncated
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TruncatedProblem(Brief):
-    """Minimise F of kept measurements and the truncated costs of rejected ones.
+    """Minimise the cost of kept measurements and the truncated costs of rejected ones.
 
     Attributes
     ----------
-    whole : the problem of all m measurements, with isotropic weights
-    prices : (m,) what a rejected measurement costs at most, in units of F; infinite for kept ones
+    whole : the problem of all m measurements: under F with isotropic weights, or under the cost of
+        another program
+    prices : (m,) what a rejected measurement costs at most, in units of the cost; infinite for kept
+        ones
 
     Raises
     ------
     GraphError
         The kept measurements do not connect the graph, or leave a node free.
     InputError
-        Prices that are not positive, or edges with matrix weights.
+        Prices that are not positive, edges with matrix weights, or the cost of a program below
+        which no isotropic cost is known.
 
     Examples
     --------
@@ -61,7 +66,7 @@ class TruncatedProblem(Brief):
     CERTIFIED, 20.000
     """
 
-    whole: Problem
+    whole: Problem | InformationProblem
     prices: FloatArray
 
     def __post_init__(self) -> None:
@@ -70,11 +75,11 @@ class TruncatedProblem(Brief):
             raise InputError(
                 f"prices must be {self.whole.graph.num_edges} positive numbers, one per edge"
             )
-        if has_matrix_weights(self.whole.graph):
+        if has_matrix_weights(self.graph):
             raise InputError("rejections are certified for isotropic weights alone")
         if not self.is_rejected.any():
             raise InputError("no measurement is rejected: all prices are infinite")
-        _ = self.kept  # refuses what is not determined
+        _ = self.kept, self.below  # refuse what is not determined, or not known
 
     @cached_property
     def is_rejected(self) -> BoolArray:
@@ -87,31 +92,43 @@ class TruncatedProblem(Brief):
         return np.flatnonzero(self.is_rejected)
 
     @cached_property
-    def kept(self) -> Problem:
+    def kept(self) -> Problem | InformationProblem:
         """The problem of the kept measurements."""
         return self.whole.reweighted(np.where(self.is_rejected, 0.0, 1.0))
+
+    @cached_property
+    def below(self) -> RotationGraph | PoseGraph:
+        """Measurements whose terms of F are those of the cost, or nowhere above them."""
+        if isinstance(self.whole, InformationProblem):
+            of = self.whole.edge_cost
+            return isotropic_below(of.graph, of.turned_share)
+        return self.whole.graph
 
     def counted(self, estimate: Estimate) -> BoolArray:
         """(m,) the measurements whose terms are not truncated: all kept ones, for instance."""
         return np.asarray(self.terms(estimate) < self.prices)
 
-    def counting(self, counted: BoolArray) -> Problem:
+    def counting(self, counted: BoolArray) -> Problem | InformationProblem:
         """The problem of some measurements."""
-        if (counted != self.is_rejected).all():
+        if (counted == ~self.is_rejected).all():
             return self.kept
         return self.whole.reweighted(np.where(counted, 1.0, 0.0))
 
     def terms(self, estimate: Estimate) -> FloatArray:
-        """(m,) terms of F of all measurements, whether truncated or not."""
+        """(m,) terms of the cost of all measurements, whether truncated or not."""
         return self.whole.edge_costs(estimate)
 
-    cost_name = "chordal"
     is_chordal = is_lifted = False
+
+    @property
+    def cost_name(self) -> str:
+        """The name in options of the cost that is truncated."""
+        return self.whole.cost_name
 
     @property
     def title(self) -> str:
         """What the cost is."""
-        return "truncated cost"
+        return "truncated cost" if self.whole.is_chordal else f"truncated cost, {self.whole.title}"
 
     @property
     def unprovable(self) -> str:
@@ -136,17 +153,17 @@ class TruncatedProblem(Brief):
     @property
     def graph(self) -> RotationGraph | PoseGraph:
         """All measurements."""
-        return self.whole.graph
+        return self.whole.measured
 
     @property
     def measured(self) -> RotationGraph | PoseGraph:
         """All measurements."""
-        return self.whole.graph
+        return self.whole.measured
 
     @property
     def chordal(self) -> Problem:
         """The problem of all measurements under F."""
-        return self.whole
+        return self.whole.chordal
 
     @property
     def scale(self) -> float:
@@ -177,12 +194,14 @@ class TruncatedProblem(Brief):
     def enclosure(self, estimate: Estimate) -> tuple[float, float]:
         """Lower and upper bounds on the cost, whose translations are taken as stored."""
         low, high = self.kept.enclosure(estimate)
-        rejected = self.graph.with_edges(self.is_rejected)
-        for_each = edge_enclosures(rejected, estimate)
         prices = self.prices[self.is_rejected]
-        less, more = (math.fsum(np.minimum(of, prices)) for of in for_each)
-        return math.nextafter((low + less) * (1.0 - 4.0 * U), -math.inf), math.nextafter(
-            (high + more) * (1.0 + 4.0 * U), math.inf
+        less, more = (
+            math.fsum(np.minimum(of[self.is_rejected], prices))
+            for of in self.whole.edge_enclosures(estimate)
+        )
+        return (
+            math.nextafter((low + less) * (1.0 - 4.0 * U), -math.inf),
+            math.nextafter((high + more) * (1.0 + 4.0 * U), math.inf),
         )
 
     def residual_angles(self, estimate: Estimate) -> FloatArray:
@@ -199,14 +218,15 @@ class TruncatedProblem(Brief):
 
     def truncation(self, point: Point) -> Truncation:
         """The rejected measurements at the relative poses of a point."""
-        rejected = self.graph.with_edges(self.is_rejected)
+        rejected, prices = self.below.with_edges(self.is_rejected), self.prices[self.is_rejected]
         i, j = rejected.edges.T
         back = np.swapaxes(point.rotations[i], 1, 2)
         v = np.zeros((len(i), self.d))
         if isinstance(rejected, PoseGraph):
             t = translations_of(point)
             v = (back @ (t[j] - t[i])[:, :, None])[:, :, 0]
-        return Truncation(rejected, self.prices[self.is_rejected], v, back @ point.rotations[j])
+        exact = self.whole.is_chordal
+        return Truncation(rejected, prices, v, back @ point.rotations[j], exact)
 
     def surrogate(self, point: Point, W: FloatArray | None = None) -> tuple[Problem, float]:
         """A problem under F, and a constant: together nowhere above the cost.
@@ -221,12 +241,22 @@ class TruncatedProblem(Brief):
         """
         at = self.truncation(point)
         negative = at.minorants(at.plain() if W is None else W)
-        minorants = untruncated(self.graph).replaced(self.is_rejected, negative)
+        minorants = self._untruncated(point).replaced(self.is_rejected, negative)
         if isinstance(self.graph, PoseGraph):
             graph, constant = minorants.summed(self.graph, SignedGraph)
             return self._general.of_same_edges(graph), constant
         rotation, constant = minorants.summed_rotations(self.graph)
         return self._general.of_same_edges(rotation), constant
+
+    def _untruncated(self, point: Point) -> Minorants:
+        """Minorants of the measurements' costs that touch at a point, zero where there are none."""
+        if not isinstance(self.whole, InformationProblem):
+            return untruncated(self.whole.graph)
+        found = self.whole.edge_cost.minorants(*self.whole.relative(point))
+        missing = ~found.exist
+        nothing = replace(found.subset(missing), tau=np.zeros(int(missing.sum())))
+        none = replace(nothing, N=0.0 * nothing.b[:, :, None] * nothing.b[:, None, :])
+        return found.replaced(missing, replace(none, constant=0.0 * none.tau))
 
     @cached_property
     def _general(self) -> Problem:
@@ -262,8 +292,8 @@ def rejecting(
         Indices that are not of measurements, or given twice, or a quantile out of its range; or a
         problem of another cost than F.
     """
-    if not isinstance(problem, PoseProblem | RotationProblem):
-        raise InputError("rejections are certified under the chordal cost F, without distances")
+    if not isinstance(problem, PoseProblem | RotationProblem | InformationProblem):
+        raise InputError("rejections are certified without distances alone")
     m = problem.graph.num_edges
     chosen = np.asarray(rejected)
     if chosen.ndim != 1 or chosen.dtype.kind not in "iu" or len(np.unique(chosen)) != len(chosen):

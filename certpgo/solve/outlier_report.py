@@ -15,6 +15,7 @@ from certpgo.errors import InputError
 from certpgo.graph.display import Brief
 from certpgo.io.writing import atomically
 from certpgo.linalg.arrays import IntArray
+from certpgo.objective.information_problem import InformationProblem
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.progress import Stop
 from certpgo.solve.inconsistency import (
@@ -122,7 +123,8 @@ def outlier_report(
     Raises
     ------
     InputError
-        The answer rejects nothing, or the level is not between 0 and 1.
+        The answer rejects nothing or is under another cost than F, or the level is not between 0
+        and 1.
 
     Examples
     --------
@@ -141,6 +143,8 @@ def outlier_report(
         raise InputError(f"a level lies between 0 and 1, not at {level}")
     found, stop = answer.rejection, Stop(monitor)
     problem, rejected = found.problem.whole, found.edges
+    if isinstance(problem, InformationProblem):
+        raise InputError("the report is about the chordal cost F alone")
     kept, trusted = ~found.problem.is_rejected, odometry(problem.graph)
     budget = budgets(problem, level, found.scale)
     rise = proven_rises(found.problem, found.estimate, stop)
