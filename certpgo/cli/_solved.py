@@ -77,12 +77,10 @@ class Solved(Result):
 
     @property
     def certified_cost(self) -> float:
-        """F of the certified measurements, those that a robust method kept."""
-        from certpgo.objective.problem import problem_of
-
+        """The cost of the certified measurements, those that a robust method kept."""
         if self.solution.weights is None:
             return self.solution.cost
-        return self.solution.judged(problem_of(self.part.graph)).cost(self.solution.estimate)
+        return self._problem.cost(self.solution.estimate)
 
     @cached_property
     def fit(self) -> Fit | None:

@@ -135,7 +135,7 @@ def command(
     _refuse_mixtures(method, settings, certify, robust, time_limit, max_rank, stored)
     if quantile is not None and not robust:
         raise InputError("--quantile needs --robust")
-    refuse_chordal_only(cost, method=method, robust=robust)
+    refuse_chordal_only(cost, method=method)
     if robust and proof is not None:
         raise InputError(UNPROVABLE)
     tier = tier_for(proof, tier, cost)
@@ -258,9 +258,8 @@ def _rejecting(
 ) -> Solved:
     from certpgo import solve_robustly
 
-    found = solve_robustly(
-        part.graph, settings, initial=initial, quantile=quantile, monitor=monitor
-    )
+    how: dict[str, Any] = {"cost": asked.cost, "quantile": quantile, "monitor": monitor}
+    found = solve_robustly(part, settings, initial=initial, **how)
     return Solved(found.certificate, part, "robust", found.solution, asked, found)
 
 

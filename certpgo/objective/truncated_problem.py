@@ -30,6 +30,10 @@ from certpgo.objective.signed_weights import SignedGraph, SignedProblem
 from certpgo.objective.truncated import Truncation, untruncated
 
 
+class UncertifiableError(InputError):
+    """Measurements whose truncated costs have no certificate: with matrix weights, for instance."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class TruncatedProblem(Brief):
     """Minimise the cost of kept measurements and the truncated costs of rejected ones.
@@ -46,8 +50,9 @@ class TruncatedProblem(Brief):
     GraphError
         The kept measurements do not connect the graph, or leave a node free.
     InputError
-        Prices that are not positive, edges with matrix weights, or the cost of a program below
-        which no isotropic cost is known.
+        Prices that are not positive.
+    UncertifiableError
+        Edges with matrix weights, or the cost of a program below which no isotropic cost is known.
 
     Examples
     --------
@@ -76,7 +81,7 @@ class TruncatedProblem(Brief):
                 f"prices must be {self.whole.graph.num_edges} positive numbers, one per edge"
             )
         if has_matrix_weights(self.graph):
-            raise InputError("rejections are certified for isotropic weights alone")
+            raise UncertifiableError("edges with matrix weights have no minorants")
         if not self.is_rejected.any():
             raise InputError("no measurement is rejected: all prices are infinite")
         _ = self.kept, self.below  # refuse what is not determined, or not known
@@ -98,11 +103,14 @@ class TruncatedProblem(Brief):
 
     @cached_property
     def below(self) -> RotationGraph | PoseGraph:
-        """Measurements whose terms of F are those of the cost, or nowhere above them."""
-        if isinstance(self.whole, InformationProblem):
-            of = self.whole.edge_cost
-            return isotropic_below(of.graph, of.turned_share)
-        return self.whole.graph
+        """The rejected measurements, with terms of F that are their costs or nowhere above them."""
+        if not isinstance(self.whole, InformationProblem):
+            return self.whole.graph.with_edges(self.is_rejected)
+        of = self.whole.edge_cost
+        found = isotropic_below(of.graph.with_edges(self.is_rejected), of.turned_share)
+        if found is None:
+            raise UncertifiableError(f"no isotropic cost is known to be below {of.title}")
+        return found
 
     def counted(self, estimate: Estimate) -> BoolArray:
         """(m,) the measurements whose terms are not truncated: all kept ones, for instance."""
@@ -218,7 +226,7 @@ class TruncatedProblem(Brief):
 
     def truncation(self, point: Point) -> Truncation:
         """The rejected measurements at the relative poses of a point."""
-        rejected, prices = self.below.with_edges(self.is_rejected), self.prices[self.is_rejected]
+        rejected, prices = self.below, self.prices[self.is_rejected]
         i, j = rejected.edges.T
         back = np.swapaxes(point.rotations[i], 1, 2)
         v = np.zeros((len(i), self.d))

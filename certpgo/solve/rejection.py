@@ -15,6 +15,7 @@ from certpgo.graph.display import Brief
 from certpgo.graph.phrases import bound_shown, cost_shown, counted
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.chi_squared import flagged_from
+from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import Problem
 from certpgo.objective.truncated_problem import TruncatedProblem, rejecting
 from certpgo.optimize.monitor import Monitor, silent
@@ -27,7 +28,8 @@ class Rejection(Brief):
 
     Attributes
     ----------
-    problem : the truncated cost f_T: F of the kept measurements, and min(f_e, c_e) of each rejected
+    problem : the truncated cost f_T: that of the kept measurements, and min(f_e, c_e) of each
+        rejected one
     estimate : the estimate at which they are rejected
     certificate : of the estimate, about f_T; CERTIFIED means that no other estimate and no other
         choice of rejected measurements costs less
@@ -83,7 +85,7 @@ class Rejection(Brief):
 
 
 def certify_rejection(
-    problem: Problem,
+    problem: Problem | InformationProblem,
     estimate: Estimate,
     rejected: IntArray,
     *,
