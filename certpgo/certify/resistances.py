@@ -13,6 +13,7 @@ the inverse serves for S^+.
 from __future__ import annotations
 
 import math
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csc_array
@@ -23,8 +24,10 @@ from certpgo.linalg.factor import Factor
 from certpgo.objective.problem import Problem
 from certpgo.objective.truncated import Truncation
 
-#: Columns that are solved for at once, and products that are kept at most.
-BATCH, DENSE = 256, 3000
+#: Columns that are solved for at once, and those of edges that are packed one by one at most.
+BATCH, DENSE = 256, 450
+#: Rows up to which an inverse is computed as a whole.
+WHOLE = 5000
 #: Load up to which edges are taken off, so that S stays definite despite rounding, and what those
 #: of smallest load add up to if there are more than `DENSE` columns.
 FULL, LIGHT = 0.98, 0.5
@@ -67,8 +70,17 @@ class Resistances:
         """(h, b, h, b) products B_e^T S^+ B_f of h edges."""
         b, h = self.b, len(edges)
         columns = self.B[:, (b * edges[:, None] + np.arange(b)).ravel()]
-        solved = self._factor.solve(np.ascontiguousarray(columns.toarray()))
+        if self._inverse is not None:
+            solved = (columns.T @ self._inverse).T
+        else:
+            solved = self._factor.solve(np.ascontiguousarray(columns.toarray()))
         return np.asarray(columns.T @ solved).reshape(h, b, h, b)
+
+    @cached_property
+    def _inverse(self) -> FloatArray | None:
+        """(N, N) S^+, where that has fewer columns than all edges together."""
+        rows, columns = self.B.shape
+        return self._factor.solve(np.eye(rows)) if rows < columns and rows <= WHOLE else None
 
 
 def packed(found: Resistances, at: Truncation) -> tuple[FloatArray, FloatArray]:

@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from certpgo.certify.resistances import DENSE, Resistances
+from certpgo.certify.resistances import Resistances
 from certpgo.certify.truncated_case import TruncatedCase
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray, IntArray
@@ -22,6 +22,8 @@ from certpgo.objective.truncated import largest
 
 #: Load of each measurement, and what those proven together may share.
 LOAD, SHARED = 0.8, 0.18
+#: Columns of measurements from which each is proven alone.
+MANY = 3000
 
 
 def rises(case: TruncatedCase, estimate: Estimate) -> FloatArray:
@@ -74,7 +76,7 @@ def _together(found: Resistances, W: FloatArray) -> list[IntArray]:
     S - sum B W B^T >= 0 if the blocks of W^1/2 B^T S^+ B W^1/2 have row sums of at most one.
     """
     k = len(W)
-    if k * found.b > DENSE:
+    if k * found.b > MANY:
         return [np.array([e]) for e in range(k)]
     values, U = np.linalg.eigh(W)
     half = U * np.sqrt(np.maximum(values, 0.0))[:, None, :]

@@ -42,7 +42,7 @@ STEEPEST, FLATTEST = 1e6, 1e-9
 RAISED = 1e-13
 EPS = float(np.finfo(float).eps)
 #: Bisections of the logarithm, for the weight that reaches a price.
-BISECTIONS = 60
+BISECTIONS = 40
 
 
 @dataclass(frozen=True, eq=False)

@@ -82,6 +82,8 @@ class TruncatedProblem(Brief):
             )
         if has_matrix_weights(self.graph):
             raise UncertifiableError("edges with matrix weights have no minorants")
+        if isinstance(self.whole, InformationProblem):
+            self.whole.refuse_indefinite()
         if not self.is_rejected.any():
             raise InputError("no measurement is rejected: all prices are infinite")
         _ = self.kept, self.below  # refuse what is not determined, or not known
