@@ -154,8 +154,11 @@ def _optimal(c: Statement) -> str:
     """That the estimate is optimal among all choices of rejected measurements, if that is so."""
     if not c.rejected or c.verdict != "CERTIFIED":
         return ""
-    among = counted(c.rejected, "rejected measurement{s}")
-    return f"no choice among the {among} and no other estimate costs less; "
+    if c.rejected == 1:
+        return "neither taking the rejected measurement back nor another estimate costs less; "
+    return (
+        f"no choice among the {c.rejected} rejected measurements and no other estimate costs less; "
+    )
 
 
 _SMALL = "That is negligible against the total weight W"

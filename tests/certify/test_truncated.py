@@ -168,5 +168,17 @@ def test_rejections_that_cannot_be_are_refused():
     ):
         with pytest.raises(InputError, match=said):
             rejecting(problem, np.array(rejected, dtype=None if rejected else int), quantile)
-    with pytest.raises(InputError, match="truncated costs"):
-        certify(graph, solve(graph), rejected=np.array([m - 1]), tier="proof")
+
+
+@pytest.mark.parametrize("poses", [True, False])
+@pytest.mark.parametrize("d", [2, 3])
+def test_the_proof_tier_trusts_no_factorization(d, poses):
+    graph, doubtful = doubtful_graph(rng_of(d + 4), d, poses=poses, n=12, doubtful=1)
+    problem, kept = problem_of(graph), solve(graph.reweighted(np.where(doubtful, 0.0, 1.0)))
+    [wrong], [cost] = np.flatnonzero(doubtful), problem.edge_costs(kept.estimate)[doubtful]
+    for price, certified in ((0.01 * cost, True), (0.99 * cost, False)):
+        truncated = TruncatedProblem(problem, np.where(doubtful, price, np.inf))
+        found = certify(truncated, kept.estimate, tier="proof")
+        assert (found.verdict is Verdict.CERTIFIED) is certified
+        assert found.limited_by is (LimitedBy.TIGHT if certified else LimitedBy.AMBIGUOUS)
+        assert found.lower_bound <= found.cost_upper
