@@ -131,6 +131,8 @@ class Certificate(Statement):
     settled : whether that ended; else it was stopped, or given up as the optimum was known
     support : under the cost of another program, what the lower bound rests on; else None
     obstacle : what keeps the gap open
+    rejected : of how many measurements the cost is truncated, each at its price, if they are
+        rejected; the optimum is then also over all choices of which to take back
 
     Examples
     --------
@@ -176,6 +178,7 @@ class Certificate(Statement):
     settled: bool = True
     support: Support | None = None
     obstacle: Obstacle = NOTHING
+    rejected: int = 0
 
     def __repr__(self) -> str:
         cost = f"{cost_shown(self.cost_upper)}, gap {gap_shown(self.gap)}"

@@ -16,7 +16,9 @@ from certpgo.errors import NumericalError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.io.accept_paths import AnyPath, estimated, measured
 from certpgo.io.writing import AnyAnswer
-from certpgo.objective.choose_cost import Certifiable, certifiable
+from certpgo.linalg.arrays import IntArray
+from certpgo.objective.choose_cost import CHORDAL, Judged, certifiable
+from certpgo.objective.truncated_problem import rejecting
 from certpgo.optimize.monitor import Iteration, Monitor, silent
 from certpgo.optimize.progress import Hopeful
 from certpgo.optimize.solution import Status
@@ -30,10 +32,12 @@ RECENT = 30
 
 
 def certify(
-    problem: Certifiable | Graph | Instance | AnyPath,
+    problem: Judged | Graph | Instance | AnyPath,
     estimate: Estimate | AnyAnswer | AnyPath,
     *,
     cost: str | None = None,
+    rejected: IntArray | None = None,
+    quantile: float | None = None,
     tier: Tier | str = Tier.STANDARD,
     rtol: float = RTOL,
     atol: float = ATOL,
@@ -55,6 +59,12 @@ def certify(
     estimate : n poses or rotations in the graph's order and units, from any source; or an answer of
         `certpgo.solve`, or the path of a file, see `certpgo.read_estimate`
     cost : the cost of a graph, an instance or a file, as in `certpgo.solve`
+    rejected : (k,) indices of measurements that were rejected, as in ``solution.rejected`` of a
+        robust answer. The certificate is then about the truncated cost, F of the others plus
+        min(f_e, c_e) of each of these: CERTIFIED if no other estimate costs less, whichever of them
+        it takes back
+    quantile : of chi^2, their prices c_e; by default that from which measurements are rejected,
+        1 - 0.01 / m
     tier : ``"standard"``, ``"proof"``, which trusts no factorization, or ``"screen"``, which never
         yields CERTIFIED
     rtol, atol : CERTIFIED means gap <= rtol F + atol W
@@ -88,7 +98,9 @@ def certify(
     posed = measured(problem)
     given = estimated(estimate, posed)
     if cost is not None or isinstance(posed, Instance | PoseGraph | RotationGraph):
-        posed = certifiable(posed, cost)
+        posed = certifiable(posed, CHORDAL if cost is None and rejected is not None else cost)
+    if rejected is not None:
+        posed = rejecting(posed, rejected, quantile)
     judge = Judge(
         posed,
         tier=tier,
@@ -116,7 +128,7 @@ class Judge:
 
     def __init__(
         self,
-        problem: Certifiable,
+        problem: Judged,
         *,
         tier: Tier | str = Tier.STANDARD,
         rtol: float = RTOL,
@@ -231,7 +243,7 @@ class Judge:
         return self._other
 
 
-def _bounds(problem: Certifiable, point: Estimate) -> Bounds | None:
+def _bounds(problem: Judged, point: Estimate) -> Bounds | None:
     # They are about chordal costs with isotropic weights.
     if not problem.is_chordal or problem.chordal.graph.is_general:
         return None

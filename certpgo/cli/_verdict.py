@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from certpgo.solve.fit import Fit
     from certpgo.solve.metrics import TrajectoryErrors
     from certpgo.solve.outliers import Disagreement
+    from certpgo.solve.rejection import Rejection
 
 #: Exit code after Ctrl-C.
 INTERRUPTED = 130
@@ -33,11 +34,20 @@ def weakest(verdicts: Iterable[str]) -> int:
     return max((EXIT_CODES[verdict] for verdict in verdicts), default=0)
 
 
-def headline(certificate: Certificate) -> None:
-    """Print the verdict and what it means, alone."""
+def headline(certificate: Certificate, rejection: Rejection | None = None) -> None:
+    """Print the verdict and what it means, alone.
+
+    That about rejections stands for that about the kept measurements where both are CERTIFIED.
+    """
     from certpgo.certify.wording import meaning
 
-    paragraph(f"{certificate.verdict.value}. {meaning(certificate)}.")
+    c, verdict = certificate, certificate.verdict
+    if rejection is not None and rejection.verdict.value == verdict.value == "CERTIFIED":
+        c = rejection.certificate
+    said = f"{verdict.value}. {meaning(c)}."
+    if rejection is not None and c is certificate:
+        said += f" That is about the kept measurements. Rejecting the others: {rejection.verdict}."
+    paragraph(said)
     typer.echo()
 
 
@@ -171,6 +181,20 @@ def edges_as_json(instance: Instance, edges: IntArray) -> list[dict[str, Any]]:
     """Edges by index and node ids."""
     pairs = instance.ids[instance.graph.edges[edges]].tolist()
     return [{"edge": e, "ids": ids} for e, ids in zip(edges.tolist(), pairs, strict=True)]
+
+
+def rejection_as_json(instance: Instance, found: Rejection | None) -> dict[str, Any] | None:
+    """The verdict about the truncated cost; None if nothing was rejected."""
+    if found is None:
+        return None
+    return {
+        **in_short(found.certificate),
+        "gap": found.certificate.gap,
+        "sentence": found.sentence,
+        "quantile": found.quantile,
+        "prices": found.prices.tolist(),
+        "ambiguous": edges_as_json(instance, found.ambiguous),
+    }
 
 
 def _averaged(part: Instance, certificate: Certificate | None) -> dict[str, float] | None:

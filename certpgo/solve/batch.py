@@ -14,7 +14,7 @@ from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate, Instance
 from certpgo.io.digits import Writing
 from certpgo.io.writing import atomically
-from certpgo.objective.choose_cost import Certifiable
+from certpgo.objective.choose_cost import Judged
 from certpgo.solve.assessment import Assessment, assess
 from certpgo.solve.fit import fit_of
 
@@ -63,7 +63,7 @@ class JudgedGraph:
     """A connected graph, its problem, and the certifier of its estimates."""
 
     instance: Instance
-    problem: Certifiable
+    problem: Judged
     judge: Judge
 
     def assessed(self, estimate: Estimate, writing: Writing | None = None) -> Assessment:

@@ -127,3 +127,40 @@ def test_the_page_of_a_robust_answer_says_how_to_repeat_it(certpgo, doubtful, tm
     text = flat(page.read_text())
     assert "The verdict is about the 20 of 21 measurements" in text
     assert "--robust" in text
+
+
+def test_rejections_are_listed_written_and_certified_again(certpgo, wrong, tmp_path):
+    csv, estimate = tmp_path / "rejected.csv", tmp_path / "estimate.g2o"
+    done = certpgo("outliers", wrong, "--csv", csv)
+    assert done.code == 0
+    assert "no choice among the 40 rejected measurements" in flat(done.out)
+    assert "wrong at least" in done.out
+    report = certpgo("outliers", wrong, "--json").json
+    assert len(report["rejected"]) == len(csv.read_text().splitlines()) - 1 == 40
+    assert report["wrong_at_least"] <= 40
+    solved = certpgo("solve", wrong, "--robust", "-o", estimate, "--json").json
+    assert solved["solution"]["rejection"]["verdict"] == "CERTIFIED"
+    again = certpgo("certify", wrong, estimate, "--rejected", csv, "--json").json
+    assert again["verdict"] == "CERTIFIED"
+    assert again["objective"] == "truncated cost"
+    assert again["lower_bound"] == pytest.approx(report["lower_bound"])
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [("0,0", "expected integers"), ("1,998,999", "edge 1"), ("x,0,1", "expected integers")],
+)
+def test_a_list_of_other_measurements_is_refused(certpgo, wrong, tmp_path, line, said):
+    csv, estimate = tmp_path / "rejected.csv", tmp_path / "estimate.g2o"
+    csv.write_text(f"edge,i,j\n{line}\n")
+    certpgo("solve", wrong, "-o", estimate)
+    done = certpgo("certify", wrong, estimate, "--rejected", csv)
+    assert done.code == 1
+    assert f"{csv}:2" in flat(done.err)
+    assert said in flat(done.err)
+
+
+def test_a_quantile_is_for_rejections(certpgo, wrong):
+    done = certpgo("solve", wrong, "--quantile", "0.99")
+    assert done.code == 1
+    assert "--quantile needs --robust" in flat(done.err)
