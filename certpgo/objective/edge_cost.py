@@ -33,7 +33,7 @@ class Minorants(Brief):
 
     Attributes
     ----------
-    tau : (m,) positive weights
+    tau : (m,) weights; positive, or 0 for rotations alone
     a, b : (m, d) arms at the edge's second and first pose, metres
     N : (m, d, d) couplings of the rotations
     constant : (m,) rounded down; -inf where there is no minorant
@@ -76,6 +76,8 @@ class EdgeCost(ABC):
     name: ClassVar[str]
     #: Whether the checker knows it.
     provable: ClassVar[bool] = False
+    #: Whether residuals of translations do not depend on what is known of the rotation.
+    decoupled: ClassVar[bool] = False
 
     @property
     @abstractmethod

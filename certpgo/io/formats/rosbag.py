@@ -104,7 +104,7 @@ def _instance(path: Path, topic: str, message: Any, options: ReadOptions) -> Ins
     matrices = np.array([link.information for link in links], dtype=np.float64).reshape(-1, 6, 6)
     if not (options.ignore_information or np.isfinite(matrices).all()):
         raise FormatError(path, None, f"{topic}: finite information expected")
-    weighing = weighed(path, matrices, options, name)
+    weighing = weighed(path, matrices, R, options, name)
     poses = _graph_poses(path, topic, message)
     known = poses.ids if poses.ids is not None else np.empty(0, dtype=np.intp)
     ids = distinct(np.concatenate([known, edges.ravel()]))
