@@ -150,6 +150,10 @@ def information_problem(instance: Instance, cost: str) -> InformationProblem:
     graph = InformationGraph(instance.graph, instance.information.matrices)
     if not graph.rotation.kappa.any():
         raise InputError(f"{source}: --cost {cost} needs relative poses, not positions alone")
+    alone = int(np.count_nonzero(instance.graph.kinds == Kind.TRANSLATION))
+    if alone and not COSTS[cost].decoupled:
+        measured = counted(alone, Kind.TRANSLATION.phrase)
+        raise InputError(f"{source}: the cost of {cost} needs rotations with its {measured}")
     problem = InformationProblem(edge_cost(graph, cost))
     problem.refuse_indefinite(instance.name)  # no path, as tables keep it
     return problem
@@ -159,10 +163,6 @@ def edge_cost(graph: InformationGraph, cost: str) -> EdgeCost:
     """The cost of that name in `COSTS`, for measurements of poses, positions or rotations."""
     if not graph.isotropic.is_partial:
         return COSTS[cost](graph)
-    alone = int(np.count_nonzero(graph.isotropic.kinds == Kind.TRANSLATION))
-    if alone and not COSTS[cost].decoupled:
-        measured = counted(alone, Kind.TRANSLATION.phrase)
-        raise InputError(f"the cost of {cost} needs rotations with its {measured}")
     return WithPositions(graph, COSTS[cost])
 
 
