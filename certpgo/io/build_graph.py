@@ -172,6 +172,8 @@ def _choices(
     chosen: dict[str, str] = {"rotation_information": about}
     if uninformed:
         chosen["information"] = "none" if uninformed == measurements else "some"
+    if options.skip:
+        chosen["skip"] = ", ".join(options.skip)
     if (kind := dialect.precision or options.weights_are) != "information":
         chosen["weights_are"] = kind
     return chosen

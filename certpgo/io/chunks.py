@@ -157,6 +157,15 @@ def read_rows(
     return tuple(np.concatenate(arrays) for arrays in zip(*parts, strict=True))
 
 
+def decimal_comma(word: str) -> str:
+    """A hint for messages about a word that is a number but for its decimal comma; or nothing."""
+    try:
+        float(word.replace(",", ".", 1))
+    except ValueError:
+        return ""
+    return " (a decimal comma: decimal points expected)" if "," in word else ""
+
+
 def first_words(head: bytes) -> list[bytes]:
     """The words of the first line that is not blank, without comments."""
     lines = (line.split() for line in without_comments(head).splitlines())

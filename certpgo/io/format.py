@@ -43,6 +43,7 @@ class ReadOptions:
     weights_are : what the numbers of a measurement's precision are
     skip_priors : whether measurements of single poses are skipped
     skip_landmarks : whether points and their sightings are skipped
+    skip : tags of lines that are skipped
     progress : called with bytes read and bytes in total, or None
     """
 
@@ -51,6 +52,7 @@ class ReadOptions:
     weights_are: WeightsAre = "information"
     skip_priors: bool = False
     skip_landmarks: bool = False
+    skip: tuple[str, ...] = ()
     progress: Progress | None = None
 
 

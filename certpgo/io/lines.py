@@ -16,7 +16,7 @@ from certpgo.checker import FAR
 from certpgo.errors import InputError
 from certpgo.graph.edges import in_range
 from certpgo.graph.information import Information, of_positions
-from certpgo.io.chunks import parsed, printable, refuse_loops
+from certpgo.io.chunks import decimal_comma, parsed, printable, refuse_loops
 from certpgo.io.dialect import Dialect, Tag
 from certpgo.io.edge_weights import INDEFINITE, PARTIAL, partial_counts
 from certpgo.io.exact.weighing import weigh
@@ -74,6 +74,8 @@ class _Parser:
                     raise InputError(f"{name.decode()} in a file of {content.d}D poses")
                 content.d = tag.d or content.d
                 columns, texts = self._fields(name.decode(), tag, bodies)
+                if tag.kind == "edge" and tag.what:
+                    content.counts[tag.what] += len(bodies)
                 rows = self._rows(tag, columns, texts, content.counts)
                 rows = replace(rows, lines=np.array(numbers))
                 content.rows.setdefault(tag.kind, []).append(rows)
@@ -94,6 +96,8 @@ class _Parser:
 
     def _tag(self, name: bytes) -> Tag:
         dialect = self._dialect
+        if name.decode("utf-8", "replace") in self._options.skip:
+            return Tag("skip", what="left out as chosen, whatever they measure")
         if name in dialect.refused:
             raise InputError(dialect.refused[name])
         if name in dialect.tags:
@@ -102,7 +106,10 @@ class _Parser:
             return Tag("skip", what=f"no tag of {dialect.name}, and no measurement")
         known = ", ".join(tag.decode() for tag in dialect.tags)
         shown = name[:40].decode("ascii", "backslashreplace")
-        raise InputError(f"{dialect.name} has no tag {shown!r}; known: {known}")
+        raise InputError(
+            f"{dialect.name} has no tag {shown!r} (--skip {shown} leaves such lines out); "
+            f"known: {known}"
+        )
 
     def _skipped(self, tag: Tag, d: int) -> str:
         """What skipped lines are about; empty for lines that are read."""
@@ -287,7 +294,8 @@ def floats(fields: list[bytes], after: str) -> FloatArray:
             raise ValueError
     except ValueError:
         found = _offending(fields, float)
-        raise InputError(f"numbers expected after the {after}, not {found!r}") from None
+        said = f"numbers expected after the {after}, not {found!r}{decimal_comma(found)}"
+        raise InputError(said) from None
     if not np.isfinite(values).all():
         raise InputError("numbers must be finite")
     return values
