@@ -9,7 +9,7 @@ from certpgo import FormatError, io
 from certpgo.linalg import rotations as so
 
 EUROC = """\
-#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z [], v [m s^-1]
+#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z [], v
 1403636580838555648,0.0,0.0,0.0,1,0,0,0,0.1
 1403636580843555328,1.0333,0.5,0.0,0.9238795325112867,0.3826834323650898,0,0,0.1
 """
