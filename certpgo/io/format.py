@@ -273,7 +273,10 @@ def _format_of(path: Path, name: str | None) -> Format:
             return form
     if path.is_dir():
         raise FormatError(
-            path, None, "a folder must hold EGs.txt (1DSfM) or metadata.yaml (rosbag2)"
+            path,
+            None,
+            "a folder must hold EGs.txt (1DSfM), images.bin or images.txt (COLMAP), or "
+            "metadata.yaml (rosbag2)",
         )
     raise FormatError(path, None, _unknown(path, head))
 
