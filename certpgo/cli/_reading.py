@@ -109,6 +109,10 @@ class Reading:
         bool,
         _option("--landmarks/--no-landmarks", help="Read or skip landmarks and their sightings."),
     ] = True
+    skip: Annotated[
+        list[str] | None,
+        _option("--skip", help="Leave out lines with this tag (repeatable).", metavar="TAG"),
+    ] = None
     components: Annotated[
         Components,
         _option("--components", help="Which components of a disconnected graph to use."),
@@ -183,12 +187,16 @@ class Reading:
             "weights_are": None if self.weights_are is None else self.weights_are.value,
             "priors": self.priors,
             "landmarks": self.landmarks,
+            "skip": tuple(self.skip or ()),
         }
 
     def open(self, source: Source, *, notices: bool = True, distances: bool = False) -> Instance:
         """Read the graph; with ``notices``, print its notices to stderr.
 
-        Commands that take no ``distances`` leave them out, which a notice says.
+        Raises
+        ------
+        InputError
+            It has distances, and the command does not take ``distances``.
         """
         from certpgo.graph.components import rotations_alone
         from certpgo.graph.phrases import counted
@@ -198,13 +206,14 @@ class Reading:
             if topic := self.topic_of(source):
                 chosen["topic"] = topic
             instance = source.graph(progress=progress, quiet=True, **self.options, **chosen)
+        if instance.ranges is not None and not distances:
+            measured = counted(instance.ranges.num_edges, "distance{s}")
+            raise InputError(
+                f"{source.path()}: {measured}, which this command does not take: use certpgo solve "
+                "or certpgo certify"
+            )
         for sentence in instance.notices if notices else ():
             notice(f"{instance.name}: {sentence}")
-        if instance.ranges is not None and not distances:
-            left_out = counted(instance.ranges.num_edges, "distance{s}")
-            taken = "as only certpgo solve and certify use them"
-            notice(f"{instance.name}: {left_out} left out, {taken}")
-            instance = replace(instance, ranges=None)
         return rotations_alone(instance) if self.rotations else instance
 
     def parts(self, instance: Instance) -> list[Instance]:

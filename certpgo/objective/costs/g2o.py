@@ -47,6 +47,12 @@ class G2oCost(EdgeCost):
     name: ClassVar[str] = "g2o"
     compiled_residual: ClassVar[str] = "quaternion"
     provable: ClassVar[bool] = True
+    decoupled: ClassVar[bool] = True
+
+    @property
+    def turned_share(self) -> float:
+        """a^2 >= 4 sin^2(a/2) in the plane, |b|^2 = sin^2(a/2) in space, of 8 sin^2(a/2)."""
+        return 0.5 if self.graph.d == 2 else 0.125
 
     @property
     def title(self) -> str:
