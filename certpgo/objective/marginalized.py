@@ -15,12 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-<<<<<<< HEAD
 from certpgo.graph import PoseGraph
-from certpgo.graph.information import InformationGraph
-=======
 from certpgo.graph.information import InformationGraph, unmeasured
->>>>>>> files
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.linalg.ball_arithmetic import Ball, eliminated, is_positive_definite
 
