@@ -17,13 +17,13 @@ import numpy as np
 
 from certpgo.certify.bounds import Bounds
 from certpgo.certify.certificate import Certificate, Tier, Verdict
+from certpgo.certify.chordal_case import Case, LocalMinimum
 from certpgo.certify.dual import DualBound
 from certpgo.certify.obstacle import LimitedBy
 from certpgo.certify.proof import proven_surrogate
 from certpgo.certify.resistances import Resistances, packed
 from certpgo.certify.surrogate_bound import bound_below
 from certpgo.certify.surrogate_case import OwnCostCase
-from certpgo.certify.tolerances import Case, LocalMinimum
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Point
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray

@@ -23,6 +23,7 @@ _MEANINGS = {
     "REFUTED": "A better estimate is known. Local descent from yours does not reach it",
     "UNDECIDED": "Nothing useful could be proven, for or against this estimate",
 }
+_GIVEN_UP = "A better estimate is known. Local descent from yours was given up far from it"
 _LOWER = "No bound could be proven. An estimate of lower cost is known"
 _RIGHT_BASIN = "Right basin. Local descent from your estimate reaches the proven optimum"
 _RIGHT_ROTATIONS = "Right rotations. With its best translations your estimate is the proven optimum"
@@ -146,6 +147,8 @@ def meaning(certificate: Statement) -> str:
     if c.verdict in ("CERTIFIED", "BOUNDED"):
         proven = f"Proven: {_optimal(c)}{_above(c)} above the optimum"
         return f"{proven}. {_SMALL}" if _is_within_atol(c) else proven
+    if c.verdict == "REFUTED" and not c.settled:
+        return _GIVEN_UP
     lower = c.best_cost < c.cost_upper - c.tolerance
     return _LOWER if lower and c.verdict == "UNDECIDED" else _MEANINGS[c.verdict]
 
