@@ -22,6 +22,13 @@ from certpgo.linalg.arrays import FloatArray
 ASYMMETRY = 1e-6
 #: What a cross block of a matrix that is indefinite as a whole becomes.
 INDEFINITE = "edge{s} with information indefinite as a whole, diagonal blocks used"
+#: What becomes of information on some axes.
+PARTIAL = (
+    "measurement{s} with information on some axes only: F takes their mean for all axes, other "
+    "costs take it as it is"
+)
+#: What becomes of information on positions or rotations alone.
+ALONE = "edge{s} with information on a translation or a rotation alone"
 
 
 class Weighing(NamedTuple):
@@ -41,7 +48,11 @@ class Weighing(NamedTuple):
 
 
 def weighed(
-    path: Path, matrices: FloatArray, options: ReadOptions, name: Callable[[int], str]
+    path: Path,
+    matrices: FloatArray,
+    rotations: FloatArray,
+    options: ReadOptions,
+    name: Callable[[int], str],
 ) -> Weighing:
     """The weights of measurements with these information matrices.
 
@@ -49,6 +60,7 @@ def weighed(
     ----------
     path : of the file, for messages
     matrices : (m, 6, 6), translation before rotation; 1/m^2, 1/m and dimensionless
+    rotations : (m, 3, 3) measured
     name : of a measurement, for messages
 
     Raises
@@ -73,9 +85,17 @@ def weighed(
     kappa = found.kappa
     if options.rotation_information == "quaternion":
         kappa = 0.25 * kappa  # half the angle, a quarter of the information; exact
-    whole = found.distinct[:, np.array(ROW_MAJOR_3D.positions)]
-    notices = (counted(found.indefinite, INDEFINITE),) if found.indefinite else ()
-    return Weighing(kappa, found.tau, Information(whole, found.which), notices)
+    whole = Information(found.distinct[:, np.array(ROW_MAJOR_3D.positions)], found.which)
+    counts = {INDEFINITE: found.indefinite, **partial_counts(whole, kappa, found.tau)}
+    notices = tuple(counted(count, what) for what, count in counts.items() if count)
+    return Weighing(kappa, found.tau, whole.in_first_frames(rotations), notices)
+
+
+def partial_counts(information: Information, kappa: FloatArray, tau: FloatArray) -> dict[str, int]:
+    """How many measured poses state information on some axes, or on one block, alone."""
+    alone = (kappa == 0.0) | (tau == 0.0)
+    partial = int(np.count_nonzero(information.is_partial))
+    return {PARTIAL: partial, ALONE: int(np.count_nonzero(alone))}
 
 
 def _placed(texts: list[bytes], options: ReadOptions, name: Callable[[int], str], said: str) -> str:

@@ -35,7 +35,11 @@ class Minorants(Brief):
 
     Attributes
     ----------
+<<<<<<< HEAD
     tau : (m,) weights, positive but for truncated costs
+=======
+    tau : (m,) weights; positive, or 0 for rotations alone
+>>>>>>> files
     a, b : (m, d) arms at the edge's second and first pose, metres
     N : (m, d, d) couplings of the rotations
     constant : (m,) rounded down; -inf where there is no minorant
@@ -104,6 +108,8 @@ class EdgeCost(ABC):
     name: ClassVar[str]
     #: Whether the checker knows it.
     provable: ClassVar[bool] = False
+    #: Whether residuals of translations do not depend on what is known of the rotation.
+    decoupled: ClassVar[bool] = False
 
     @property
     def turned_share(self) -> float:

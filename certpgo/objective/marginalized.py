@@ -15,8 +15,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+<<<<<<< HEAD
 from certpgo.graph import PoseGraph
 from certpgo.graph.information import InformationGraph
+=======
+from certpgo.graph.information import InformationGraph, unmeasured
+>>>>>>> files
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.linalg.ball_arithmetic import Ball, eliminated, is_positive_definite
 
@@ -67,7 +71,7 @@ def set_aside(
     m, q = len(W), W.shape[-1]
     x, slope = e[:, d:], 2.0 * (graph.information @ e[:, :, None])[:, :, 0]
     # For a smaller lam, S is positive definite.
-    definite = graph.is_definite
+    definite = graph.is_definite & ~unmeasured(graph.information).any(axis=1)
     covariance = np.linalg.inv(np.where(definite[:, None, None], graph.information, np.eye(d + q)))
     largest = np.where(definite, 1.0 / np.linalg.eigvalsh(covariance[:, :d, :d])[:, -1], 0.0)
     scalar = is_isotropic(T) & ~P.any(axis=(1, 2))
@@ -131,6 +135,8 @@ def lowered(
     lower : blocks T (k, d, d) and W (k, q, q) to blocks nowhere above them, up to rounding
     """
     d, full = graph.d, graph.information[chosen]
+    if unmeasured(full).any():
+        return None
     below = np.zeros_like(full)
     with np.errstate(all="ignore"):
         below[:, :d, :d], below[:, d:, d:] = lower(*_decoupled(full, d))

@@ -46,6 +46,7 @@ class G2oCost(EdgeCost):
 
     name: ClassVar[str] = "g2o"
     provable: ClassVar[bool] = True
+    decoupled: ClassVar[bool] = True
 
     @property
     def turned_share(self) -> float:
