@@ -2,12 +2,13 @@
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from strategies import rng_of
+from strategies import point_graph, rng_of
 
 from certpgo import certify, solve, solve_robustly
 from certpgo.certify.certificate import Verdict
@@ -154,6 +155,20 @@ def test_the_unit_of_weights_decides_nothing(unit):
     one, other = (certify(of, kept) for of in (problem, problem.scaled(unit)))
     assert one.verdict is other.verdict
     assert other.lower_bound == unit * one.lower_bound
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_sighting_of_a_point_is_rejected(d):
+    graph, *_ = point_graph(rng_of(1), 30, 12, d, noise=0.01)
+    kappa, tau = np.where(graph.measures_rotation, 5e3, 0.0), np.where(graph.tau > 0.0, 1e4, 0.0)
+    sighting = np.flatnonzero(~graph.measures_rotation)[-1]
+    t = np.array(graph.translations)
+    t[sighting] += 5.0
+    wrong = replace(graph.with_weights(kappa, tau), translations=t)
+    answer = solve_robustly(wrong)
+    assert answer.solution.rejected.tolist() == [sighting]
+    assert answer.rejection.verdict is Verdict.CERTIFIED
+    assert "neither taking the rejected measurement back nor" in answer.rejection.sentence
 
 
 def test_rejections_that_cannot_be_are_refused():

@@ -534,7 +534,6 @@ def test_the_command_line_has_costs(square, tmp_path, capsys):
             "for the chordal cost and g2o's, not for",
         ),
         (("--cost", "g2o", "--unit-weights"), "needs poses with information matrices"),
-        (("--cost", "g2o", "--robust"), "is for --cost chordal"),
         (("--cost", "g2o", "--method", "newton"), "is for --cost chordal"),
         (("--cost", "gtsam", "--proof", "x.npz"), "is for --cost chordal and g2o"),
     ],
