@@ -25,7 +25,7 @@ _ROOMS = {
 _MODULES = {
     "assess.ladder": "solve.bounds_table",
     "assess.wording": "solve.accuracy_wording",
-    "certify.case": "certify.tolerances",
+    "certify.case": "certify.chordal_case",
     "certify.climb": "certify.staircase_bound",
     "certify.own_cost": "certify.surrogate_case",
     "certify.parts": "certify.bridge_blocks",

@@ -31,7 +31,8 @@ class Verdict(StrEnum):
     Attributes
     ----------
     CERTIFIED : the gap is proven to be at most rtol F + atol W
-    REFUTED : a lower-cost estimate is known that descent from this one does not reach
+    REFUTED : a lower-cost estimate is known that descent from this one does not reach, or was given
+        up far from
     BOUNDED : a gap is proven, but it is larger than that
     UNDECIDED : no useful bound was found
 
@@ -119,7 +120,7 @@ class Certificate(Statement):
     refined_cost : F of ``refined``
     basin_is_global : whether ``refined`` is itself within the tolerance of the lower bound
     better : a lower-cost estimate from another initialization, or None; if REFUTED, descent from
-        the estimate does not reach it
+        the estimate does not reach it, or was given up far from it
     better_cost : F of ``better``
     bounds : bounds that need no factorization, at ``refined``; None if they failed, or were not
         asked for

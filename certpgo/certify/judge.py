@@ -10,7 +10,8 @@ import numpy as np
 from certpgo.certify.bounds import Bounds, bounds
 from certpgo.certify.cases import case_of
 from certpgo.certify.certificate import Certificate, Tier
-from certpgo.certify.tolerances import ATOL, RTOL, LocalMinimum, refuse_time_limit
+from certpgo.certify.chordal_case import LocalMinimum
+from certpgo.certify.tolerances import ATOL, RTOL, refuse_time_limit
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.io.accept_paths import AnyPath, estimated, measured

@@ -16,13 +16,14 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 
 from certpgo.certify.bounds import Bounds
-from certpgo.certify.certificate import Certificate, Verdict
+from certpgo.certify.certificate import Certificate, Tier, Verdict
+from certpgo.certify.chordal_case import Case, LocalMinimum
 from certpgo.certify.dual import DualBound
 from certpgo.certify.obstacle import LimitedBy
+from certpgo.certify.proof import proven_surrogate
 from certpgo.certify.resistances import Resistances, packed
 from certpgo.certify.surrogate_bound import bound_below
 from certpgo.certify.surrogate_case import OwnCostCase
-from certpgo.certify.tolerances import Case, LocalMinimum
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Point
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
@@ -159,11 +160,16 @@ class TruncatedCase(Case):
         below, _ = self.problem.surrogate(point, np.zeros_like(at.plain()))
         return Resistances.of(below, below.certificate_matrix(below.multipliers(point)), at)
 
+    def cost_upper(self, estimate: Estimate) -> float:
+        """The cost of the estimate, rounded up."""
+        return self.problem.enclosure(estimate)[1]
+
     def bound_by(
         self, point: Estimate, cost: float, W: FloatArray, *, sharp: bool, tight: bool
     ) -> RejectionBound | None:
         """The bound with minorants of these weights (k, b, b)."""
-        below, constant = self.problem.surrogate(point, W)
+        minorants = self.problem.minorants(point, W)
+        below, constant = self.problem.surrogate_of(minorants)
         found = bound_below(
             below,
             constant,
@@ -174,6 +180,8 @@ class TruncatedCase(Case):
             tight=tight,
             floor=-constant,
         )
+        if found is not None and self.tier is Tier.PROOF:
+            found = proven_surrogate(below, minorants.constant, point, found)
         if found is None:
             return None
         at = self.problem.truncation(point)

@@ -300,7 +300,7 @@ class Solved(Result):
 
     def write_page(self, out: Path, outputs: Outputs) -> None:
         """Write the page of the certificate."""
-        from certpgo.solve.accuracy_wording import ends
+        from certpgo.solve.accuracy_wording import disagreeing, ends
 
         solution, part, assessment = self.solution, self.part, self.assessment
         if assessment is None:
@@ -319,7 +319,7 @@ class Solved(Result):
         if many := _verdict.rejecting_many(len(solution.rejected), solution.kept or 0):
             remarks.append(f"{many[0].upper()}{many[1:]}.")
         if self.disagreement is not None:
-            remarks.append(f"{self.disagreement}.")
+            remarks.append(f"{disagreeing(self.disagreement, assessment.certificate)}.")
         origin = origin_of(
             self.asked.graph,
             self.asked.reading,

@@ -74,7 +74,11 @@ def show(
             *([] if fit is None else [("chi^2", str(fit))]),
             *wording.redundancy(part),
             *more,
-            *([] if disagreement is None else [("outliers?", wording.hint(disagreement))]),
+            *(
+                []
+                if disagreement is None
+                else [("outliers?", wording.hint(disagreement, certificate))]
+            ),
             *([] if assessment is None else wording.comparison(assessment, part)),
             *trusts(certificate),
             *([("objective", stated_objective(part.options, certificate))] if chordal else []),
@@ -120,7 +124,7 @@ def as_json(
 ) -> dict[str, Any]:
     """An estimate of a connected graph: the verdict first, then its details.
 
-    Angles are in radians unless named degrees.
+    Angles are in radians unless their names end with ``deg``.
 
     Parameters
     ----------
@@ -143,6 +147,7 @@ def as_json(
         "lower_bound": None if c is None else c.lower_bound,
         "gap": None if c is None else c.gap,
         "relative_gap": None if c is None else c.relative_gap,
+        "angles": "radians",
         "certificate": None if c is None else _details(c),
         "fit": None if fit is None else fit_as_json(fit),
         "accuracy": None if accuracy is None else asdict(accuracy),

@@ -224,21 +224,23 @@ class _Assessed(Result):
             yield f"best estimate written to {outputs.estimate}"
         elif _is_better_known(self.found, outputs.json):
             yield "--best OUT writes the lower-cost estimate"
-        if not self.standing and _may_gain(self.found, self.part):
-            yield "only rounding may keep the gap open: try --tier proof"
 
     def prove(self, out: Path, source: Path, *, json: bool) -> bool:
         certificate = self.found.certificate
         return prove(out, source, self.part.instance, self.given, certificate, json=json)
 
     def write_page(self, out: Path, outputs: Outputs) -> None:
+        from certpgo.solve.accuracy_wording import disagreeing
+
         part, disagreement = self.part, self.disagreement
         origin = origin_of(
             self.asked.graph,
             self.asked.reading,
             estimate=self.asked.estimate,
             proof=outputs.proof,
-            remarks=[] if disagreement is None else [f"{disagreement}."],
+            remarks=[]
+            if disagreement is None
+            else [f"{disagreeing(disagreement, self.found.certificate)}."],
             disagreeing=disagreement is not None,
         )
         problem = cast("Certifiable", part.problem)  # --rejected is refused
@@ -312,17 +314,6 @@ def _is_better_known(found: Assessment, json: bool) -> bool:
     return found.excess > certificate.tolerance and (json or not said)
 
 
-def _may_gain(assessment: Assessment, part: JudgedGraph) -> bool:
-    """Whether the refined point is so close to the bound that the proof tier may close the gap."""
-    from certpgo.certify.tolerances import PROOF_GAIN
-
-    certificate = assessment.certificate
-    gap = certificate.refined_cost - certificate.lower_bound
-    near = certificate.tolerance < gap <= PROOF_GAIN * certificate.tolerance
-    provable = not part.problem.unprovable and certificate.tier.value == "standard"
-    return provable and certificate.better is None and near
-
-
 def _disagreement(problem: Judged, found: Assessment) -> Disagreement | None:
     """Measurements that disagree with the rest, by their residual angles and chordal cost."""
     from certpgo.solve.outliers import disagreement
@@ -346,6 +337,7 @@ def _batch(
     """Certify every estimate, with progress on stderr; returns the exit code."""
     from dataclasses import asdict
 
+    from certpgo.certify.wording import named_cost
     from certpgo.graph.phrases import cost_shown
     from certpgo.solve.batch import JudgedGraph, judge_all, write_rows
 
@@ -367,7 +359,7 @@ def _batch(
             done = len({row.estimate for row in rows})
             result = row.reason
             if row.cost is not None:
-                result = f"{row.estimate}: F {cost_shown(row.cost)}"
+                result = f"{row.estimate}: {named_cost(row.objective)} = {cost_shown(row.cost)}"
             typer.echo(f"{done}/{len(sources)} {row.verdict} {result}", err=True)
     write_rows(out, rows)
     if json:

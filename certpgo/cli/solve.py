@@ -51,7 +51,9 @@ def command(
     graph: GraphName,
     method: Annotated[
         str | None,
-        typer.Option("--method", help="Use another method (certpgo list methods)."),
+        typer.Option(
+            "--method", help="Use another method (certpgo list methods), under the chordal cost."
+        ),
     ] = None,
     settings: Annotated[
         list[str] | None,

@@ -116,7 +116,7 @@ class TruncatedProblem(Brief):
 
     def counted(self, estimate: Estimate) -> BoolArray:
         """(m,) the measurements whose terms are not truncated: all kept ones, for instance."""
-        return np.asarray(self.terms(estimate) < self.prices)
+        return np.asarray((self.terms(estimate) < self.prices) | ~self.is_rejected)
 
     def counting(self, counted: BoolArray) -> Problem | InformationProblem:
         """The problem of some measurements."""
@@ -142,8 +142,8 @@ class TruncatedProblem(Brief):
 
     @property
     def unprovable(self) -> str:
-        """Why there are no proofs of the cost."""
-        return "the proof tier is for the cost of given measurements, not for truncated costs"
+        """Why the cost has no proof tier; empty if it has."""
+        return self.whole.unprovable
 
     @property
     def n(self) -> int:
@@ -238,6 +238,12 @@ class TruncatedProblem(Brief):
         exact = self.whole.is_chordal
         return Truncation(rejected, prices, v, back @ point.rotations[j], exact)
 
+    def minorants(self, point: Point, W: FloatArray | None = None) -> Minorants:
+        """Minorants of the terms of all measurements, see `surrogate`."""
+        at = self.truncation(point)
+        negative = at.minorants(at.plain() if W is None else W)
+        return self._untruncated(point).replaced(self.is_rejected, negative)
+
     def surrogate(self, point: Point, W: FloatArray | None = None) -> tuple[Problem, float]:
         """A problem under F, and a constant: together nowhere above the cost.
 
@@ -249,9 +255,10 @@ class TruncatedProblem(Brief):
         W : (k, b, b) weights of the rejected measurements, see `Truncation`; by default those with
             which they touch their costs, or zero where there are none
         """
-        at = self.truncation(point)
-        negative = at.minorants(at.plain() if W is None else W)
-        minorants = self._untruncated(point).replaced(self.is_rejected, negative)
+        return self.surrogate_of(self.minorants(point, W))
+
+    def surrogate_of(self, minorants: Minorants) -> tuple[Problem, float]:
+        """The problem and the constant that add up to minorants of all measurements."""
         if isinstance(self.graph, PoseGraph):
             graph, constant = minorants.summed(self.graph, SignedGraph)
             return self._general.of_same_edges(graph), constant

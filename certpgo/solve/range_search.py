@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from certpgo.certify.certificate import Certificate
+from certpgo.certify.chordal_case import Case
 from certpgo.certify.obstacle import Obstacle
 from certpgo.certify.range_case import CLIMB_SHARE, RangedCase, Relaxed
-from certpgo.certify.tolerances import Case
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Lift, Point
 from certpgo.graph.trees import tree_initialization

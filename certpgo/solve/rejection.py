@@ -111,7 +111,7 @@ def certify_rejection(
         The measurements that are not rejected leave nodes free.
     """
     chosen = settings or SolveSettings()
-    tier = Tier.STANDARD if chosen.tier in (None, Tier.PROOF) else chosen.tier
+    tier = Tier.STANDARD if chosen.tier is None or problem.unprovable else chosen.tier
     truncated = rejecting(problem, rejected, quantile, scale=scale)
     case = TruncatedCase.of(truncated, tier, chosen.rtol, chosen.atol, monitor)
     with case.stop.within(chosen.time_limit):

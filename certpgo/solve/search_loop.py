@@ -14,9 +14,9 @@ import numpy as np
 
 from certpgo.certify.cases import case_of
 from certpgo.certify.certificate import Certificate, Tier
+from certpgo.certify.chordal_case import Case, LocalMinimum
 from certpgo.certify.dual import DualBound
 from certpgo.certify.obstacle import Obstacle
-from certpgo.certify.tolerances import Case, LocalMinimum
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Lift, Point

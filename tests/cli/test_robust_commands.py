@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 
+from certpgo import Disagreement, certify
 from certpgo.io import write
 from certpgo.io.datasets import thesis
+from certpgo.io.datasets.synthetic import winding_cycle
+from certpgo.solve.accuracy_wording import disagreeing
 
 
 @pytest.fixture
@@ -74,6 +77,14 @@ def doubtful(tmp_path):
 
 
 HINT = "1 of 21 measurements disagrees with the rest"
+
+
+def test_the_angle_of_another_fit_is_not_that_of_the_estimate():
+    instance, wound = winding_cycle(9, 0.3, 1)
+    found = certify(instance.graph, wound, refine=False)
+    for angle, elsewhere in ((found.max_residual_angle, False), (3.0, True)):
+        said = disagreeing(Disagreement(np.array([0]), 9, angle), found)
+        assert said.endswith(" at another fit") is elsewhere
 
 
 def test_solve_hints_at_measurements_that_disagree(certpgo, doubtful, tmp_path):

@@ -15,9 +15,9 @@ from strategies import dimensions, pose_graph, random_edges, rng_of, rotation_gr
 
 from certpgo import SolveSettings, certify, solve
 from certpgo.certify import Tier, Verdict
+from certpgo.certify.chordal_case import Case
 from certpgo.certify.curvature import resolution
 from certpgo.certify.dual import _Attempts
-from certpgo.certify.tolerances import Case
 from certpgo.errors import GraphError, InputError, NumericalError, SpecError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.io.datasets.synthetic import corridor, grid3d, helix, winding_cycle
