@@ -185,6 +185,20 @@ def test_rejections_that_cannot_be_are_refused():
             rejecting(problem, np.array(rejected, dtype=None if rejected else int), quantile)
 
 
+@pytest.mark.parametrize(("weight", "angle", "price"), [(1e14, 0.5, 20.0), (1.0, 1e-3, 5e-5)])
+def test_what_is_tolerated_is_small_against_a_price(weight, angle, price):
+    # Taking the last measurement back costs a fraction of its price, which is less than a share
+    # 1e-12 of the total weight, or 1e-5 of the cost of two measurements half a turn apart.
+    half = math.pi if weight == 1.0 else 0.0
+    turns = so.exp(np.array([[0.0], [0.0], [0.0], [half], [angle]]))
+    edges, kappa = [(1, 2), (0, 1), (2, 3), (2, 3), (0, 1)], [weight, 1.0, weight, weight, 100.0]
+    graph = RotationGraph(4, edges, turns, kappa)
+    problem = TruncatedProblem(RotationProblem(graph), [np.inf] * 4 + [price])
+    certificate = certify(problem, solve(problem.kept.graph).estimate)
+    assert certificate.verdict is not Verdict.CERTIFIED
+    assert certificate.tolerance < price
+
+
 @pytest.mark.parametrize("poses", [True, False])
 @pytest.mark.parametrize("d", [2, 3])
 def test_the_proof_tier_trusts_no_factorization(d, poses):
