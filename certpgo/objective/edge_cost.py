@@ -104,6 +104,8 @@ class EdgeCost(ABC):
     name: ClassVar[str]
     #: Whether the checker knows it.
     provable: ClassVar[bool] = False
+    #: What its residual is called in the compiled kernel, for this class alone; "" if it has none.
+    compiled_residual: ClassVar[str] = ""
     #: Whether residuals of translations do not depend on what is known of the rotation.
     decoupled: ClassVar[bool] = False
 
