@@ -9,9 +9,9 @@
 
 From format/*.md and src/Parser.cpp of https://github.com/DanMcGann/jrl; values under groundtruth,
 initialization and solutions have a "key" too, or are listed by key. A .jrr file has "solutions" in
-place of measurements. Keys are GTSAM's symbols: a robot's letter in the highest byte, then a number. The
-covariances are GTSAM's, about the tangent space, in space with rotation before translation. Other
-measurements are refused unless they are skipped by their type.
+place of measurements. Keys are GTSAM's symbols: a robot's letter in the highest byte, then a
+number. The covariances are GTSAM's, about the tangent space, in space with rotation before
+translation. Other measurements are refused unless they are skipped by their type.
 """
 
 from __future__ import annotations
