@@ -8,7 +8,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from certpgo import (
-    _former_names,  # noqa: F401
+    _former_names,
     _start,  # noqa: F401 - first: Ctrl-C during the imports below
 )
 from certpgo.errors import (
@@ -159,7 +159,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    if name in _ROOMS:
+    if name in _ROOMS or _former_names.name_today(name) is not None:
         return importlib.import_module(f"certpgo.{name}")
     if name not in _HOME:
         raise AttributeError(f"module 'certpgo' has no attribute {name!r}")

@@ -6,10 +6,12 @@ import importlib
 import sys
 import warnings
 from collections.abc import Sequence
+from functools import partial
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
-from importlib.util import spec_from_loader
+from importlib.util import find_spec, spec_from_loader
 from types import ModuleType
+from typing import Any
 
 #: Packages, and where their modules are now.
 _ROOMS = {
@@ -23,13 +25,14 @@ _ROOMS = {
 _MODULES = {
     "assess.ladder": "solve.bounds_table",
     "assess.wording": "solve.accuracy_wording",
-    "certify.case": "certify.tolerances",
+    "certify.case": "certify.chordal_case",
     "certify.climb": "certify.staircase_bound",
     "certify.own_cost": "certify.surrogate_case",
     "certify.parts": "certify.bridge_blocks",
     "certify.ranged": "certify.range_case",
     "certify.shifted": "certify.multipliers",
     "costs": "objective.choose_cost",
+    "costs.descent": "optimize.levenberg_marquardt",
     "costs.edge_costs": "objective.costs",
     "costs.edge_costs.g2o": "objective.costs.g2o",
     "costs.edge_costs.gtsam": "objective.costs.gtsam",
@@ -38,6 +41,7 @@ _MODULES = {
     "costs.gtsam": "objective.costs.gtsam",
     "costs.positions": "objective.position_costs",
     "costs.problem": "objective.information_problem",
+    "costs.range_descent": "optimize.range_saddles",
     "costs.ranges": "objective.range_problem",
     "costs.schur": "objective.marginalized",
     "costs.signed": "objective.signed_weights",
@@ -46,6 +50,13 @@ _MODULES = {
     "graph.lift": "graph.relaxed_point",
     "graph.speaking": "graph.display",
     "graph.wording": "graph.phrases",
+    "io.assemble": "io.build_graph",
+    "io.contents": "io.records",
+    "io.informed": "io.edge_weights",
+    "io.opening": "io.accept_paths",
+    "io.piped": "io.stream",
+    "io.plain": "io.json_values",
+    "io.stated": "io.precision_kind",
     "linalg.balls": "linalg.ball_arithmetic",
     "linalg.network": "linalg.scalar_least_squares",
     "linalg.so": "linalg.rotations",
@@ -58,12 +69,18 @@ _MODULES = {
     "optimize.undetermined": "optimize.unobservable",
     "solvers.certified.disagreement": "solve.outliers",
     "solvers.certified.interface": "solve.solving",
+    "solvers.certified.own_cost": "solve.surrogates",
     "solvers.certified.pipeline": "solve.result",
+    "solvers.certified.ranged": "solve.range_search",
     "solvers.certified.rejecting": "solve.robust_session",
     "solvers.certified.renewal": "solve.warm_start",
     "solvers.certified.standing": "solve.session_status",
     "solvers.certified.suspicion": "solve.session_outliers",
     "solvers.certified.track": "solve.odometry",
+    "view.gather": "view.load_scene",
+    "view.growing": "view.live",
+    "view.placing": "view.placements",
+    "view.plots": "view.charts",
 }
 
 
@@ -94,7 +111,16 @@ class _FormerNames(MetaPathFinder, Loader):
         found = importlib.import_module(today)
         warnings.warn(f"{former} is now {today}", DeprecationWarning, stacklevel=2)
         module.__doc__ = f"The former name of `{today}`."
-        module.__getattr__ = lambda name: getattr(found, name)  # type: ignore[method-assign]
+        module.__getattr__ = partial(_attribute, former, found)  # type: ignore[method-assign]
+
+
+def _attribute(former: str, found: ModuleType, name: str) -> Any:
+    """What a module of today has, or a module that was within the former one."""
+    within = f"{former}.{name}"
+    today = name_today(within.removeprefix("certpgo."))
+    if not hasattr(found, name) and today is not None and find_spec(f"certpgo.{today}"):
+        return importlib.import_module(within)
+    return getattr(found, name)
 
 
 sys.meta_path.insert(0, _FormerNames())

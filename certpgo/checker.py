@@ -145,7 +145,8 @@ class Edge(NamedTuple):
     sensor: int = 0
 
 
-_NUMBERS = re.compile(rb"[0-9eE.+\- \t]*")  # the subset of float() syntax allowed in files
+_NUMBER = rb"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"  # allowed in files
+_NUMBERS = re.compile(rb"[ \t]*(?:%b[ \t]+)*%b" % (_NUMBER, _NUMBER))
 _PLAIN = bytes(range(32, 127)) + b"\t\r\n"
 _IGNORED = re.compile(
     rb"VERTEX_(SE2|SE3:QUAT|XY|TRACKXYZ|POINT_XYZ)|FIX|PARAMS_(SE2OFFSET|SE3OFFSET|CAMERACALIB)"
@@ -297,8 +298,10 @@ def _hides(text: bytes) -> bool:
 
 def _split(text: bytes, counts: tuple[int, ...]) -> list[bytes]:
     words = text.split()
-    if len(words) not in counts or not _NUMBERS.fullmatch(text.rstrip()):
+    if len(words) not in counts:
         raise ValueError(f"a measurement of {' or '.join(map(str, counts))} numbers expected")
+    if not _NUMBERS.fullmatch(text.rstrip()):
+        raise ValueError("plain decimal numbers expected")
     return words
 
 

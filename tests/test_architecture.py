@@ -21,6 +21,7 @@ RANKS = {
     "_start": 0,
     "_former_names": 0,
     "checker": 0,
+    "integer_checker": 0,
     "errors": 0,
     "linalg": 1,
     "graph": 2,
@@ -72,8 +73,8 @@ HOMES = {
     "skimage": ("certpgo/registration/",),
     "viser": ("certpgo/view/",),
 }
-#: Lines of a file; the checker is one file, so that it can be copied and read alone.
-LONGEST, CHECKER = 400, 1325
+#: Lines of a file; each checker is one file, so that it can be copied and read alone.
+LONGEST, CHECKERS = 400, {"checker.py": 1325, "integer_checker.py": 845}
 #: Lines of a function, and of a command, without signature and docstring.
 LONGEST_FUNCTION, LONGEST_COMMAND = 80, 60
 
@@ -170,7 +171,7 @@ def test_no_assert_and_no_print():
 
 def test_no_file_is_long():
     for path in [*FILES, *HARNESS_FILES]:
-        limit = CHECKER if path.name == "checker.py" else LONGEST
+        limit = CHECKERS.get(path.name, LONGEST)
         assert len(path.read_text().splitlines()) <= limit, path
 
 
@@ -187,6 +188,8 @@ def test_no_function_is_long():
 def test_one_name_is_one_class():
     places = {}
     for path in [*FILES, *HARNESS_FILES]:
+        if path.name == "integer_checker.py":  # has its own, as it shares nothing
+            continue
         for node in tree(path).body:
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 places.setdefault(node.name, []).append(path.name)
@@ -196,6 +199,22 @@ def test_one_name_is_one_class():
 def test_the_checker_imports_numpy_and_the_standard_library_alone():
     heads = {name.partition(".")[0] for name in imports(PACKAGE / "checker.py")}
     assert heads - set(sys.stdlib_module_names) == {"numpy"}
+
+
+def test_the_integer_checker_computes_with_integers_alone():
+    path = PACKAGE / "integer_checker.py"
+    heads = {name.partition(".")[0] for name in imports(path)}
+    assert heads <= set(sys.stdlib_module_names)
+    assert not heads & {"array", "cmath", "ctypes", "random", "statistics", "struct"}
+    assert [name for name in imports(path) if name.startswith("math.")] == ["math.isqrt"]
+    for node in ast.walk(tree(path)):
+        if isinstance(node, ast.Constant):
+            assert not isinstance(node.value, float | complex), node.lineno
+        if isinstance(node, ast.Name):
+            assert node.id not in ("float", "complex", "round", "pow"), node.lineno
+    divided = [n for n in ast.walk(tree(path)) if isinstance(getattr(n, "op", None), ast.Div)]
+    # A path, and a quotient of fractions.
+    assert {ast.unparse(n) for n in divided} == {"path / 'EGs.txt'", "self.lower / self.upper"}
 
 
 def third_party_after(statement):

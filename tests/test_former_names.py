@@ -5,10 +5,13 @@ import sys
 
 import pytest
 
+import certpgo
 from certpgo import _former_names
 from certpgo._former_names import name_today
 from certpgo.io import datasets
 from certpgo.io.datasets import synthetic
+from certpgo.objective import choose_cost
+from certpgo.objective.information_problem import InformationProblem
 
 
 @pytest.fixture
@@ -38,7 +41,20 @@ def test_every_former_name_is_of_a_module(former):
     assert all(getattr(old, name) is getattr(new, name) for name in public)
 
 
+@pytest.mark.usefixtures("afresh")
+def test_former_rooms_are_attributes_with_their_modules():
+    """As they were after `import certpgo` alone."""
+    certpgo.__dict__.pop("costs", None)
+    with pytest.warns(DeprecationWarning, match=r"certpgo.costs is now"):
+        assert certpgo.costs.own_cost is choose_cost.own_cost
+    with pytest.warns(DeprecationWarning, match=r"costs.problem is now"):
+        assert certpgo.costs.problem.InformationProblem is InformationProblem
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_other_names_are_not_touched():
     assert name_today("graph.trees") is None
+    assert not hasattr(certpgo, "nothing")
+    assert not hasattr(importlib.import_module("certpgo.costs"), "nothing")
     with pytest.raises(ModuleNotFoundError):
         importlib.import_module("certpgo.solvers.nothing")

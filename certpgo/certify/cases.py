@@ -5,18 +5,21 @@ from __future__ import annotations
 from typing import Any
 
 from certpgo.certify.certificate import Tier
+from certpgo.certify.chordal_case import Case
 from certpgo.certify.range_case import RangedCase
 from certpgo.certify.surrogate_case import OwnCostCase
-from certpgo.certify.tolerances import Case
+from certpgo.certify.truncated_case import TruncatedCase
 from certpgo.errors import InputError, kind_of
 from certpgo.objective.base import Objective
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.range_problem import RangeProblem
+from certpgo.objective.truncated_problem import TruncatedProblem
 from certpgo.optimize.monitor import Monitor, silent
 
 _KINDS: tuple[tuple[type[Any], type[Case]], ...] = (
     (InformationProblem, OwnCostCase),
     (RangeProblem, RangedCase),
+    (TruncatedProblem, TruncatedCase),
     (Objective, Case),
 )
 

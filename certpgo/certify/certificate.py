@@ -31,7 +31,8 @@ class Verdict(StrEnum):
     Attributes
     ----------
     CERTIFIED : the gap is proven to be at most rtol F + atol W
-    REFUTED : a lower-cost estimate is known that descent from this one does not reach
+    REFUTED : a lower-cost estimate is known that descent from this one does not reach, or was given
+        up far from
     BOUNDED : a gap is proven, but it is larger than that
     UNDECIDED : no useful bound was found
 
@@ -119,9 +120,10 @@ class Certificate(Statement):
     refined_cost : F of ``refined``
     basin_is_global : whether ``refined`` is itself within the tolerance of the lower bound
     better : a lower-cost estimate from another initialization, or None; if REFUTED, descent from
-        the estimate does not reach it
+        the estimate does not reach it, or was given up far from it
     better_cost : F of ``better``
-    bounds : bounds that need no factorization, at ``refined``; None if they failed
+    bounds : bounds that need no factorization, at ``refined``; None if they failed, or were not
+        asked for
     engine : factorization engine
     objective : the cost that the certificate is about: F, or that of another program, see
         `certpgo.objective.choose_cost`; then F stands for that cost everywhere here
@@ -129,6 +131,8 @@ class Certificate(Statement):
     settled : whether that ended; else it was stopped, or given up as the optimum was known
     support : under the cost of another program, what the lower bound rests on; else None
     obstacle : what keeps the gap open
+    rejected : of how many measurements the cost is truncated, each at its price, if they are
+        rejected; the optimum is then also over all choices of which to take back
 
     Examples
     --------
@@ -174,6 +178,7 @@ class Certificate(Statement):
     settled: bool = True
     support: Support | None = None
     obstacle: Obstacle = NOTHING
+    rejected: int = 0
 
     def __repr__(self) -> str:
         cost = f"{cost_shown(self.cost_upper)}, gap {gap_shown(self.gap)}"

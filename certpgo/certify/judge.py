@@ -10,12 +10,15 @@ import numpy as np
 from certpgo.certify.bounds import Bounds, bounds
 from certpgo.certify.cases import case_of
 from certpgo.certify.certificate import Certificate, Tier
-from certpgo.certify.tolerances import ATOL, RTOL, LocalMinimum, refuse_time_limit
+from certpgo.certify.chordal_case import LocalMinimum
+from certpgo.certify.tolerances import ATOL, RTOL, refuse_time_limit
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.io.accept_paths import AnyPath, estimated, measured
 from certpgo.io.writing import AnyAnswer
-from certpgo.objective.choose_cost import Certifiable, certifiable
+from certpgo.linalg.arrays import IntArray
+from certpgo.objective.choose_cost import CHORDAL, Judged, certifiable
+from certpgo.objective.truncated_problem import rejecting
 from certpgo.optimize.monitor import Iteration, Monitor, silent
 from certpgo.optimize.progress import Hopeful
 from certpgo.optimize.solution import Status
@@ -29,14 +32,17 @@ RECENT = 30
 
 
 def certify(
-    problem: Certifiable | Graph | Instance | AnyPath,
+    problem: Judged | Graph | Instance | AnyPath,
     estimate: Estimate | AnyAnswer | AnyPath,
     *,
     cost: str | None = None,
+    rejected: IntArray | None = None,
+    quantile: float | None = None,
     tier: Tier | str = Tier.STANDARD,
     rtol: float = RTOL,
     atol: float = ATOL,
     refine: bool = True,
+    angles: bool = False,
     time_limit: float | None = None,
     monitor: Monitor = silent,
 ) -> Certificate:
@@ -53,10 +59,17 @@ def certify(
     estimate : n poses or rotations in the graph's order and units, from any source; or an answer of
         `certpgo.solve`, or the path of a file, see `certpgo.read_estimate`
     cost : the cost of a graph, an instance or a file, as in `certpgo.solve`
+    rejected : (k,) indices of measurements that were rejected, as in ``solution.rejected`` of a
+        robust answer. The certificate is then about the truncated cost, F of the others plus
+        min(f_e, c_e) of each of these: CERTIFIED if no other estimate costs less, whichever of them
+        it takes back
+    quantile : of chi^2, their prices c_e; by default that from which measurements are rejected,
+        1 - 0.01 / m
     tier : ``"standard"``, ``"proof"``, which trusts no factorization, or ``"screen"``, which never
         yields CERTIFIED
     rtol, atol : CERTIFIED means gap <= rtol F + atol W
     refine : if False, compute the bound only from the estimate's own multipliers
+    angles : whether to compute the bounds on residual angles too, see `Certificate.bounds`
     time_limit : seconds after which the bound found so far is used, once the current step is
         finished
     monitor : is called with each iteration of the descents, and may stop the search for a bound
@@ -85,13 +98,16 @@ def certify(
     posed = measured(problem)
     given = estimated(estimate, posed)
     if cost is not None or isinstance(posed, Instance | PoseGraph | RotationGraph):
-        posed = certifiable(posed, cost)
+        posed = certifiable(posed, CHORDAL if cost is None and rejected is not None else cost)
+    if rejected is not None:
+        posed = rejecting(posed, rejected, quantile)
     judge = Judge(
         posed,
         tier=tier,
         rtol=rtol,
         atol=atol,
         refine=refine,
+        angles=angles,
         time_limit=time_limit,
         monitor=monitor,
     )
@@ -105,26 +121,27 @@ class Judge:
 
     Parameters
     ----------
-    problem, tier, rtol, atol, refine, monitor : as for `certify`
+    problem, tier, rtol, atol, refine, angles, monitor : as for `certify`
     time_limit : for each estimate
     ctrl_c : whether the first Ctrl-C only stops the search for a bound, like the monitor
     """
 
     def __init__(
         self,
-        problem: Certifiable,
+        problem: Judged,
         *,
         tier: Tier | str = Tier.STANDARD,
         rtol: float = RTOL,
         atol: float = ATOL,
         refine: bool = True,
+        angles: bool = False,
         time_limit: float | None = None,
         monitor: Monitor = silent,
         ctrl_c: bool = False,
     ) -> None:
         refuse_time_limit(time_limit)
         self._case = case_of(problem, tier, rtol, atol, monitor)
-        self._problem, self._refine = problem, refine
+        self._problem, self._refine, self._angles = problem, refine, angles
         self._time_limit, self._ctrl_c = time_limit, ctrl_c
         self._best: LocalMinimum | None = None
         self._other: LocalMinimum | None = None
@@ -148,7 +165,8 @@ class Judge:
             self._best = best = max(known, key=lambda basin: basin.value)
             if best.value > own.value:
                 own = replace(own, bound=best.bound)
-            return case.certificate(estimate, own, other, _bounds(case.problem, own.point))
+            angles = _bounds(case.problem, own.point) if self._angles else None
+            return case.certificate(estimate, own, other, angles)
 
     @property
     def interrupted(self) -> bool:
@@ -196,6 +214,8 @@ class Judge:
         def of_few(iteration: Iteration) -> bool:
             return case.stop(iteration) or iteration.number >= FEW
 
+        if self._best is None and (found := case.at_rest(estimate)) is not None:
+            return found
         begun = case.basin(estimate, True, self._best, of_few)
         if begun.settled or case.stop.should_stop():
             return begun
@@ -223,7 +243,7 @@ class Judge:
         return self._other
 
 
-def _bounds(problem: Certifiable, point: Estimate) -> Bounds | None:
+def _bounds(problem: Judged, point: Estimate) -> Bounds | None:
     # They are about chordal costs with isotropic weights.
     if not problem.is_chordal or problem.chordal.graph.is_general:
         return None

@@ -19,6 +19,7 @@ class LimitedBy(StrEnum):
     ROUNDING : rounding alone; the proof tier has less of it
     STOPPED : the time: a limit, the monitor or Ctrl-C ended the search
     NO_MINORANT : measurements that have no minorant at the estimate, under another program's cost
+    AMBIGUOUS : rejected measurements that the estimate's uncertainty may explain
 
     Examples
     --------
@@ -33,6 +34,7 @@ class LimitedBy(StrEnum):
     ROUNDING = "rounding"
     STOPPED = "stopped"
     NO_MINORANT = "no minorant"
+    AMBIGUOUS = "ambiguous"
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,7 @@ class Obstacle:
     patience : seconds after a first bound that its own limit allowed; None if that did not end it
     of_distances : whether the relaxation is that of measured distances
     missing, edge : number of measurements without a minorant, and the nodes of one
+    ambiguous : indices of the rejected measurements whose prices are not proven
     mirrored : where positions lie whose mirror image fits as well, or perhaps; None if it does not
     """
 
@@ -59,6 +62,7 @@ class Obstacle:
     of_distances: bool = False
     missing: int = 0
     edge: tuple[int, int] | None = None
+    ambiguous: tuple[int, ...] = ()
     mirrored: Literal["line", "plane", "perhaps"] | None = None
 
     @property

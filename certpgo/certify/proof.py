@@ -135,7 +135,7 @@ def exact_cost(problem: Problem, graph: checker.Graph, estimate: Estimate) -> fl
 
 
 def proven_surrogate(
-    problem: PoseProblem, constants: FloatArray, point: Point, bound: DualBound
+    problem: Problem, constants: FloatArray, point: Point, bound: DualBound
 ) -> DualBound | None:
     """A bound on a surrogate's cost plus constants (m,), proven without trusting a factorization.
 

@@ -27,9 +27,9 @@ import numpy as np
 
 from certpgo import checker
 from certpgo.certify.certificate import CHORDAL, Certificate, Tier
+from certpgo.certify.chordal_case import Case
 from certpgo.certify.cost_proof import cost_evidence, problem_of_certificate
 from certpgo.certify.proof import Witness, proof_of, prove
-from certpgo.certify.tolerances import Case
 from certpgo.errors import FormatError, InputError, NumericalError
 from certpgo.graph import Estimate, Instance, PoseGraph
 from certpgo.io.compressed import is_compressed

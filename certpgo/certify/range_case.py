@@ -11,10 +11,10 @@ import numpy as np
 
 from certpgo.certify.bounds import Bounds
 from certpgo.certify.certificate import Certificate, Verdict
+from certpgo.certify.chordal_case import Case, LocalMinimum
 from certpgo.certify.dual import DualBound
 from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.certify.surrogate_bound import bound_below
-from certpgo.certify.tolerances import Case, LocalMinimum
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate, PoseGraph
 from certpgo.graph.relaxed_point import Lift, Point, lifted, main_subspace, translations_of

@@ -15,12 +15,12 @@ import numpy as np
 
 from certpgo.certify.bounds import Bounds
 from certpgo.certify.certificate import Certificate, Tier, Verdict
+from certpgo.certify.chordal_case import Case, LocalMinimum
 from certpgo.certify.dual import DualBound, Support
 from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.certify.proof import proven_surrogate
 from certpgo.certify.staircase_bound import climb
 from certpgo.certify.surrogate_bound import bound_below
-from certpgo.certify.tolerances import Case, LocalMinimum
 from certpgo.errors import GraphError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Point

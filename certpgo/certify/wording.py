@@ -23,6 +23,7 @@ _MEANINGS = {
     "REFUTED": "A better estimate is known. Local descent from yours does not reach it",
     "UNDECIDED": "Nothing useful could be proven, for or against this estimate",
 }
+_GIVEN_UP = "A better estimate is known. Local descent from yours was given up far from it"
 _LOWER = "No bound could be proven. An estimate of lower cost is known"
 _RIGHT_BASIN = "Right basin. Local descent from your estimate reaches the proven optimum"
 _RIGHT_ROTATIONS = "Right rotations. With its best translations your estimate is the proven optimum"
@@ -85,6 +86,7 @@ class Statement(Speaking):
         descended: bool
         settled: bool
         obstacle: Obstacle
+        rejected: int
 
         @property
         def relative_gap(self) -> float: ...  # noqa: D102
@@ -143,10 +145,23 @@ def meaning(certificate: Statement) -> str:
     if c.verdict == "BOUNDED" and c.basin_is_global:
         return _RIGHT_BASIN if c.descended else _RIGHT_ROTATIONS
     if c.verdict in ("CERTIFIED", "BOUNDED"):
-        proven = f"Proven: {_above(c)} above the optimum"
+        proven = f"Proven: {_optimal(c)}{_above(c)} above the optimum"
         return f"{proven}. {_SMALL}" if _is_within_atol(c) else proven
+    if c.verdict == "REFUTED" and not c.settled:
+        return _GIVEN_UP
     lower = c.best_cost < c.cost_upper - c.tolerance
     return _LOWER if lower and c.verdict == "UNDECIDED" else _MEANINGS[c.verdict]
+
+
+def _optimal(c: Statement) -> str:
+    """That the estimate is optimal among all choices of rejected measurements, if that is so."""
+    if not c.rejected or c.verdict != "CERTIFIED":
+        return ""
+    if c.rejected == 1:
+        return "neither taking the rejected measurement back nor another estimate costs less; "
+    return (
+        f"no choice among the {c.rejected} rejected measurements and no other estimate costs less; "
+    )
 
 
 _SMALL = "That is negligible against the total weight W"
@@ -299,6 +314,9 @@ def limit_in_words(c: Statement) -> str:
     if o.missing and o.edge is not None:
         count = counted(o.missing, "measurement{s}")
         return f"{count} without a minorant at this estimate, such as edge {o.edge}"
+    if o.ambiguous:
+        few = counted(len(o.ambiguous), "rejected measurement{s}")
+        return f"{few} of {c.rejected} may be explained by the uncertainty of the estimate"
     if o.mirrored is not None:
         return _MIRRORED[o.mirrored]
     if o.of_distances:

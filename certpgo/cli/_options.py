@@ -31,6 +31,15 @@ HtmlOut = Annotated[
     Path | None,
     typer.Option("--html", metavar="OUT", help="Write an HTML page with plots and a 3D view."),
 ]
+Quantile = Annotated[
+    float | None,
+    typer.Option(
+        "--quantile",
+        metavar="P",
+        show_default="1 - 0.01 / m",
+        help="Price of rejecting a measurement: this quantile of a correct one's cost (chi^2).",
+    ),
+]
 Timestamps = Annotated[
     str | None,
     typer.Option(

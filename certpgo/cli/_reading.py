@@ -193,7 +193,10 @@ class Reading:
     def open(self, source: Source, *, notices: bool = True, distances: bool = False) -> Instance:
         """Read the graph; with ``notices``, print its notices to stderr.
 
-        Commands that take no ``distances`` leave them out, which a notice says.
+        Raises
+        ------
+        InputError
+            It has distances, and the command does not take ``distances``.
         """
         from certpgo.graph.components import rotations_alone
         from certpgo.graph.phrases import counted
@@ -203,13 +206,14 @@ class Reading:
             if topic := self.topic_of(source):
                 chosen["topic"] = topic
             instance = source.graph(progress=progress, quiet=True, **self.options, **chosen)
+        if instance.ranges is not None and not distances:
+            measured = counted(instance.ranges.num_edges, "distance{s}")
+            raise InputError(
+                f"{source.path()}: {measured}, which this command does not take: use certpgo solve "
+                "or certpgo certify"
+            )
         for sentence in instance.notices if notices else ():
             notice(f"{instance.name}: {sentence}")
-        if instance.ranges is not None and not distances:
-            left_out = counted(instance.ranges.num_edges, "distance{s}")
-            taken = "as only certpgo solve and certify use them"
-            notice(f"{instance.name}: {left_out} left out, {taken}")
-            instance = replace(instance, ranges=None)
         return rotations_alone(instance) if self.rotations else instance
 
     def parts(self, instance: Instance) -> list[Instance]:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from certpgo.solve.fit import Fit
     from certpgo.solve.metrics import TrajectoryErrors
     from certpgo.solve.outliers import Disagreement
+    from certpgo.solve.rejection import Rejection
     from certpgo.solve.result import CertifiedSolution
 
 UNPROVABLE = (
@@ -65,18 +66,21 @@ class Solved(Result):
         return None if self.found is None else self.found.disagreement
 
     @property
+    def rejection(self) -> Rejection | None:
+        """What is proven about the rejected measurements."""
+        return None if self.found is None else self.found.rejection
+
+    @property
     def accuracy(self) -> TrajectoryErrors | None:
         """Trajectory errors, if the truth is known."""
         return None if self.truth is None else self.truth.errors(self.solution.estimate)
 
     @property
     def certified_cost(self) -> float:
-        """F of the certified measurements, those that a robust method kept."""
-        from certpgo.objective.problem import problem_of
-
+        """The cost of the certified measurements, those that a robust method kept."""
         if self.solution.weights is None:
             return self.solution.cost
-        return self.solution.judged(problem_of(self.part.graph)).cost(self.solution.estimate)
+        return self._problem.cost(self.solution.estimate)
 
     @cached_property
     def fit(self) -> Fit | None:
@@ -135,6 +139,7 @@ class Solved(Result):
                 "undetermined": self._undetermined,
                 "kept": solution.kept,
                 "rejected": _verdict.edges_as_json(self.part, solution.rejected),
+                "rejection": _verdict.rejection_as_json(self.part, self.rejection),
                 "own_bound": solution.lower_bound,
                 "settings": None if found is None else asdict(found.settings),
                 "written": None if outputs.estimate is None else str(outputs.estimate),
@@ -148,7 +153,7 @@ class Solved(Result):
             facts([*self._search(written), *self._uncertified()])
             notice(f"{self._own_bound()}; --certify certifies the estimate")
             return
-        _verdict.headline(certificate)
+        _verdict.headline(certificate, self.rejection)
         facts(self._search(written))
         typer.echo()
         _verdict.show(
@@ -197,6 +202,10 @@ class Solved(Result):
             yield "kept", f"{kept}; the verdict is about these, with their final weights"
         if len(solution.rejected):
             yield "rejected", few_edges(part, solution.rejected)
+        if self.rejection is not None:
+            yield from self.rejection.in_words()
+            if len(self.rejection.ambiguous):
+                yield "ambiguous", few_edges(part, self.rejection.ambiguous)
 
     def _uncertified(self) -> Iterator[tuple[str, str]]:
         """The numbers that no certificate is about."""
@@ -291,6 +300,8 @@ class Solved(Result):
 
     def write_page(self, out: Path, outputs: Outputs) -> None:
         """Write the page of the certificate."""
+        from certpgo.solve.accuracy_wording import disagreeing, ends
+
         solution, part, assessment = self.solution, self.part, self.assessment
         if assessment is None:
             return
@@ -298,12 +309,17 @@ class Solved(Result):
         if solution.kept is not None:
             remarks.append(
                 f"The verdict is about the {solution.kept} of {part.graph.num_edges} measurements "
-                "that the method kept, with their final weights; the view shows these."
+                "that the method kept, with their final weights; the view shows the others in red."
             )
+        if self.rejection is not None:
+            remarks.append(f"Rejections are {self.rejection.sentence}.")
+        if len(solution.rejected):
+            pairs = part.ids[part.graph.edges[solution.rejected]].tolist()
+            remarks.append(f"Rejected: {', '.join(ends(part, i, j) for i, j in pairs)}.")
         if many := _verdict.rejecting_many(len(solution.rejected), solution.kept or 0):
             remarks.append(f"{many[0].upper()}{many[1:]}.")
         if self.disagreement is not None:
-            remarks.append(f"{self.disagreement}.")
+            remarks.append(f"{disagreeing(self.disagreement, assessment.certificate)}.")
         origin = origin_of(
             self.asked.graph,
             self.asked.reading,
@@ -315,4 +331,13 @@ class Solved(Result):
             disagreeing=self.disagreement is not None,
             settings=None if self.found is None else self.found.settings,
         )
-        write_page(out, part, self._problem, solution.estimate, assessment, origin, solution.trace)
+        write_page(
+            out,
+            part,
+            self._problem,
+            solution.estimate,
+            assessment,
+            origin,
+            solution.trace,
+            rejected=part.graph.edges[solution.rejected],
+        )

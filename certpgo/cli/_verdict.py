@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from certpgo.solve.fit import Fit
     from certpgo.solve.metrics import TrajectoryErrors
     from certpgo.solve.outliers import Disagreement
+    from certpgo.solve.rejection import Rejection
 
 #: Exit code after Ctrl-C.
 INTERRUPTED = 130
@@ -33,11 +34,20 @@ def weakest(verdicts: Iterable[str]) -> int:
     return max((EXIT_CODES[verdict] for verdict in verdicts), default=0)
 
 
-def headline(certificate: Certificate) -> None:
-    """Print the verdict and what it means, alone."""
+def headline(certificate: Certificate, rejection: Rejection | None = None) -> None:
+    """Print the verdict and what it means, alone.
+
+    That about rejections stands for that about the kept measurements where both are CERTIFIED.
+    """
     from certpgo.certify.wording import meaning
 
-    paragraph(f"{certificate.verdict.value}. {meaning(certificate)}.")
+    c, verdict = certificate, certificate.verdict
+    if rejection is not None and rejection.verdict.value == verdict.value == "CERTIFIED":
+        c = rejection.certificate
+    said = f"{verdict.value}. {meaning(c)}."
+    if rejection is not None and c is certificate:
+        said += f" That is about the kept measurements. Rejecting the others: {rejection.verdict}."
+    paragraph(said)
     typer.echo()
 
 
@@ -64,7 +74,11 @@ def show(
             *([] if fit is None else [("chi^2", str(fit))]),
             *wording.redundancy(part),
             *more,
-            *([] if disagreement is None else [("outliers?", wording.hint(disagreement))]),
+            *(
+                []
+                if disagreement is None
+                else [("outliers?", wording.hint(disagreement, certificate))]
+            ),
             *([] if assessment is None else wording.comparison(assessment, part)),
             *trusts(certificate),
             *([("objective", stated_objective(part.options, certificate))] if chordal else []),
@@ -110,7 +124,7 @@ def as_json(
 ) -> dict[str, Any]:
     """An estimate of a connected graph: the verdict first, then its details.
 
-    Angles are in radians unless named degrees.
+    Angles are in radians unless their names end with ``deg``.
 
     Parameters
     ----------
@@ -133,6 +147,7 @@ def as_json(
         "lower_bound": None if c is None else c.lower_bound,
         "gap": None if c is None else c.gap,
         "relative_gap": None if c is None else c.relative_gap,
+        "angles": "radians",
         "certificate": None if c is None else _details(c),
         "fit": None if fit is None else fit_as_json(fit),
         "accuracy": None if accuracy is None else asdict(accuracy),
@@ -166,6 +181,20 @@ def edges_as_json(instance: Instance, edges: IntArray) -> list[dict[str, Any]]:
     """Edges by index and node ids."""
     pairs = instance.ids[instance.graph.edges[edges]].tolist()
     return [{"edge": e, "ids": ids} for e, ids in zip(edges.tolist(), pairs, strict=True)]
+
+
+def rejection_as_json(instance: Instance, found: Rejection | None) -> dict[str, Any] | None:
+    """The verdict about the truncated cost; None if nothing was rejected."""
+    if found is None:
+        return None
+    return {
+        **in_short(found.certificate),
+        "gap": found.certificate.gap,
+        "sentence": found.sentence,
+        "quantile": found.quantile,
+        "prices": found.prices.tolist(),
+        "ambiguous": edges_as_json(instance, found.ambiguous),
+    }
 
 
 def _averaged(part: Instance, certificate: Certificate | None) -> dict[str, float] | None:

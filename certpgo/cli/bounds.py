@@ -13,7 +13,7 @@ import typer
 from certpgo.cli._interrupting import ends_at_once
 from certpgo.cli._options import GraphName, Json, MaxDifference, Timestamps
 from certpgo.cli._reading import Reading, covered, restricted_to, takes_reading
-from certpgo.cli._show import document, facts, table, working
+from certpgo.cli._show import document, facts, notice, table, working
 
 if TYPE_CHECKING:
     from certpgo.graph import Estimate, Instance
@@ -39,9 +39,13 @@ def command(
     *,
     reading: Reading,
 ) -> None:
-    """Compute bounds on the optimum, cheapest first, and what each implies for an estimate."""
+    """Compute bounds on the optimum, cheapest first, and what each implies for an estimate.
+
+    They are about the chordal cost F, whatever the default cost of the graph is.
+    """
     from certpgo.io.matching import Matching
     from certpgo.io.timestamps import timed
+    from certpgo.objective.choose_cost import CHORDAL, own_cost
     from certpgo.objective.problem import problem_of
     from certpgo.solve.bounds_table import ladder
 
@@ -51,6 +55,8 @@ def command(
     if of_estimate is not None:
         how = Matching.of(timestamps, max_difference)
         instance, given = covered(of_estimate, instance, reading, how)
+    if (own := own_cost(instance)) != CHORDAL:
+        notice(f"the bounds are about the chordal cost F, not the default cost of {own}")
     documents = []
     parts = reading.parts(instance)
     for part in parts:
@@ -66,10 +72,13 @@ def command(
 
 
 def _as_json(part: Instance, found: Ladder) -> dict[str, Any]:
-    """Angles in radians."""
+    """Bounds on the chordal cost, with angles in radians."""
+    from certpgo.certify.wording import objective
+
     return {
         "graph": part.name,
         "options": dict(part.options),
+        "objective": objective(part.options),
         "cost": found.cost,
         "given": found.given,
         "angles": "radians",

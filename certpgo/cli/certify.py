@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, cast
 
 import typer
 
@@ -19,8 +19,10 @@ from certpgo.cli._options import (
     Json,
     MaxDifference,
     ProofOut,
+    Quantile,
     Timestamps,
     chosen_cost,
+    refuse_chordal_only,
     refuse_with_distances,
     tier_for,
     tier_option,
@@ -38,7 +40,7 @@ if TYPE_CHECKING:
     from certpgo.graph import Estimate, Instance
     from certpgo.io.datasets.source import Source
     from certpgo.io.matching import Matching
-    from certpgo.objective.choose_cost import Certifiable
+    from certpgo.objective.choose_cost import Certifiable, Judged
     from certpgo.solve.assessment import Assessment
     from certpgo.solve.batch import JudgedGraph
     from certpgo.solve.metrics import TrajectoryErrors
@@ -54,6 +56,16 @@ def command(
         typer.Argument(metavar="ESTIMATE", help="File or dataset with poses; several need --csv."),
     ],
     cost: CostOption = None,
+    rejected: Annotated[
+        Path | None,
+        typer.Option(
+            "--rejected",
+            metavar="CSV",
+            help="Measurements that were rejected, as certpgo outliers writes them with their "
+            "prices: the verdict is about the truncated cost.",
+        ),
+    ] = None,
+    quantile: Quantile = None,
     tier: Annotated[str | None, tier_option("standard, or proof with --proof")] = None,
     rtol: Annotated[
         float, typer.Option("--rtol", help="Tolerance on the gap, relative to the cost.")
@@ -94,20 +106,22 @@ def command(
     from certpgo.io.digits import writing_of
     from certpgo.io.matching import Matching
     from certpgo.io.timestamps import file_of_times, timed, timed_by
-    from certpgo.objective.choose_cost import certifiable
     from certpgo.solve.batch import JudgedGraph
 
     _refuse_mixtures(estimates, csv, truth=truth, best=best, proof=proof, html=html)
+    _refuse_rejected(rejected, quantile, proof=proof, html=html)
+    refuse_chordal_only(cost, rejected=rejected)
     tier = tier_for(proof, tier, cost) or "standard"
     outputs = Outputs(estimate=best, csv=csv, proof=proof, html=html, json=json)
     outputs.refuse()
     source, of_truth = reading.resolve(graph), reading.resolve(truth)
     sources = _resolved(estimates, reading, batch=csv is not None)
     here = [found for found in sources.values() if not isinstance(found, InputError)]
-    outputs.refuse_overwriting(source, *here, of_truth, file_of_times(timestamps))
+    outputs.refuse_overwriting(source, *here, of_truth, file_of_times(timestamps), rejected)
     instance = timed(reading.open(source, distances=True), timestamps)
-    refuse_with_distances(instance, proof=proof)
-    asked = Asked(graph, chosen_cost(cost, instance), reading, estimates[0], best is not None)
+    refuse_with_distances(instance, proof=proof, rejected=rejected)
+    chosen = chosen_cost(cost, instance, rejected=rejected)
+    asked = Asked(graph, chosen, reading, estimates[0], best is not None)
     outputs = outputs.about(source, instance, asked.cost)
     status = StatusLine()
     how = Matching.of(timestamps, max_difference)
@@ -116,10 +130,8 @@ def command(
     settings |= {"time_limit": time_limit, "monitor": status, "ctrl_c": True}
 
     def judged(of: Instance) -> list[JudgedGraph]:
-        problems = [(part, certifiable(part, asked.cost)) for part in reading.parts(of)]
-        return [
-            JudgedGraph(part, problem, Judge(problem, **settings)) for part, problem in problems
-        ]
+        posed = [(part, _posed(part, asked.cost, rejected, quantile)) for part in reading.parts(of)]
+        return [JudgedGraph(part, problem, Judge(problem, **settings)) for part, problem in posed]
 
     if csv is not None:
         return _batch(estimates, sources, instance, judged, how, csv, json, reading, status)
@@ -212,24 +224,27 @@ class _Assessed(Result):
             yield f"best estimate written to {outputs.estimate}"
         elif _is_better_known(self.found, outputs.json):
             yield "--best OUT writes the lower-cost estimate"
-        if not self.standing and _may_gain(self.found, self.part):
-            yield "only rounding may keep the gap open: try --tier proof"
 
     def prove(self, out: Path, source: Path, *, json: bool) -> bool:
         certificate = self.found.certificate
         return prove(out, source, self.part.instance, self.given, certificate, json=json)
 
     def write_page(self, out: Path, outputs: Outputs) -> None:
+        from certpgo.solve.accuracy_wording import disagreeing
+
         part, disagreement = self.part, self.disagreement
         origin = origin_of(
             self.asked.graph,
             self.asked.reading,
             estimate=self.asked.estimate,
             proof=outputs.proof,
-            remarks=[] if disagreement is None else [f"{disagreement}."],
+            remarks=[]
+            if disagreement is None
+            else [f"{disagreeing(disagreement, self.found.certificate)}."],
             disagreeing=disagreement is not None,
         )
-        write_page(out, part.instance, part.problem, self.given, self.found, origin)
+        problem = cast("Certifiable", part.problem)  # --rejected is refused
+        write_page(out, part.instance, problem, self.given, self.found, origin)
 
 
 def _refuse_mixtures(
@@ -242,6 +257,28 @@ def _refuse_mixtures(
         raise InputError("several estimates need --csv OUT")
     if csv is not None and any(outputs.values()):
         raise InputError("--best, --proof and --html need a single estimate, without --csv")
+
+
+def _posed(part: Instance, cost: str, rejected: Path | None, quantile: float | None) -> Judged:
+    """The problem under a cost, truncated if measurements are rejected."""
+    from certpgo.io.rejections import read_rejected
+    from certpgo.objective.choose_cost import certifiable
+    from certpgo.objective.truncated_problem import rejecting
+
+    problem = certifiable(part, cost)
+    if rejected is None:
+        return problem
+    edges, prices = read_rejected(rejected, part)
+    return rejecting(problem, edges, quantile, prices=None if quantile else prices)
+
+
+def _refuse_rejected(rejected: Path | None, quantile: float | None, **outputs: Path | None) -> None:
+    """Refuse what does not go with rejections, or only with them."""
+    if quantile is not None and rejected is None:
+        raise InputError("--quantile needs --rejected")
+    for name, value in outputs.items():
+        if value is not None and rejected is not None:
+            raise InputError(f"--{name} is for the cost of all measurements: not with --rejected")
 
 
 def _resolved(
@@ -277,22 +314,11 @@ def _is_better_known(found: Assessment, json: bool) -> bool:
     return found.excess > certificate.tolerance and (json or not said)
 
 
-def _may_gain(assessment: Assessment, part: JudgedGraph) -> bool:
-    """Whether the refined point is so close to the bound that the proof tier may close the gap."""
-    from certpgo.certify.tolerances import PROOF_GAIN
-
-    certificate = assessment.certificate
-    gap = certificate.refined_cost - certificate.lower_bound
-    near = certificate.tolerance < gap <= PROOF_GAIN * certificate.tolerance
-    provable = not part.problem.unprovable and certificate.tier.value == "standard"
-    return provable and certificate.better is None and near
-
-
-def _disagreement(problem: Certifiable, found: Assessment) -> Disagreement | None:
+def _disagreement(problem: Judged, found: Assessment) -> Disagreement | None:
     """Measurements that disagree with the rest, by their residual angles and chordal cost."""
     from certpgo.solve.outliers import disagreement
 
-    if problem.is_lifted:
+    if problem.is_lifted or found.certificate.rejected:
         return None
     return disagreement(problem.chordal, found.best, refit=not found.best_is_optimal)
 
@@ -311,6 +337,7 @@ def _batch(
     """Certify every estimate, with progress on stderr; returns the exit code."""
     from dataclasses import asdict
 
+    from certpgo.certify.wording import named_cost
     from certpgo.graph.phrases import cost_shown
     from certpgo.solve.batch import JudgedGraph, judge_all, write_rows
 
@@ -332,7 +359,7 @@ def _batch(
             done = len({row.estimate for row in rows})
             result = row.reason
             if row.cost is not None:
-                result = f"{row.estimate}: F {cost_shown(row.cost)}"
+                result = f"{row.estimate}: {named_cost(row.objective)} = {cost_shown(row.cost)}"
             typer.echo(f"{done}/{len(sources)} {row.verdict} {result}", err=True)
     write_rows(out, rows)
     if json:

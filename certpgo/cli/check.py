@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
+from fractions import Fraction
 from pathlib import Path
 from typing import Annotated
 
@@ -22,15 +24,21 @@ def command(
     graph: Annotated[str, typer.Argument(metavar="GRAPH", help="g2o or 1DSfM file, or dataset.")],
     proof: Annotated[Path, typer.Argument(metavar="PROOF", help="Proof file written by --proof.")],
     data: Data = None,
+    exact: Annotated[
+        bool,
+        typer.Option(
+            help="Check in integers alone, with certpgo/integer_checker.py (chordal cost)."
+        ),
+    ] = False,
     json: Json = False,
 ) -> int:
-    """Verify a proof file with the independent checker, certpgo/checker.py."""
+    """Verify a proof file with an independent checker, in doubles or in integers."""
     from certpgo.cli._reading import Reading
 
     path = Reading(data=data).resolve(graph).path()
     if json:
-        return _as_json(path, proof)
-    program = Path(__file__).parents[1] / "checker.py"
+        return _as_json(path, proof, exact)
+    program = Path(__file__).parents[1] / ("integer_checker.py" if exact else "checker.py")
     arguments = [sys.executable, str(program), str(path), str(proof)]
     with working(f"checking {proof}"):
         done = subprocess.run(arguments, capture_output=True, text=True, check=False)
@@ -41,15 +49,19 @@ def command(
     return done.returncode
 
 
-def _as_json(path: Path, proof: Path) -> int:
-    from certpgo import checker
+def _as_json(path: Path, proof: Path, exact: bool) -> int:
+    from certpgo import checker, integer_checker
 
-    files = {"graph": str(path), "proof": str(proof)}
+    files = {
+        "graph": str(path),
+        "proof": str(proof),
+        "checked_in": "integers" if exact else "doubles",
+    }
     try:
-        proven = checker.check(path, proof)
-    except checker.Unreadable as error:
+        proven = (integer_checker if exact else checker).check(path, proof)
+    except (checker.Unreadable, integer_checker.Unreadable) as error:
         raise InputError(str(error)) from None
-    except checker.Refused as reason:
+    except (checker.Refused, integer_checker.Refused) as reason:
         document({**files, "proved": False, "reason": str(reason)})
         return REFUSED
     document(
@@ -57,9 +69,17 @@ def _as_json(path: Path, proof: Path) -> int:
             **files,
             "proved": True,
             "about": proven.about,
-            "cost_upper": proven.upper,
-            "lower_bound": proven.lower,
-            "relative_gap": proven.relative_gap,
+            "cost_upper": rounded(proven.upper, math.inf),
+            "lower_bound": rounded(proven.lower, -math.inf),
+            "relative_gap": rounded(proven.relative_gap, math.inf),
         }
     )
     return 0
+
+
+def rounded(x: float | Fraction, toward: float) -> float:
+    """The double next to a bound, on its safe side."""
+    nearest = float(x)
+    if nearest == x or (nearest > x) == (toward > 0.0):
+        return nearest
+    return math.nextafter(nearest, toward)

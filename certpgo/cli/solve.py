@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,6 +19,7 @@ from certpgo.cli._options import (
     Json,
     MaxDifference,
     ProofOut,
+    Quantile,
     Timestamps,
     chosen_cost,
     refuse_chordal_only,
@@ -43,7 +43,6 @@ if TYPE_CHECKING:
     from certpgo.optimize.monitor import Monitor
     from certpgo.optimize.solution import Solver
     from certpgo.solve.outliers import Disagreement
-    from certpgo.solve.result import CertifiedSolution
 
 
 @takes_reading
@@ -52,7 +51,9 @@ def command(
     graph: GraphName,
     method: Annotated[
         str | None,
-        typer.Option("--method", help="Use another method (certpgo list methods)."),
+        typer.Option(
+            "--method", help="Use another method (certpgo list methods), under the chordal cost."
+        ),
     ] = None,
     settings: Annotated[
         list[str] | None,
@@ -103,6 +104,7 @@ def command(
         bool,
         typer.Option("--robust", help="Reject measurements that disagree with the rest."),
     ] = False,
+    quantile: Quantile = None,
     tier: Annotated[
         str | None,
         tier_option("standard; proof with --proof, or if only rounding prevents CERTIFIED"),
@@ -125,14 +127,17 @@ def command(
 
     The certified pipeline initializes, optimizes and certifies; if that fails, it climbs the
     Riemannian staircase. Ctrl-C returns the best estimate so far; a second Ctrl-C aborts. With
-    --method, the first Ctrl-C aborts. With --robust, the verdict is about the kept measurements.
+    --method, the first Ctrl-C aborts. With --robust, the verdict is about the kept measurements,
+    and a second one about rejecting the others.
     """
     from certpgo import SolveSettings
     from certpgo.io.matching import Matching
     from certpgo.io.timestamps import file_of_times, timed
 
     _refuse_mixtures(method, settings, certify, robust, time_limit, max_rank, stored)
-    refuse_chordal_only(cost, method=method, robust=robust)
+    if quantile is not None and not robust:
+        raise InputError("--quantile needs --robust")
+    refuse_chordal_only(cost, method=method)
     if robust and proof is not None:
         raise InputError(UNPROVABLE)
     tier = tier_for(proof, tier, cost)
@@ -169,7 +174,10 @@ def command(
             monitor = TableMonitor() if trace else StatusLine(status)
             if solver is None or method is None:
                 limits = SolveSettings(time_limit, max_rank, tier=tier, try_file_start=stored)
-                found = _certified(part, begin, limits, robust, monitor, asked)
+                if robust:
+                    found = _rejecting(part, begin, limits, quantile, monitor, asked)
+                else:
+                    found = _certified(part, begin, limits, monitor, asked)
             else:
                 requested = (tier or "standard") if certify else None
                 found = _by_method(part, method, solver, begin, requested, monitor, status, asked)
@@ -232,18 +240,29 @@ def _certified(
     part: Instance,
     initial: Estimate | None,
     settings: SolveSettings,
-    robust: bool,
     monitor: Monitor,
     asked: Asked,
 ) -> Solved:
-    from certpgo import solve, solve_robustly
+    from certpgo import solve
 
-    search: Callable[..., CertifiedSolution] = solve_robustly
-    if not robust:
-        search = partial(solve, cost=asked.cost, on_disagreement=_hinting)
-    found = search(part.graph if robust else part, settings, initial=initial, monitor=monitor)
-    method = "robust" if robust else "certified"
-    return Solved(found.certificate, part, method, found.solution, asked, found)
+    how: dict[str, Any] = {"cost": asked.cost, "on_disagreement": _hinting, "monitor": monitor}
+    found = solve(part, settings, initial=initial, **how)
+    return Solved(found.certificate, part, "certified", found.solution, asked, found)
+
+
+def _rejecting(
+    part: Instance,
+    initial: Estimate | None,
+    settings: SolveSettings,
+    quantile: float | None,
+    monitor: Monitor,
+    asked: Asked,
+) -> Solved:
+    from certpgo import solve_robustly
+
+    how: dict[str, Any] = {"cost": asked.cost, "quantile": quantile, "monitor": monitor}
+    found = solve_robustly(part, settings, initial=initial, **how)
+    return Solved(found.certificate, part, "robust", found.solution, asked, found)
 
 
 def _hinting(found: Disagreement) -> None:

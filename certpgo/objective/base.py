@@ -22,7 +22,7 @@ from certpgo.linalg.blocks import BlockPattern, Layout, pinned
 from certpgo.linalg.factor import Analysis, Factor, Symbolic
 from certpgo.objective import operators
 from certpgo.objective.edge_sums import EdgeSums
-from certpgo.objective.enclosure import enclosure
+from certpgo.objective.enclosure import edge_enclosures, enclosure
 
 #: What the cost of isotropic weights is called.
 CHORDAL = "F"
@@ -136,6 +136,10 @@ class Objective(Speaking, ABC):
     def enclosure(self, estimate: Estimate) -> tuple[float, float]:
         """Lower and upper bounds on F of an estimate, whose translations are taken as stored."""
         return enclosure(self.graph, estimate)
+
+    def edge_enclosures(self, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
+        """(m,) lower and upper bounds on the edges' terms, for isotropic weights."""
+        return edge_enclosures(self.graph, estimate)
 
     def residual_lengths(self, estimate: Estimate) -> FloatArray | None:
         """(m,) norms of t_j - t_i - R_i t_ij, metres; None where only rotations are measured."""
@@ -254,6 +258,10 @@ class Objective(Speaking, ABC):
         shared = ("pattern", "order", "_analysis", "_by_size")
         other.__dict__.update((name, getattr(self, name)) for name in shared)
         return other
+
+    def of_same_edges(self, graph: RotationGraph | PoseGraph) -> Self:
+        """The problem of another graph with the same edges; pattern and order are shared."""
+        return self._shared(type(self)(graph, self.engine))  # type: ignore[call-arg]
 
     def check(self, estimate: Estimate) -> None:
         """Refuse an estimate of another graph by an InputError."""

@@ -16,15 +16,19 @@ from certpgo.objective.information_problem import InformationProblem, Surrogate,
 from certpgo.objective.position_costs import WithPositions
 from certpgo.objective.problem import Problem, problem_of
 from certpgo.objective.range_problem import RangeProblem
+from certpgo.objective.truncated_problem import TruncatedProblem
 
 #: What estimates are certified for.
 Certifiable = Problem | InformationProblem | RangeProblem
+#: What they are judged for, with rejections among them.
+Judged = Certifiable | TruncatedProblem
 
 __all__ = [
     "CHORDAL",
     "COSTS",
     "Certifiable",
     "InformationProblem",
+    "Judged",
     "RangeProblem",
     "Surrogate",
     "certifiable",

@@ -18,7 +18,9 @@ import numpy as np
 from certpgo.graph.display import Brief
 from certpgo.graph.estimate import Estimate
 from certpgo.graph.information import InformationGraph
+from certpgo.graph.pose_graph import PoseGraph
 from certpgo.graph.relaxed_point import translations_of
+from certpgo.graph.rotation_graph import RotationGraph
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.linalg.ball_arithmetic import Ball
 from certpgo.linalg.rotations import rotation_defect
@@ -33,7 +35,11 @@ class Minorants(Brief):
 
     Attributes
     ----------
+<<<<<<< HEAD
+    tau : (m,) weights, positive but for truncated costs
+=======
     tau : (m,) weights; positive, or 0 for rotations alone
+>>>>>>> files
     a, b : (m, d) arms at the edge's second and first pose, metres
     N : (m, d, d) couplings of the rotations
     constant : (m,) rounded down; -inf where there is no minorant
@@ -59,6 +65,32 @@ class Minorants(Brief):
         arms = self.a[chosen], self.b[chosen]
         return Minorants(self.tau[chosen], *arms, self.N[chosen], self.constant[chosen], touching)
 
+    def replaced(self, chosen: BoolArray, others: Minorants) -> Minorants:
+        """The same with others, as many as are chosen, at the chosen edges."""
+        both = []
+        for name in ("tau", "a", "b", "N", "constant"):
+            values = getattr(self, name).copy()
+            values[chosen] = getattr(others, name)
+            both.append(values)
+        return Minorants(*both)
+
+    def summed(
+        self, measured: PoseGraph, kind: type[PoseGraph] = PoseGraph
+    ) -> tuple[PoseGraph, float]:
+        """The pose graph, of that kind, and the constant that add up to those of ``measured``."""
+        rotation, constant = self.summed_rotations(measured.rotation)
+        arms = self.a if self.a.any() else None
+        return kind(rotation, self.b, self.tau, arms, measured.points), constant
+
+    def summed_rotations(self, measured: RotationGraph) -> tuple[RotationGraph, float]:
+        """The same of rotations alone; the constant is rounded down."""
+        n, edges, R = measured.num_nodes, measured.edges, measured.rotations
+        general = RotationGraph.of_couplings(n, edges, R, self.N)
+        # Its cost has the traces of the polar factors as well.
+        _, K, K_left = general.polar
+        traces = np.concatenate([np.diagonal(A, axis1=1, axis2=2).ravel() for A in (K, K_left)])
+        return general, math.nextafter(math.fsum(np.r_[self.constant, -traces]), -math.inf)
+
 
 @dataclass(frozen=True, eq=False)
 class EdgeCost(ABC):
@@ -78,6 +110,14 @@ class EdgeCost(ABC):
     provable: ClassVar[bool] = False
     #: Whether residuals of translations do not depend on what is known of the rotation.
     decoupled: ClassVar[bool] = False
+
+    @property
+    def turned_share(self) -> float:
+        """The least ratio of the squared rotational residual to |Q - R|_F^2; 0 if not known.
+
+        Where it is known, translational residuals are no shorter than y.
+        """
+        return 0.0
 
     @property
     @abstractmethod
@@ -128,15 +168,19 @@ class EdgeCost(ABC):
         """The same cost on another graph, if there is one."""
         return None if graph is None else replace(self, graph=graph)
 
-    def enclosure(self, estimate: Estimate) -> tuple[float, float]:
-        """Lower and upper bounds on the sum of the costs, with translations taken as stored."""
+    def edge_enclosures(self, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
+        """(m,) lower and upper bounds on the costs, with translations taken as stored."""
         i, j = self.graph.edges.T
         R = Ball.within(estimate.rotations, rotation_defect(estimate.rotations))
         t = Ball.exact(translations_of(estimate))
         v = R.T[i].apply(t[j] - t[i])
         found = self.enclosures(v, R.T[i] @ R[j])
+        return found.lower, found.upper
+
+    def enclosure(self, estimate: Estimate) -> tuple[float, float]:
+        """Lower and upper bounds on the sum of the costs, with translations taken as stored."""
         try:
-            low, high = math.fsum(found.lower), math.fsum(found.upper)
+            low, high = map(math.fsum, self.edge_enclosures(estimate))
         except OverflowError:
             return -math.inf, math.inf
         return math.nextafter(low, -math.inf), math.nextafter(high, math.inf)

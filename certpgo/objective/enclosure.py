@@ -24,14 +24,25 @@ def enclosure(graph: Graph, estimate: Estimate) -> tuple[float, float]:
     if graph.is_general:
         cost, error = _general(graph, estimate)
         return max(cost - 2.0 * error, 0.0), cost + error
-    weights, sizes, errors = _residuals(graph, estimate)
-    least = np.maximum(sizes * (1.0 - 32.0 * U) - 2.0 * errors, 0.0)
-    low = weights * least**2
-    high = weights * (sizes * (1.0 + 32.0 * U) + errors) ** 2
+    low, high = _terms(graph, estimate)
     return (
         float(np.sum(low) * (1.0 - _of_a_sum(low))),
         float(np.sum(high) * (1.0 + _of_a_sum(high))),
     )
+
+
+def edge_enclosures(graph: Graph, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
+    """(m,) lower and upper bounds on the edges' terms, for isotropic weights."""
+    low, high = (of.reshape(-1, graph.num_edges) for of in _terms(graph, estimate))
+    # At most two terms, each of few roundings.
+    return low.sum(axis=0) * (1.0 - 32.0 * U), high.sum(axis=0) * (1.0 + 32.0 * U)
+
+
+def _terms(graph: Graph, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
+    """Bounds on the terms of rotations, then of translations, up to a few roundings."""
+    weights, sizes, errors = _residuals(graph, estimate)
+    least = np.maximum(sizes * (1.0 - 32.0 * U) - 2.0 * errors, 0.0)
+    return weights * least**2, weights * (sizes * (1.0 + 32.0 * U) + errors) ** 2
 
 
 def _residuals(graph: Graph, estimate: Estimate) -> tuple[FloatArray, FloatArray, FloatArray]:

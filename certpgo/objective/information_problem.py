@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from certpgo.errors import GraphError, InputError, NumericalError
-from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.graph import Estimate, PoseGraph
 from certpgo.graph.display import Speaking
 from certpgo.graph.graph import require_connected
 from certpgo.graph.information import InformationGraph
@@ -242,6 +242,10 @@ class InformationProblem(Speaking):
         """Lower and upper bounds on f of an estimate, whose translations are taken as stored."""
         return self.edge_cost.enclosure(estimate)
 
+    def edge_enclosures(self, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
+        """(m,) lower and upper bounds on the terms of f."""
+        return self.edge_cost.edge_enclosures(estimate)
+
     def residual_angles(self, estimate: Estimate) -> FloatArray:
         """(m,) angles between R_i R_ij and R_j, radians."""
         return self.chordal.residual_angles(estimate)
@@ -378,11 +382,5 @@ def surrogate_of(problem: InformationProblem, minorants: Minorants) -> Surrogate
         if not kept.any() or not graph.with_edges(kept).isotropic.is_connected:
             raise NumericalError("measurements with minorants do not connect the graph")
         found, graph = found.subset(kept), graph.with_edges(kept)
-    rotation = RotationGraph.of_couplings(graph.num_nodes, graph.edges, graph.rotations, found.N)
-    arms = found.a if found.a.any() else None
-    general = PoseGraph(rotation, found.b, found.tau, arms, graph.isotropic.points)
-    # The general edge's cost has the traces of the polar factors as well.
-    _, K, K_left = rotation.polar
-    traces = np.concatenate([np.diagonal(A, axis1=1, axis2=2).ravel() for A in (K, K_left)])
-    constant = math.nextafter(math.fsum(np.r_[found.constant, -traces]), -math.inf)
+    general, constant = found.summed(graph.isotropic)
     return Surrogate(problem.chordal.of_same_edges(general), constant, minorants)

@@ -15,9 +15,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+<<<<<<< HEAD
+from certpgo.graph import PoseGraph
+from certpgo.graph.information import InformationGraph
+=======
 from certpgo.graph.information import InformationGraph, unmeasured
+>>>>>>> files
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.linalg.ball_arithmetic import Ball, eliminated, is_positive_definite
+
+#: By which weights below a matrix are less than its eigenvalues, to be proven so.
+LESS = 1e-3
 
 #: Shares of the largest lam that leaves the rest of the information semidefinite.
 SHARES = (0.99, 0.9, 0.7, 0.5, 0.3, 0.1)
@@ -172,3 +180,33 @@ def isotropic(T: FloatArray) -> FloatArray:
 def blocks(information: FloatArray, d: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Blocks T (m, d, d), P (m, d, q) and W (m, q, q) of information matrices."""
     return information[:, :d, :d], information[:, :d, d:], information[:, d:, d:]
+
+
+def isotropic_below(graph: InformationGraph, turned_share: float) -> PoseGraph | None:
+    """The same measurements with weights whose F is nowhere above a cost, edge by edge.
+
+    lam_t and lam_R with Omega - blkdiag(lam_t I, lam_R I) proven to be positive definite, so that
+    the cost is at least lam_t |y|^2 and lam_R times the squared rotational residual.
+
+    Parameters
+    ----------
+    turned_share : of the cost, see `certpgo.objective.edge_cost.EdgeCost`
+
+    Returns
+    -------
+    None where some are not known or not proven.
+    """
+    d, P = graph.d, blocks(graph.information, graph.d)[1]
+    if not turned_share or graph.isotropic.is_partial:
+        return None
+    with np.errstate(all="ignore"):
+        marginal = np.linalg.eigvalsh(np.linalg.inv(graph.information)[:, :d, :d])[:, -1]
+        moved = np.where(P.any(axis=(1, 2)), 0.5, 1.0 - LESS) / marginal
+        inverse = np.linalg.inv(blocks(graph.information, d)[0] - moved[:, None, None] * np.eye(d))
+    left = blocks(graph.information, d)[2] - np.swapaxes(P, 1, 2) @ inverse @ P
+    turned = (1.0 - LESS) * np.linalg.eigvalsh(left)[:, 0]
+    spared = np.concatenate([np.tile(moved, (d, 1)), np.tile(turned, (P.shape[2], 1))]).T
+    rest = Ball.exact(graph.information) - spared[:, :, None] * np.eye(spared.shape[1])
+    if not (is_positive_definite(rest) & (turned > 0.0)).all():
+        return None
+    return graph.isotropic.with_weights(np.nextafter(turned_share * turned, 0.0), moved)

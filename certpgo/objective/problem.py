@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Self
 
 import numpy as np
 
@@ -206,10 +205,6 @@ class PoseProblem(Objective):
     def reweighted(self, factors: FloatArray) -> PoseProblem:
         """The problem with weights times factors (m,); an edge with factor 0 is removed."""
         return self._shared(PoseProblem(self.graph.reweighted(factors), self.engine))
-
-    def of_same_edges(self, graph: PoseGraph) -> Self:
-        """The problem of another graph with the same edges; pattern and order are shared."""
-        return self._shared(type(self)(graph, self.engine))
 
     def with_unit_weights(self) -> PoseProblem:
         """The same measurements with kappa = tau = 1, as the thesis weighs them; 0 stays 0."""

@@ -18,6 +18,8 @@ from certpgo.solve.outliers import Disagreement
 EDGES = 3
 #: Share of the tolerance above which the effect of a file's digits is reported.
 NOTABLE = 0.01
+#: Ratio of angles from which they are not those of one estimate.
+ELSEWHERE = 1.001
 
 
 def provenance(instance: Instance, certificate: Certificate) -> Iterable[tuple[str, str]]:
@@ -38,9 +40,16 @@ def redundancy(instance: Instance) -> Iterable[tuple[str, str]]:
         )
 
 
-def hint(disagreement: Disagreement) -> str:
+def hint(disagreement: Disagreement, certificate: Certificate | None = None) -> str:
     """How many measurements disagree, and which command rejects them."""
-    return f"{disagreement}; certpgo solve --robust rejects such measurements"
+    found = f"{disagreement}" if certificate is None else disagreeing(disagreement, certificate)
+    return f"{found}; certpgo solve --robust rejects such measurements"
+
+
+def disagreeing(disagreement: Disagreement, certificate: Certificate) -> str:
+    """How many measurements disagree, and whether the angle is that at another estimate."""
+    elsewhere = disagreement.worst_angle > ELSEWHERE * certificate.max_residual_angle
+    return f"{disagreement}{' at another fit' if elsewhere else ''}"
 
 
 def few_edges(instance: Instance, edges: IntArray) -> str:
@@ -71,22 +80,23 @@ def accuracy(errors: TrajectoryErrors) -> Iterable[tuple[str, str]]:
 
 def comparison(a: Assessment, instance: Instance) -> Iterable[tuple[str, str]]:
     """The distance to the best estimate, the costliest edges, and the effect of rounding."""
-    yield from distances(a)
+    yield from distances(a, instance)
     yield from _edges(a, instance)
     yield from digits(a)
 
 
-def distances(a: Assessment) -> Iterable[tuple[str, str]]:
+def distances(a: Assessment, instance: Instance) -> Iterable[tuple[str, str]]:
     """The distance to the best estimate, if that costs less."""
     c, d = a.certificate, a.distance
     if not a.excess > c.tolerance:
         return
     which = "the optimum" if a.best_is_optimal else "the best estimate found"
     metres = (
-        "" if d.mean_m is None else f", {d.mean_m:.3g} m on average and {d.worst_m:.3g} at most"
+        "" if d.mean_m is None else f", {d.mean_m:.3g} m on average and {d.worst_m:.3g} m at most"
     )
-    degrees = f"{d.mean_deg:.3g} degrees on average and {d.worst_deg:.3g} at most"
-    yield "distance", f"to {which}: {degrees}{metres}"
+    degrees = f"{d.mean_deg:.3g} degrees on average and {d.worst_deg:.3g} degrees at most"
+    poses = " (landmarks are left out)" if instance.graph.is_point.any() else ""
+    yield "distance", f"to {which}: {degrees}{metres}{poses}"
     share = f" ({part(a.excess / c.cost_upper)})" if math.isfinite(c.cost_upper) else ""
     yield "", f"{which} costs {a.excess:.4g}{share} less"
 

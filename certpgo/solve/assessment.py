@@ -17,7 +17,8 @@ from certpgo.io.accept_paths import AnyPath, measured
 from certpgo.io.digits import Digits, Writing
 from certpgo.io.gtsam_values import estimate_from_values
 from certpgo.linalg.arrays import BoolArray, IntArray
-from certpgo.objective.choose_cost import CHORDAL, Certifiable, certifiable
+from certpgo.objective.choose_cost import CHORDAL, Judged, certifiable
+from certpgo.objective.truncated_problem import TruncatedProblem
 from certpgo.solve import metrics
 from certpgo.solve.fit import Fit
 
@@ -116,7 +117,7 @@ class Assessment:
 
 
 def assess(
-    problem: Certifiable,
+    problem: Judged,
     estimate: Estimate,
     certificate: Certificate,
     *,
@@ -165,7 +166,7 @@ def distance(estimate: Estimate, other: Estimate) -> Distance:
 
 
 def costly_edges(
-    problem: Certifiable, estimate: Estimate, ids: IntArray, count: int = EDGES
+    problem: Judged, estimate: Estimate, ids: IntArray, count: int = EDGES
 ) -> tuple[CostlyEdge, ...]:
     """The edges with the largest terms of F; none where F is zero or not finite."""
     terms, lengths = problem.edge_costs(estimate), problem.residual_lengths(estimate)
@@ -174,6 +175,7 @@ def costly_edges(
         return ()
     angles = problem.residual_angles(estimate)
     turned, moved = measured_parts(problem)
+    known = np.flatnonzero(turned | moved)
     return tuple(
         CostlyEdge(
             edge=e,
@@ -183,24 +185,27 @@ def costly_edges(
             angle=float(angles[e]) if turned[e] else None,
             metres=float(lengths[e]) if lengths is not None and moved[e] else None,
         )
-        for e in np.argsort(-terms, kind="stable")[:count].tolist()
+        for e in known[np.argsort(-terms[known], kind="stable")[:count]].tolist()
     )
 
 
-def measured_parts(problem: Certifiable) -> tuple[BoolArray, BoolArray]:
+def measured_parts(problem: Judged) -> tuple[BoolArray, BoolArray]:
     """(m,) which edges measure a rotation, and which a translation."""
     graph = problem.chordal.graph
-    return graph.measures_rotation, graph.measures_translation
+    turned, moved = graph.measures_rotation, graph.measures_translation
+    if isinstance(problem, TruncatedProblem):  # residuals of rejected ones say nothing
+        return turned & ~problem.is_rejected, moved & ~problem.is_rejected
+    return turned, moved
 
 
-def _farthest(problem: Certifiable, estimate: Estimate) -> float | None:
+def _farthest(problem: Judged, estimate: Estimate) -> float | None:
     """The largest translation residual, metres; None where no translation is measured."""
     lengths, (_, moved) = problem.residual_lengths(estimate), measured_parts(problem)
     return float(lengths[moved].max()) if lengths is not None and moved.any() else None
 
 
 def rounding_cost(
-    problem: Certifiable, estimate: Estimate, best: Estimate, writing: Writing
+    problem: Judged, estimate: Estimate, best: Estimate, writing: Writing
 ) -> Rounding:
     """The increase of F when the best estimate is written like the file of the estimate.
 
@@ -219,7 +224,7 @@ def rounding_cost(
     return Rounding(writing.digits, max(rise, 0.0))
 
 
-def _poses(problem: Certifiable) -> IntArray:
+def _poses(problem: Judged) -> IntArray:
     """The nodes that have a rotation."""
     return problem.chordal.poses
 

@@ -14,7 +14,7 @@ from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate, Instance
 from certpgo.io.digits import Writing
 from certpgo.io.writing import atomically
-from certpgo.objective.choose_cost import Certifiable
+from certpgo.objective.choose_cost import Judged
 from certpgo.solve.assessment import Assessment, assess
 from certpgo.solve.fit import fit_of
 
@@ -35,6 +35,7 @@ class JudgedEstimate:
     best_cost : F of the best estimate found, see `certpgo.solve.assessment.Assessment`
     chi2, degrees_of_freedom : as in `certpgo.solve.fit.Fit`
     mean_deg, worst_deg, mean_m, worst_m : distance to that estimate, degrees and metres
+    objective : the cost that is meant by F
     reason : one sentence
     """
 
@@ -54,6 +55,7 @@ class JudgedEstimate:
     worst_m: float | None = None
     chi2: float | None = None
     degrees_of_freedom: int | None = None
+    objective: str = ""
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,7 @@ class JudgedGraph:
     """A connected graph, its problem, and the certifier of its estimates."""
 
     instance: Instance
-    problem: Certifiable
+    problem: Judged
     judge: Judge
 
     def assessed(self, estimate: Estimate, writing: Writing | None = None) -> Assessment:
@@ -137,6 +139,7 @@ def _row(name: str, graph: str, a: Assessment) -> JudgedEstimate:
         worst_m=a.distance.worst_m,
         chi2=None if a.fit is None else a.fit.chi2,
         degrees_of_freedom=None if a.fit is None else a.fit.freedom,
+        objective=c.objective,
     )
 
 

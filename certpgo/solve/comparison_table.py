@@ -16,7 +16,7 @@ _ON_COSTS = (
     "the graph costs less than this one by more than the gap. If a method rejects measurements "
     "(see the share kept), {name}, gap and verdict refer to the kept ones, f_ML to all. "
     "CERTIFIED: the gap is at most {tolerance}. BOUNDED: it is larger. REFUTED: a lower-cost "
-    "estimate is known that local descent from this one does not reach."
+    "estimate is known that local descent from this one does not reach, or was given up far from."
 )
 #: Notes printed below the tables; see `notes`.
 NOTES = (

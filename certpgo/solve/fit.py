@@ -25,9 +25,11 @@ from certpgo.graph.information import Information
 from certpgo.graph.phrases import counted
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.objective.choose_cost import Judged
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.objective.range_problem import RangeProblem
+from certpgo.objective.truncated_problem import TruncatedProblem
 from certpgo.optimize.unobservable import MOST, undetermined
 
 #: Probability that chi^2 of the stated noise is further out, on one side.
@@ -118,7 +120,7 @@ class Fit:
 
 def fit_of(
     instance: Instance,
-    problem: Problem | InformationProblem | RangeProblem,
+    problem: Judged,
     estimate: Estimate,
     weights: FloatArray | None = None,
 ) -> Fit | None:
@@ -136,6 +138,9 @@ def fit_of(
     """
     if not instance.states_noise:
         return None
+    if isinstance(problem, TruncatedProblem):
+        kept = np.where(problem.is_rejected, 0.0, 1.0)
+        return fit_of(instance, problem.kept, estimate, kept)
     if weights is not None:
         if not np.isin(weights, (0.0, 1.0)).all():
             return None

@@ -25,11 +25,12 @@ from certpgo.graph.labels import WORLD, Label, Landmark, called, in_order
 from certpgo.graph.origins import in_one_world
 from certpgo.graph.phrases import counted, few
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.objective.chi_squared import FALSE_ALARMS
 from certpgo.objective.choose_cost import CHORDAL, certifiable, range_problem
 from certpgo.objective.problem import Problem, problem_of
 from certpgo.objective.range_problem import RangeProblem
 from certpgo.solve.fit import Fit, squares
-from certpgo.solve.outliers import FALSE_ALARMS, outlying, select
+from certpgo.solve.outliers import outlying, select
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.search import search
 from certpgo.solve.settings import SolveSettings

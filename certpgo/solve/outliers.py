@@ -22,22 +22,16 @@ from certpgo.graph.display import Brief
 from certpgo.graph.phrases import counted
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.objective.chi_squared import flagged_from, measured, quantiles
 from certpgo.objective.problem import Problem, RotationProblem
 from certpgo.optimize.initialization import start_of
 from certpgo.optimize.methods._robust import connected, remark
 from certpgo.optimize.methods.adaptive_trimming import EXACT, PLENTY, AdaptiveTrimming
-from certpgo.optimize.methods.graduated_non_convexity import (
-    GraduatedNonConvexity,
-    largest_angle,
-    measured,
-    quantiles,
-)
+from certpgo.optimize.methods.graduated_non_convexity import GraduatedNonConvexity, largest_angle
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.riemannian_newton import newton
 from certpgo.optimize.solution import Solution
 
-#: Share of clean graphs in which a correct measurement may be flagged.
-FALSE_ALARMS = 0.01
 #: Multiple of the estimated noise accepted as noise where weights do not state it: real residuals
 #: have heavier tails than normal ones.
 WIDER = 2.0
@@ -272,7 +266,7 @@ def _graduated(
         return solver.solve(problem, initial=start, trusted=trusted, monitor=monitor)
 
     if states_noise(problem):
-        found = fitted(GraduatedNonConvexity(probability=_probability(problem)), initial)
+        found = fitted(GraduatedNonConvexity(probability=flagged_from(problem)), initial)
         if _confirms_weights(problem, found):
             return found, 1.0
     if fit is None:
@@ -302,12 +296,7 @@ def _confirms_weights(problem: Problem, found: Solution) -> bool:
 
 def outlying(problem: Problem, costs: FloatArray, scale: float) -> BoolArray:
     """(m,) which terms of F, ``costs`` (m,), are too large for noise of this scale."""
-    return np.asarray(costs > scale**2 * quantiles(problem, _probability(problem)))
-
-
-def _probability(problem: Problem) -> float:
-    """The quantile that the residual of a correct measurement rarely exceeds."""
-    return 1.0 - FALSE_ALARMS / problem.graph.num_edges
+    return np.asarray(costs > scale**2 * quantiles(problem, flagged_from(problem)))
 
 
 def _noise(problem: Problem, estimate: Estimate) -> float:

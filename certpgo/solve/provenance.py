@@ -18,6 +18,9 @@ KIB = 1024 / 1e9
 #: Distributions whose versions are recorded.
 DISTRIBUTIONS = ("certpgo", "numpy", "scipy", "gtsam")
 
+#: Variables that limit the threads of NumPy's linear algebra, the one that prevails first.
+THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
+
 
 def provenance(engine: str, root: Path | None) -> dict[str, str]:
     """The software and the machine behind a result.
@@ -32,7 +35,7 @@ def provenance(engine: str, root: Path | None) -> dict[str, str]:
         "python": platform.python_version(),
         "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",
         "engine": engine,
-        "threads": os.environ.get("OMP_NUM_THREADS", "default"),
+        "threads": next((os.environ[name] for name in THREADS if name in os.environ), "default"),
         "commit": _commit(root),
         "date": datetime.now(UTC).strftime("%Y-%m-%dT%H:%MZ"),
     }

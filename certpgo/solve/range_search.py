@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from certpgo.certify.certificate import Certificate
+from certpgo.certify.chordal_case import Case
 from certpgo.certify.obstacle import Obstacle
 from certpgo.certify.range_case import CLIMB_SHARE, RangedCase, Relaxed
-from certpgo.certify.tolerances import Case
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Lift, Point
 from certpgo.graph.trees import tree_initialization
@@ -68,7 +68,8 @@ class RangeSearch(Search):
             for bound in self.relaxed.bounds():
                 self.keep_bound(bound)
         before, self.levels = self.best, self.relaxed.levels
-        yield self.relaxed.point
+        if not self.is_certified:
+            yield self.relaxed.point
         if self.best is not before:
             self.start = self.origin = ORIGIN
 

@@ -18,6 +18,7 @@ from certpgo.optimize.solution import Level, Solution
 from certpgo.optimize.unobservable import Undetermined, undetermined
 from certpgo.solve.fit import Fit, fit_of
 from certpgo.solve.outliers import Disagreement
+from certpgo.solve.rejection import Rejection
 from certpgo.solve.settings import SolveSettings
 
 #: Name of the caller's initial estimate.
@@ -40,6 +41,7 @@ class CertifiedSolution(Speaking):
         `certpgo.solve_robustly` rejects them
     chordal : under the cost of another program, the result for the chordal cost F from which the
         search began; None for F itself, or from a given initial estimate
+    rejection : what is proven about measurements that `certpgo.solve_robustly` rejected; else None
     instance : what was solved, if it was read rather than a bare graph: `certpgo.write` takes the
         node ids from it
 
@@ -63,6 +65,7 @@ class CertifiedSolution(Speaking):
     disagreement: Disagreement | None = None
     chordal: CertifiedSolution | None = None
     instance: Instance | None = field(default=None, repr=False)
+    rejection: Rejection | None = None
 
     @property
     def estimate(self) -> Estimate:
@@ -104,6 +107,8 @@ class CertifiedSolution(Speaking):
         yield "graph", self.graph.size_in_words
         if solution.kept is not None:
             yield "kept", f"{solution.kept} measurements; the rest disagreed with them"
+        if self.rejection is not None:
+            yield from self.rejection.in_words()
         yield from self.certificate._proven()
         if self.fit is not None:
             yield "chi^2", self.fit.warning.removeprefix("chi^2 is ") or str(self.fit)

@@ -9,14 +9,19 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.io.accept_paths import AnyPath, measured
 from certpgo.linalg.arrays import IntArray
+from certpgo.objective.choose_cost import CHORDAL, problem_under
 from certpgo.objective.problem import problem_of
+from certpgo.objective.truncated_problem import UncertifiableError
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.progress import Stop
 from certpgo.solve.outliers import select
+from certpgo.solve.rejection import certify_rejection
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.search import search
 from certpgo.solve.settings import SolveSettings
@@ -26,8 +31,10 @@ def solve_robustly(
     graph: Graph | Instance | AnyPath,
     settings: SolveSettings | None = None,
     *,
+    cost: str | None = None,
     initial: Estimate | None = None,
     trusted: IntArray | None = None,
+    quantile: float | None = None,
     monitor: Monitor = silent,
     **options: Any,
 ) -> CertifiedSolution:
@@ -38,19 +45,26 @@ def solve_robustly(
 
     Parameters
     ----------
-    graph : the measurements, an instance, or the path of its file; F is minimised in any case
+    graph : the measurements, an instance, or the path of its file
+    cost : what is minimised for the kept measurements, as in `certpgo.solve`; by default F, by
+        which measurements are rejected in any case
     initial : initial estimate of the robust fit; n poses, in metres
     trusted : (k,) indices of measurements that are known to be right, such as those of odometry:
         they are never rejected, and lead the choice among the others
+    quantile : of chi^2, the price c_e of leaving a measurement out, by which the rejections are
+        certified; it does not change the choice. By default that from which measurements are
+        rejected, 1 - 0.01 / m
     settings, monitor, options : as in `certpgo.solve`; the time limit covers the choice and
         the search together
 
     Returns
     -------
     Certificate, levels and trace are about the kept measurements: they prove that no estimate fits
-    these better, not that the right ones were kept. ``solution.weights`` is 0 for rejected ones,
-    ``solution.rejected`` lists these, and ``solution.judged(problem)`` is the certified problem;
-    ``cost`` is F of all measurements.
+    these better. ``rejection`` has the verdict about the truncated cost, that of the kept ones plus
+    min(f_e, c_e) of each rejected one: if CERTIFIED, no other estimate costs less, whichever of
+    them it takes back. None if nothing was rejected, or where there is none, as the note says.
+    ``solution.weights`` is 0 for rejected ones, ``solution.rejected`` lists these, and
+    ``solution.judged(problem)`` is the certified problem; ``cost`` is that of all measurements.
 
     Raises
     ------
@@ -65,12 +79,15 @@ def solve_robustly(
     >>> instance = langevin_graph(40, 12.0, 3.0, np.random.default_rng(0), outliers=0.15)
     >>> result = certpgo.solve_robustly(instance.graph)
     >>> wrong = np.flatnonzero(instance.outliers)
+    >>> print(result.rejection.verdict)
+    CERTIFIED
     >>> result.verdict.value, bool(np.array_equal(result.solution.rejected, wrong))
     ('CERTIFIED', True)
     """
     given = measured(graph)
     source = given if isinstance(given, Instance) else None
     problem = problem_of(given if source is None else source.graph)
+    posed = problem if cost in (None, CHORDAL) else problem_under(given, cost)
     chosen = (settings or SolveSettings()).changed(options)
     limit = chosen.time_limit
     if initial is not None:
@@ -82,17 +99,32 @@ def solve_robustly(
         left = None if limit is None else limit - min(limit, stop.watch.total)
         ended = stop.ended_by
         found = search(
-            problem.reweighted(selection.weights),
+            posed.reweighted(selection.weights),
             replace(chosen, time_limit=left if ended is None else 0.0),
             Start(selection.estimate, "the robust fit"),
             monitor,
         )
+    rejection, note = None, f"{selection.note(problem)}; {found.solution.note}"
+    rejected = np.flatnonzero(selection.rejected)
+    if len(rejected):
+        try:
+            rejection = certify_rejection(
+                posed,
+                found.estimate,
+                rejected,
+                quantile=quantile,
+                scale=selection.scale,
+                settings=replace(chosen, time_limit=_left(found, left)),
+                monitor=monitor,
+            )
+        except UncertifiableError as error:
+            note = f"{note}; rejections are not certified: {error}"
     solution = replace(
         found.solution,
-        cost=problem.cost(found.estimate),
+        cost=posed.cost(found.estimate),
         status=ended or found.solution.status,
         seconds={**stop.watch.seconds, **found.solution.seconds},
-        note=f"{selection.note(problem)}; {found.solution.note}",
+        note=note,
         weights=selection.weights,
     )
     return replace(
@@ -102,4 +134,10 @@ def solve_robustly(
         settings=chosen,
         disagreement=None,
         instance=source,
+        rejection=rejection,
     )
+
+
+def _left(found: CertifiedSolution, limit: float | None) -> float | None:
+    """Seconds that a search left of its limit."""
+    return None if limit is None else max(limit - sum(found.solution.seconds.values()), 0.0)

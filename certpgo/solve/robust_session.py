@@ -22,6 +22,7 @@ from certpgo.solve.outliers import (
     select,
     states_noise,
 )
+from certpgo.solve.rejection import Rejection, certify_rejection
 from certpgo.solve.session import Session
 from certpgo.solve.session_status import Standing
 from certpgo.solve.settings import SolveSettings
@@ -84,6 +85,35 @@ class RobustSession(Session):
         """Judge all measurements once more, and refresh."""
         self._judge()
         return super().refresh()
+
+    def rejection(self, *, quantile: float | None = None) -> Rejection | None:
+        """What is proven at the estimate about what is put aside; None if nothing is.
+
+        Its edges are places among all measurements that ever came, in that order.
+
+        Parameters
+        ----------
+        quantile : as in `certpgo.solve_robustly`
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import certpgo
+        >>> from certpgo.io.datasets.thesis import langevin_graph
+        >>> instance = langevin_graph(40, 12.0, 3.0, np.random.default_rng(0), outliers=0.15)
+        >>> session = certpgo.RobustSession(every=None)
+        >>> session.add(instance.graph)
+        >>> _ = session.settle()
+        >>> print(session.rejection().verdict)
+        CERTIFIED
+        """
+        if not self._put_aside:
+            return None
+        whole, numbers = self._everything()
+        rejected = np.flatnonzero(np.isin(numbers, self.rejected))
+        scale = 1.0 if states_noise(whole) else self._noise()
+        how: dict[str, Any] = {"quantile": quantile, "scale": scale}
+        return certify_rejection(whole, self.estimate, rejected, **how)
 
     def _judge(self) -> None:
         """Choose by a robust fit to everything which measurements to keep."""

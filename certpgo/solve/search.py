@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from certpgo.certify.chordal_case import Case
 from certpgo.certify.range_case import RangedCase
 from certpgo.certify.surrogate_case import OwnCostCase
-from certpgo.certify.tolerances import Case
 from certpgo.objective.choose_cost import Certifiable
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor, silent

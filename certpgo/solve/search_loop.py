@@ -14,15 +14,15 @@ import numpy as np
 
 from certpgo.certify.cases import case_of
 from certpgo.certify.certificate import Certificate, Tier
+from certpgo.certify.chordal_case import Case, LocalMinimum
 from certpgo.certify.dual import DualBound
 from certpgo.certify.obstacle import Obstacle
-from certpgo.certify.tolerances import Case, LocalMinimum
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Lift, Point
 from certpgo.objective.choose_cost import Certifiable
 from certpgo.optimize.initialization import Start
-from certpgo.optimize.monitor import Monitor
+from certpgo.optimize.monitor import Monitor, Stopwatch
 from certpgo.optimize.progress import Hopeful
 from certpgo.optimize.solution import Level, Solution, Status
 from certpgo.solve.outliers import Disagreement
@@ -56,7 +56,7 @@ class Search(ABC):
         self.tier = None if settings.tier is None else case.tier
         self.asked = settings
         self.posed, self.problem, self.settings = posed, case.problem, settings
-        self.stop, self.watch = case.stop, case.stop.watch
+        self.stop = case.stop
         self.patience = settings.patience if settings.time_limit is None else math.inf
         self.counts: Counter[str] = Counter()
         self.cost = math.inf
@@ -99,10 +99,7 @@ class Search(ABC):
         # After an error, the search continues with what was found before.
         with suppress(NumericalError, np.linalg.LinAlgError):
             for point in self.relaxation():
-                for start in self.roundings(point):
-                    if self.ends():
-                        break
-                    self.improve(self.descend(start))
+                self.descend_near(point)
         self.finish()
 
     @abstractmethod
@@ -112,6 +109,14 @@ class Search(ABC):
     @abstractmethod
     def relaxation(self) -> Iterator[Lift]:
         """Lower and lower points of the relaxation; the best of their bounds is kept."""
+
+    def descend_near(self, point: Lift) -> None:
+        """Descend from the roundings of a point; from the first one even if a stop is due."""
+        for start in self.roundings(point):
+            with suppress(NumericalError, np.linalg.LinAlgError):
+                self.improve(self.descend(start))
+            if self.ends():
+                break
 
     @abstractmethod
     def roundings(self, point: Lift) -> Iterable[Estimate]:
@@ -179,6 +184,11 @@ class Search(ABC):
         return self.is_certified or self.stop.should_stop()
 
     @property
+    def watch(self) -> Stopwatch:
+        """The stopwatch of all phases, which begins anew with the search."""
+        return self.stop.watch
+
+    @property
     def is_certified(self) -> bool:
         """Whether the gap is closed."""
         return self.cost - self.basin.value <= self.case.tolerance(self.cost)
@@ -186,7 +196,8 @@ class Search(ABC):
     @property
     def basin(self) -> LocalMinimum:
         """The best estimate so far with its bound."""
-        return LocalMinimum(self.best.estimate, self.cost, True, self.bound)
+        ended = self.best.status in (Status.CONVERGED, Status.STALLED)
+        return LocalMinimum(self.best.estimate, self.cost, ended, self.bound)
 
     @property
     def status(self) -> Status:

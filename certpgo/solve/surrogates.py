@@ -16,10 +16,10 @@ from dataclasses import replace
 import numpy as np
 
 from certpgo.certify.certificate import Certificate, Tier, Verdict
+from certpgo.certify.chordal_case import Case, LocalMinimum
 from certpgo.certify.dual import DualBound
 from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.certify.surrogate_case import RANKS, OwnCostCase
-from certpgo.certify.tolerances import Case, LocalMinimum
 from certpgo.certify.wording import early
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate

@@ -10,7 +10,7 @@ import numpy as np
 
 from certpgo.certify import Certificate, Tier
 from certpgo.certify.cases import case_of
-from certpgo.certify.tolerances import LocalMinimum
+from certpgo.certify.chordal_case import LocalMinimum
 from certpgo.certify.units import scaled_down, scaled_up
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -10,13 +11,15 @@ from certpgo.certify import Certificate, Tier, Verdict
 from certpgo.certify.obstacle import LimitedBy
 from certpgo.graph import Instance
 from certpgo.objective.choose_cost import own_cost
+from certpgo.objective.costs import CHORDAL, COSTS
 from certpgo.optimize.solution import Status
 
 #: A sentence, and a command or an empty text.
 Step = tuple[str, str]
 _ENDED = "The search ended by itself, and more time would not help. The gap"
-_SOLVED = "The relaxation is solved, so more time would not help. The gap"
+_SOLVED = "The relaxation is solved, so more time would not raise the bound. The gap"
 _GUARANTEE = "is still a guarantee, and may be small enough to act on."
+_FURTHER = "Search further from it, unless certpgo solve found it and ended by itself."
 _REJECT = "If measurements may be wrong, reject those that disagree."
 
 
@@ -30,7 +33,14 @@ class _Given(NamedTuple):
     searched: bool
     stopped: bool
     disagreeing: bool
-    rejects: bool
+    has_ranges: bool
+    judged_by: str
+
+    @property
+    def provable(self) -> bool:
+        """Whether there are proofs about this cost."""
+        known = self.judged_by == CHORDAL or COSTS[self.judged_by].provable
+        return known and not self.has_ranges
 
     @property
     def _named(self) -> str:
@@ -88,7 +98,8 @@ def advice(
         searched=searched,
         stopped=obstacle.ended_early,
         disagreeing=disagreeing,
-        rejects=instance.ranges is None,
+        has_ranges=instance.ranges is not None,
+        judged_by=cost,
     )
     interrupted = searched and obstacle.stopped is Status.INTERRUPTED
     if interrupted and certificate.verdict is not Verdict.CERTIFIED:
@@ -98,7 +109,7 @@ def advice(
         case Verdict.CERTIFIED:
             steps = _after_certified(given)
         case Verdict.REFUTED:
-            steps = _after_refuted(given)
+            steps = _after_refuted(certificate, given)
         case Verdict.UNDECIDED:
             steps = _after_undecided(certificate, given)
         case _:
@@ -142,27 +153,30 @@ def _after_bounded(certificate: Certificate, given: _Given) -> Iterator[Step]:
             given.certify("--best", "better.g2o"),
         )
         return
-    if certificate.limited_by is LimitedBy.ROUNDING:
-        yield "Rounding limits this proof; the tier proof has less of it.", given.at("proof")
-    if given.rejects and given.disagreeing:
+    yield from _with_less_rounding(certificate, given)
+    if not given.has_ranges and given.disagreeing:
         yield _REJECT, given.reject()
     final = certificate.obstacle.is_final
     if not given.searched and not final:
-        yield "Search further from it.", given.search_on()
+        yield _FURTHER, given.search_on()
     elif given.stopped and not final:
-        yield "The search was stopped early: search longer.", given.solve("--time-limit", "600")
-    if given.rejects and not given.disagreeing:
+        yield "The search was stopped early. Search longer.", given.solve("--time-limit", "600")
+    if not given.has_ranges and not given.disagreeing:
         yield _REJECT, given.reject()
     by_itself = given.searched and not given.stopped
     stays = _SOLVED if final else _ENDED if by_itself else "If the gap stays, it"
     yield f"{stays} {_GUARANTEE}", ""
 
 
-def _after_refuted(given: _Given) -> Iterator[Step]:
-    yield (
-        "The estimate is in the wrong basin. Take the better one that was found.",
-        given.certify("--best", "better.g2o"),
-    )
+def _with_less_rounding(certificate: Certificate, given: _Given) -> Iterator[Step]:
+    rounding = certificate.limited_by is LimitedBy.ROUNDING
+    if rounding and certificate.tier is Tier.STANDARD and given.provable:
+        yield "Rounding limits this proof; the tier proof has less of it.", given.at("proof")
+
+
+def _after_refuted(certificate: Certificate, given: _Given) -> Iterator[Step]:
+    wrong = "The estimate is in the wrong basin. " if certificate.settled else ""
+    yield f"{wrong}Take the better one that was found.", given.certify("--best", "better.g2o")
     yield (
         "Start your solver from the certified search instead of odometry.",
         given.solve("-o", "start.g2o"),
@@ -173,12 +187,15 @@ def _after_undecided(certificate: Certificate, given: _Given) -> Iterator[Step]:
     if not (certificate.descended or given.searched):
         yield "Let local descent run first: bounds come from stationary points.", given.certify()
     if given.searched and given.stopped:
-        yield "The search was stopped early: give it more time.", given.solve("--time-limit", "600")
+        yield "The search was stopped early. Give it more time.", given.solve("--time-limit", "600")
     elif given.searched:
         yield "The search ended by itself: the reason above says what was in the way.", ""
     elif given.stopped:
-        yield "The search for a bound was stopped: give it more time.", given.certify()
-    yield "If costs are not finite, look at the weights.", given.look("info")
+        yield "The search for a bound was stopped. Give it more time.", given.certify()
+    yield from _with_less_rounding(certificate, given)
+    if not math.isfinite(certificate.cost_upper):
+        yield "The cost is not finite: look at the weights.", given.look("info")
     if not given.searched:
         yield "Let the certified search begin elsewhere.", given.solve()
-    yield "Weaker bounds may still hold.", given.look("bounds")
+    if given.judged_by == CHORDAL and not given.has_ranges:
+        yield "Weaker bounds may still hold.", given.look("bounds")

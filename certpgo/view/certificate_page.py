@@ -28,12 +28,14 @@ from certpgo.solve.diagnostics import kinds_in_words
 from certpgo.view.advice import advice, cost_options
 from certpgo.view.charts import Bars, Curve, Lines, bars, histogram, lines
 from certpgo.view.eigenvalues import CertificateMatrix, certificate_matrix
-from certpgo.view.load_scene import scene_of, start
+from certpgo.view.load_scene import INITIAL_VALUES, is_spread, scene_of, start
 from certpgo.view.page import page
 from certpgo.view.page_scene import Data, page_scene
 
 #: Eigenvalues shown beyond the d of the gauge.
 EIGENVALUES = 5
+#: Those of the gauge are zero at stationary points, up to this part of the largest one shown.
+GAUGE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -149,14 +151,19 @@ def _scene(
     judged = replace(
         instance, graph=problem.measured, initial=None, information=None, outliers=None
     )
-    if not judged.graph.is_connected and instance.initial is None:  # joined by distances
-        return page_scene(scene_of(judged, ("estimate", estimate)), problem.edge_costs(estimate))
-    begun = start(replace(judged, initial=instance.initial))
-    if _is_same(begun[1], estimate):
-        begun = start(judged)
+    begun = _beginning(judged, instance.initial, estimate)
     clouds = () if cloud is None else (cloud,)
-    shown = scene_of(judged, begun, ("estimate", estimate), *clouds)
+    shown = scene_of(judged, *begun, ("estimate", estimate), *clouds)
     return page_scene(shown, problem.edge_costs(estimate), rejected=rejected)
+
+
+def _beginning(
+    judged: Instance, initial: Estimate | None, estimate: Estimate
+) -> list[tuple[str, Estimate]]:
+    """Other initial values than the estimate, or dead reckoning; none if only distances join it."""
+    if initial is not None and is_spread(initial) and not _is_same(initial, estimate):
+        return [(INITIAL_VALUES, initial)]
+    return [start(judged)] if judged.graph.is_connected else []
 
 
 def _is_same(a: Estimate, b: Estimate) -> bool:
@@ -192,7 +199,9 @@ _EDGE_HEADER = ("edge", "nodes", "term of F", "share of F", "residual, degrees",
 
 
 def _cost(problem: Certifiable) -> Iterable[str]:
-    if not problem.is_chordal:
+    if problem.is_lifted:
+        yield "The cost F on this page includes the squared errors of distances."
+    elif not problem.is_chordal:
         yield f"The cost F is {problem.title} on this page."
 
 
@@ -212,7 +221,10 @@ def _rungs(problem: Certifiable, estimate: Estimate, certificate: Certificate) -
 def _head(instance: Instance, origin: Origin) -> Iterable[tuple[str, str]]:
     graph = instance.graph
     nodes, edges = counted(graph.num_nodes, "node{s}"), counted(graph.num_edges, "edge{s}")
-    yield "graph", f"{origin.graph} ({nodes}, {edges}, {graph.d}D)"
+    size = [nodes, edges, f"{graph.d}D"]
+    if instance.ranges is not None:  # numbered after the edges
+        size.insert(2, counted(instance.ranges.num_edges, "distance{s}"))
+    yield "graph", f"{origin.graph} ({', '.join(size)})"
     if of_kinds := kinds_in_words(instance):
         yield "among these", ", ".join(of_kinds)
     if origin.estimate:
@@ -223,10 +235,10 @@ def _head(instance: Instance, origin: Origin) -> Iterable[tuple[str, str]]:
 
 def _facts(instance: Instance, assessment: Assessment) -> Iterable[tuple[str, str]]:
     certificate = assessment.certificate
-    yield from numbers(certificate)
+    yield from numbers(certificate, assessment.farthest)
     if assessment.fit is not None:
         yield "chi^2", str(assessment.fit)
-    yield from distances(assessment)
+    yield from distances(assessment, instance)
     yield from digits(assessment)
     yield from trusts(certificate)
     yield "objective", stated_objective(instance.options, certificate)
@@ -262,12 +274,18 @@ def _spectrum(problem: Certifiable, certificate: Certificate) -> tuple[Bars | No
         values = matrix.eigenvalues(d + EIGENVALUES)
     except (NumericalError, np.linalg.LinAlgError) as error:
         return None, f"The eigenvalues could not be computed: {error}."
-    gauge = set(np.argsort(np.abs(values), kind="stable")[:d].tolist())
+    nearest = np.argsort(np.abs(values), kind="stable")[:d]
+    is_stationary = bool(np.abs(values[nearest]).max() <= GAUGE * np.abs(values).max())
+    gauge = set(nearest.tolist()) if is_stationary else set()
     names = [f"{k + 1}" + (" (gauge)" if k in gauge else "") for k in range(len(values))]
-    return bars(values.tolist(), names), _spectrum_in_words(matrix, certificate)
+    return bars(values.tolist(), names), _spectrum_in_words(
+        matrix, certificate, is_stationary=is_stationary
+    )
 
 
-def _spectrum_in_words(matrix: CertificateMatrix, certificate: Certificate) -> str:
+def _spectrum_in_words(
+    matrix: CertificateMatrix, certificate: Certificate, *, is_stationary: bool
+) -> str:
     """What the eigenvalues of the matrix say."""
     source, proof = "", ""
     if matrix.touches is None:
@@ -283,9 +301,13 @@ def _spectrum_in_words(matrix: CertificateMatrix, certificate: Certificate) -> s
             "The matrix is that of the surrogate, a pose graph whose cost plus a constant is never "
             f"above F, and equal to it {where}: {cost_shown(matrix.touches)}. "
         )
+    gauge = (
+        f"the {matrix.problem.d} nearest to zero belong to the gauge, a rotation of the whole world"
+    )
+    if not is_stationary:
+        gauge = "none is zero, as none belongs to the gauge where the point is not stationary"
     return (
-        f"{source}Translations are eliminated. If none is negative, {claim}; the "
-        f"{matrix.problem.d} nearest to zero belong to the gauge, a rotation of the whole world. "
+        f"{source}Translations are eliminated. If none is negative, {claim}; {gauge}. "
         f"Computed eigenvalues only illustrate{proof}."
     )
 

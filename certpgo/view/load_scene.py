@@ -185,7 +185,7 @@ def _of_graph(
         for name, what in found.estimates
     ]
     estimates = [(name, _whole(instance, what)) for name, what in named]
-    if not estimates or _is_spread(instance.initial):
+    if not estimates or is_spread(instance.initial):
         estimates.insert(0, start(instance))
     places = None if isinstance(graph, PoseGraph) else layout(graph)
     poses = instance.poses
@@ -257,7 +257,7 @@ def start(instance: Instance) -> tuple[str, Estimate]:
     InputError
         There are none, and the graph is not connected.
     """
-    if instance.initial is not None and _is_spread(instance.initial):
+    if instance.initial is not None and is_spread(instance.initial):
         return INITIAL_VALUES, instance.initial
     if not instance.graph.is_connected:
         raise InputError(
@@ -270,7 +270,7 @@ def start(instance: Instance) -> tuple[str, Estimate]:
     return "dead reckoning", SpanningTree(tree="odometry").solve(problem).estimate
 
 
-def _is_spread(initial: Estimate | None) -> bool:
+def is_spread(initial: Estimate | None) -> bool:
     """Whether there are initial values, not all at one point, as some programs write them."""
     if initial is None or initial.translations is None:
         return initial is not None

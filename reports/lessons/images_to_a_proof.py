@@ -22,7 +22,7 @@ import numpy as np
 
 import certpgo
 from certpgo.linalg import rotations as so
-from certpgo.optimize.methods.graduated_non_convexity import quantiles
+from certpgo.objective.chi_squared import quantiles
 from certpgo.registration.camera import Camera
 from certpgo.registration.features import detect, match, place
 from certpgo.registration.reconstruct import ReconstructSettings

@@ -20,7 +20,7 @@ import numpy as np
 import certpgo
 from certpgo.io.datasets import synthetic, thesis
 from certpgo.linalg import rotations as so
-from certpgo.optimize.methods.graduated_non_convexity import quantiles
+from certpgo.objective.chi_squared import quantiles
 from certpgo.solve.metrics import angular_errors, position_errors
 
 BLUE, VERMILION, GREEN, PURPLE, BLACK = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#000000"

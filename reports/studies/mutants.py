@@ -38,7 +38,7 @@ EQUIVALENT = ROOT / "reports" / "studies" / "mutants.toml"
 TESTS = {
     "certpgo/linalg/factor.py": ("linalg/test_factor*",),
     "certpgo/certify/bounds.py": ("certify/test_bounds*",),
-    "certpgo/certify/tolerances.py": (
+    "certpgo/certify/chordal_case.py": (
         "certify/test_case*",
         "certify/test_parts*",
         "certify/test_extremes*",
@@ -65,6 +65,7 @@ TESTS = {
     ),
     "certpgo/certify/multipliers.py": ("certify/test_shifted*", "certify/test_dual*"),
     "certpgo/certify/units.py": ("certify/test_extremes*",),
+    "certpgo/integer_checker.py": ("test_integer_checker*",),
     "certpgo/checker.py": ("test_checker*", "certify/test_proof*", "certify/test_cost_proof*"),
 }
 #: Share of the mutants that may survive, of those that are not equivalent.

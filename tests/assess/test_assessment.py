@@ -225,7 +225,7 @@ def part_of(problem, name="walk"):
 
 
 def test_one_bound_serves_all_answers_that_lead_to_it(monkeypatch):
-    from certpgo.certify import tolerances as case
+    from certpgo.certify import chordal_case as case
 
     computed = []
     original = case.dual_bound

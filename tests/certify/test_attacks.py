@@ -7,7 +7,7 @@ import pytest
 from scipy import sparse
 
 from certpgo.certify import Verdict, certify, dual_bound
-from certpgo.certify import tolerances as case
+from certpgo.certify import chordal_case as case
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.io.datasets.synthetic import helix, winding_cycle

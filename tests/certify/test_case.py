@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 from strategies import pose_graph
 
 from certpgo.certify import Tier, Verdict
-from certpgo.certify import tolerances as module
+from certpgo.certify import chordal_case as module
+from certpgo.certify.chordal_case import Case, LocalMinimum
 from certpgo.certify.dual import DualBound
-from certpgo.certify.tolerances import FLOOR, Case, LocalMinimum, difference_up
+from certpgo.certify.tolerances import FLOOR, difference_up
 from certpgo.certify.wording import reason_of
 from certpgo.errors import InputError
 from certpgo.graph import Estimate

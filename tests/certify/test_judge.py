@@ -12,6 +12,7 @@ from certpgo.certify import Tier, Verdict, certify, judge
 from certpgo.certify.judge import Judge
 from certpgo.certify.surrogate_case import OwnCostCase
 from certpgo.certify.units import unit_of
+from certpgo.certify.wording import meaning
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.information import InformationGraph
@@ -74,9 +75,10 @@ def test_where_eigenvectors_fail_descent_starts_at_identities(monkeypatch):
 
 def test_bounds_that_cannot_be_computed_are_left_out(monkeypatch):
     problem, best, _ = noisy_cycle()
-    assert certify(problem, best).bounds is not None
+    assert certify(problem, best).bounds is None  # not asked for
+    assert certify(problem, best, angles=True).bounds is not None
     monkeypatch.setattr(judge, "bounds", failing)
-    certificate = certify(problem, best)
+    certificate = certify(problem, best, angles=True)
     assert certificate.bounds is None
     assert certificate.verdict is Verdict.CERTIFIED
 
@@ -230,6 +232,7 @@ def test_a_descent_that_cannot_reach_a_proven_optimum_is_given_up(monkeypatch):
     monkeypatch.setattr(judge, "RECENT", 1)
     given_up = certify(problem, far)
     assert (given_up.verdict, given_up.settled) == (Verdict.REFUTED, False)
+    assert "was given up far from it" in meaning(given_up)
     assert given_up.better_cost == pytest.approx(whole.refined_cost, rel=1e-9)
     assert given_up.lower_bound == pytest.approx(whole.lower_bound, rel=1e-6)
     assert "was given up far from it" in given_up.reason

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 import certpgo
 from certpgo.certify import Tier, Verdict, certify
 from certpgo.certify.bridge_blocks import outside, parts, sum_of_bounds
+from certpgo.certify.chordal_case import Case
 from certpgo.certify.dual import DualBound
-from certpgo.certify.tolerances import Case
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.bridges import bridges
 from certpgo.io.datasets.synthetic import winding_cycle

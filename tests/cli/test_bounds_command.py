@@ -37,6 +37,12 @@ def test_bounds_in_words(certpgo, wound):
         assert words in done.out
 
 
+def test_bounds_of_a_g2o_file_name_their_cost(certpgo, square):
+    """Its default cost is g2o's, which the bounds are not about."""
+    done = certpgo("bounds", square)
+    assert "about the chordal cost F, not the default cost of g2o" in done.err
+
+
 def test_bounds_of_an_estimate_given(certpgo, wound):
     found = certpgo("bounds", *wound, "--json").json
     assert found["given"] is True

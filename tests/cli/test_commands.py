@@ -667,6 +667,8 @@ def test_many_estimates_make_a_csv(certpgo, answers, tmp_path):
     assert header.startswith("estimate,graph,verdict,cost,lower_bound,gap")
     assert rows[0].startswith(f"{best},square,CERTIFIED,")
     assert "broken.g2o:1: numbers expected" in rows[2]
+    assert header.endswith(",objective,reason")
+    assert ",g2o's chi2 of EdgeSE2 with full information," in rows[0]
     assert certpgo("certify", square, best, broken, "--csv", out).code == 1
     assert certpgo("certify", square, best, "--csv", out).code == 0
     assert len(out.read_text().splitlines()) == 2

@@ -150,9 +150,25 @@ def test_pages_of_distances(certpgo, tmp_path):
     graph.write_text(BEACON)
     assert certpgo("solve", graph, "-o", estimate, "--html", page).code == 0
     text = page.read_text()
-    assert "F and squared errors of distances" in text
+    assert "The cost F on this page includes the squared errors of distances." in text
+    assert re.search(r"largest residual</dt><dd>[^<]* degrees, [^<]* m<", text)
+    assert "4 nodes, 2 edges, 3 distances, 2D" in text
     assert "--robust" not in text
     assert scene_of(text)["kinds"][-3:] == [3, 3, 3]
     again = tmp_path / "again.html"
     assert certpgo("certify", graph, estimate, "--html", again).code == 0
     assert scene_of(again.read_text())["edges"] == scene_of(text)["edges"]
+
+
+def test_a_page_of_distances_without_other_initial_values(certpgo, tmp_path):
+    """Initial values may be at one point, or the estimate itself; the verdict stays."""
+    graph, page = tmp_path / "beacon.pyfg", tmp_path / "page.html"
+    graph.write_text(BEACON.replace("6 0 0\nV", "0 0 0\nV").replace("6 8 0", "0 0 0"))
+    graph.write_text(graph.read_text().replace("L0 3 4", "L0 0 0"))
+    assert certpgo("solve", graph, "--html", page).code == 0
+    assert "before" not in scene_of(page.read_text())
+    graph.write_text(BEACON)
+    page.unlink()
+    done = certpgo("certify", graph, graph, "--html", page)
+    assert done.code == certpgo("certify", graph, graph).code == 3, done.err
+    assert "before" not in scene_of(page.read_text())

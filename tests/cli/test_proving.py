@@ -32,6 +32,25 @@ def test_check_says_what_is_proven(certpgo, square, proof):
     assert done.json["relative_gap"] < 1e-8
 
 
+def test_check_in_integers_alone(certpgo, square, proof, tmp_path):
+    done = certpgo("check", square, proof, "--exact")
+    assert (done.code, done.err.count("\n")) == (1, 1)
+    assert "--cost chordal" in done.err
+    assert certpgo("solve", square, "--cost", "chordal", "--proof", proof).code == 0
+    doubles, done = certpgo("check", square, proof), certpgo("check", square, proof, "--exact")
+    assert (done.code, done.out) == (0, doubles.out)
+    first = certpgo("check", square, proof, "--json").json
+    exact = certpgo("check", square, proof, "--exact", "--json").json
+    assert (first["checked_in"], exact["checked_in"]) == ("doubles", "integers")
+    assert first["lower_bound"] <= exact["lower_bound"] <= exact["cost_upper"]
+    assert exact["cost_upper"] <= first["cost_upper"]
+    assert certpgo("check", square, square, "--exact").code == 1
+    other = tmp_path / "other.g2o"
+    other.write_text(square.read_text().replace("1.58", "1.59"))
+    assert certpgo("check", other, proof, "--exact").code == 6
+    assert not certpgo("check", other, proof, "--exact", "--json").json["proved"]
+
+
 def test_check_refuses_another_graph(certpgo, square, proof, tmp_path):
     other = tmp_path / "other.g2o"
     other.write_text(square.read_text().replace("1.58", "1.59"))

@@ -54,6 +54,20 @@ def test_a_missing_file(certpgo, command):
     fails_in_one_line(certpgo(command, "folder/nowhere.g2o"), "folder/nowhere.g2o")
 
 
+@pytest.mark.parametrize("command", ["bounds", "compare", "follow"])
+def test_distances_are_not_left_out(certpgo, tmp_path, command):
+    """The odometry alone is optimal at no cost, which says nothing of the distances."""
+    graph = tmp_path / "beacon.pyfg"
+    step = "0.01 0 0 0.01 0 0.0001"
+    graph.write_text(
+        "VERTEX_SE2 0 A0 0 0 0\nVERTEX_SE2 1 A1 6 0 0\nVERTEX_XY L0 3 4\n"
+        f"EDGE_SE2 1 A0 A1 6 0 0 {step}\n"
+        "EDGE_RANGE 0 A0 L0 4.9 0.01\nEDGE_RANGE 1 A1 L0 4.8 0.01\n"
+    )
+    done = certpgo(command, graph, "--components", "largest")
+    fails_in_one_line(done, "beacon.pyfg: 2 distances, which this command does not take")
+
+
 def test_a_translation_beyond_doubles_names_its_edge(certpgo, tmp_path):
     graph = tmp_path / "far.g2o"
     rest = "0 0.1 1 0 0 1 0 1"

@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 
+from certpgo import Disagreement, certify
 from certpgo.io import write
 from certpgo.io.datasets import thesis
+from certpgo.io.datasets.synthetic import winding_cycle
+from certpgo.solve.accuracy_wording import disagreeing
 
 
 @pytest.fixture
@@ -76,6 +79,14 @@ def doubtful(tmp_path):
 HINT = "1 of 21 measurements disagrees with the rest"
 
 
+def test_the_angle_of_another_fit_is_not_that_of_the_estimate():
+    instance, wound = winding_cycle(9, 0.3, 1)
+    found = certify(instance.graph, wound, refine=False)
+    for angle, elsewhere in ((found.max_residual_angle, False), (3.0, True)):
+        said = disagreeing(Disagreement(np.array([0]), 9, angle), found)
+        assert said.endswith(" at another fit") is elsewhere
+
+
 def test_solve_hints_at_measurements_that_disagree(certpgo, doubtful, tmp_path):
     page = tmp_path / "page.html"
     done = certpgo("solve", doubtful, "--html", page)
@@ -116,3 +127,40 @@ def test_the_page_of_a_robust_answer_says_how_to_repeat_it(certpgo, doubtful, tm
     text = flat(page.read_text())
     assert "The verdict is about the 20 of 21 measurements" in text
     assert "--robust" in text
+
+
+def test_rejections_are_listed_written_and_certified_again(certpgo, wrong, tmp_path):
+    csv, estimate = tmp_path / "rejected.csv", tmp_path / "estimate.g2o"
+    done = certpgo("outliers", wrong, "--csv", csv)
+    assert done.code == 0
+    assert "no choice among the 40 rejected measurements" in flat(done.out)
+    assert "wrong at least" in done.out
+    report = certpgo("outliers", wrong, "--json").json
+    assert len(report["rejected"]) == len(csv.read_text().splitlines()) - 1 == 40
+    assert report["wrong_at_least"] <= 40
+    solved = certpgo("solve", wrong, "--robust", "-o", estimate, "--json").json
+    assert solved["solution"]["rejection"]["verdict"] == "CERTIFIED"
+    again = certpgo("certify", wrong, estimate, "--rejected", csv, "--json").json
+    assert again["verdict"] == "CERTIFIED"
+    assert again["objective"] == "truncated cost"
+    assert again["lower_bound"] == pytest.approx(report["lower_bound"])
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [("0,0", "expected integers"), ("1,998,999", "edge 1"), ("x,0,1", "expected integers")],
+)
+def test_a_list_of_other_measurements_is_refused(certpgo, wrong, tmp_path, line, said):
+    csv, estimate = tmp_path / "rejected.csv", tmp_path / "estimate.g2o"
+    csv.write_text(f"edge,i,j\n{line}\n")
+    certpgo("solve", wrong, "-o", estimate)
+    done = certpgo("certify", wrong, estimate, "--rejected", csv)
+    assert done.code == 1
+    assert f"{csv}:2" in flat(done.err)
+    assert said in flat(done.err)
+
+
+def test_a_quantile_is_for_rejections(certpgo, wrong):
+    done = certpgo("solve", wrong, "--quantile", "0.99")
+    assert done.code == 1
+    assert "--quantile needs --robust" in flat(done.err)

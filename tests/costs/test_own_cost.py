@@ -302,6 +302,7 @@ def test_patience_holds_under_another_cost():
     assert "ended 0 s after a first bound" in answer.solution.note
     assert "first bound" not in whole.solution.note
     assert len(answer.solution.trace) < len(whole.solution.trace)
+    assert {"start", "newton", "certify", "descend"} <= set(whole.solution.seconds)
 
 
 def test_the_values_of_the_file_are_a_start_under_another_cost():

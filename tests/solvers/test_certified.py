@@ -15,9 +15,9 @@ from strategies import dimensions, pose_graph, random_edges, rng_of, rotation_gr
 
 from certpgo import SolveSettings, certify, solve
 from certpgo.certify import Tier, Verdict
+from certpgo.certify.chordal_case import Case
 from certpgo.certify.curvature import resolution
 from certpgo.certify.dual import _Attempts
-from certpgo.certify.tolerances import Case
 from certpgo.errors import GraphError, InputError, NumericalError, SpecError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.io.datasets.synthetic import corridor, grid3d, helix, winding_cycle
@@ -393,6 +393,8 @@ def test_the_answer_forwards_and_reports():
     assert {"start", "newton", "certify", "escape", "low rank"} <= set(answer.solution.seconds)
     numbers = [step.number for step in answer.solution.trace]
     assert numbers == list(range(len(numbers)))
+    at = [step.seconds for step in answer.solution.trace]
+    assert 0.0 < at[0] < at[-1] <= sum(answer.solution.seconds.values())
     assert answer.levels[-1].eigenvalue is None
     plain = solve(graph)
     assert plain.start != "given"

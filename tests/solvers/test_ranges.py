@@ -402,6 +402,40 @@ def test_at_the_time_limit_the_answer_has_been_descended(clock, seed):
     assert answer.solution.note.startswith("initialized by a random point of higher rank")
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_stopped_climb_is_projected(seed):
+    """Without time for a descent, the answer is at least near the point that was reached."""
+    problem, _, _ = measured(seed, 3, noise=0.1, poses=12, points=4)
+    costs = []
+
+    def stop_after_30(step):
+        costs.append(step.cost)
+        return len(costs) >= 30
+
+    answer = solve(problem, monitor=stop_after_30)
+    assert answer.solution.status is Status.INTERRUPTED
+    assert not answer.certificate.settled
+    assert answer.cost == costs[30] < 0.5 * costs[0]
+
+
+def test_a_descent_that_fails_is_not_the_last(monkeypatch):
+    problem, _, _ = measured(1, 3, noise=1.0, poses=12, points=4)
+    descent, failures = RangedCase.descent, [NumericalError("no"), np.linalg.LinAlgError("no")]
+
+    def failing_first(*given, **more):
+        if failures:
+            raise failures.pop()
+        return descent(*given, **more)
+
+    whole = solve(problem)
+    assert {"descend", "certify", "escape", "round"} <= set(whole.solution.seconds)
+    monkeypatch.setattr(RangedCase, "descent", failing_first)
+    found = solve(problem)
+    assert not failures
+    assert found.solution.status is Status.CONVERGED
+    assert found.cost <= 1.5 * whole.cost
+
+
 def test_the_values_of_the_file_are_a_start(clock):
     problem, truth, _ = measured(2, 3, noise=0.5, poses=12, points=4)
     nodes = np.arange(problem.n)

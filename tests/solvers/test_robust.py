@@ -13,13 +13,13 @@ from certpgo.errors import GraphError, SpecError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.io.datasets import synthetic, thesis, truth
 from certpgo.linalg import rotations as so
+from certpgo.objective.chi_squared import quantiles
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 from certpgo.optimize.methods._robust import connected
 from certpgo.optimize.methods.adaptive_trimming import AdaptiveTrimming
 from certpgo.optimize.methods.eigen_rao import EigenRAO, _restored
 from certpgo.optimize.methods.graduated_non_convexity import (
     GraduatedNonConvexity,
-    quantiles,
     surrogate_weights,
 )
 from certpgo.solve import metrics

@@ -16,7 +16,7 @@ import pytest
 from strategies import point_graph
 
 from certpgo import Ranges
-from certpgo.certify import Verdict, certify
+from certpgo.certify import Tier, Verdict, certify
 from certpgo.certify.curvature import smallest_eigenvalues
 from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.certify.wording import meaning
@@ -258,11 +258,16 @@ def test_what_to_do_next_depends_on_the_verdict(solved):
     again = advice(replace(judged, obstacle=Obstacle(LimitedBy.ROUNDING)), "g.g2o", searched=True)
     commands = [command for _, command in again]
     assert "certpgo solve g.g2o --tier proof" in commands
+    for tier, kind in ((Tier.PROOF, LimitedBy.ROUNDING), (Tier.STANDARD, LimitedBy.LOOSE)):
+        limited = replace(judged, tier=tier, obstacle=Obstacle(kind))
+        assert "--tier proof" not in str(advice(limited, "g.g2o", "e.tum"))
     found = replace(judged, better=judged.refined, better_cost=judged.lower_bound)
     assert [c for _, c in advice(found, "g.g2o", "e.tum")] == [
         "certpgo certify g.g2o e.tum --best better.g2o"
     ]
     unrefined = replace(certificate, verdict=Verdict.UNDECIDED, descended=False)
+    # Weaker bounds are known for the chordal cost alone.
+    assert "certpgo bounds" not in str(advice(unrefined, "g.g2o", "e.tum", cost="g2o"))
     assert advice(unrefined, "g.g2o", "e.tum")[0][1] == "certpgo certify g.g2o e.tum"
     refuted = replace(certificate, verdict=Verdict.REFUTED)
     chosen = advice(refuted, "g.g2o", "e.tum", reading=["--kappa", "3"], cost="gtsam")
@@ -290,8 +295,11 @@ def test_more_time_is_advised_only_where_the_search_was_stopped(solved, verdict)
     assert longer not in steps(by_itself, searched=True).values()
     assert "ended by itself" in " ".join(steps(by_itself, searched=True))
     bound, of_others = steps(cut, "e.tum"), steps(by_itself, "e.tum")
-    more = "The search for a bound was stopped: give it more time."
+    more = "The search for a bound was stopped. Give it more time."
     assert (more in bound, more in of_others) == (verdict is Verdict.UNDECIDED, False)
+    if verdict is Verdict.BOUNDED:  # of the estimate that the search has just given, too
+        [further] = [said for said, command in of_others.items() if "--initial" in command]
+        assert "unless certpgo solve found it" in further
 
 
 def test_rejecting_is_advised_where_it_can_be_done(solved):
@@ -327,7 +335,7 @@ def test_what_cannot_be_closed_is_not_searched_further(solved):
     about = replace(solved[0], ranges=ranges), "g.pyfg"
     for searched in (True, False):
         [(sentence, command)] = advice_on(judged, *about, cost="chordal", searched=searched)
-        assert ("more time would not help" in sentence, command) == (True, "")
+        assert ("more time would not raise the bound" in sentence, command) == (True, "")
     unsolved = replace(judged, obstacle=replace(obstacle, searched=False))
     longer = dict(advice_on(unsolved, *about, cost="chordal", searched=True))
     assert "certpgo solve g.pyfg --time-limit 600" in longer.values()
@@ -375,6 +383,7 @@ def test_the_page_of_another_cost_is_about_that_cost(weighed, cost):
         8,
     )
     assert spectrum[3] > 1.0
+    assert text.count("(gauge)") == 3
     assert f"4 {spectrum[3]:.3g} 5 " in text
     (shown,) = re.findall(r"never above F, and equal to it at this estimate: ([\d.]+)\. ", text)
     assert float(shown) == pytest.approx(found.cost, rel=1e-8)
@@ -390,6 +399,7 @@ def test_the_matrix_of_another_cost_is_negative_where_it_should_be(weighed):
     assessment = assess(problem, estimate, certificate)
     page = certificate_page(weighed, problem, estimate, assessment, Origin("g", "e"))
     text = read(page).text
+    assert ("(gauge)" in text, "none belongs to the gauge" in text) == (False, True)
     assert "at this estimate" in text
     assert re.search(r"certificate matrix .* 1 -\d", text)
 

@@ -49,6 +49,11 @@ class G2oCost(EdgeCost):
     decoupled: ClassVar[bool] = True
 
     @property
+    def turned_share(self) -> float:
+        """a^2 >= 4 sin^2(a/2) in the plane, |b|^2 = sin^2(a/2) in space, of 8 sin^2(a/2)."""
+        return 0.5 if self.graph.d == 2 else 0.125
+
+    @property
     def title(self) -> str:
         """The cost in the words of g2o's users."""
         kind = "EdgeSE2" if self.graph.d == 2 else "EdgeSE3:QUAT"

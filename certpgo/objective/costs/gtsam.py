@@ -48,6 +48,11 @@ class GtsamCost(EdgeCost):
     name: ClassVar[str] = "gtsam"
 
     @property
+    def turned_share(self) -> float:
+        """The squared angle is at least 4 sin^2(a/2), of 8 sin^2(a/2); and |V^-1 y| >= |y|."""
+        return 0.5
+
+    @property
     def title(self) -> str:
         """The cost in the words of GTSAM's users."""
         return (

@@ -8,16 +8,15 @@ problem, and weights have a closed form.
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special
 
 from certpgo.errors import SpecError
 from certpgo.graph import Estimate
 from certpgo.linalg import rotations as so
-from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.objective.chi_squared import quantiles
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.optimize.initialization import start_of
 from certpgo.optimize.iterative import Iterative
@@ -145,32 +144,6 @@ def _threshold(problem: Problem, c: float) -> str:
     if degrees >= 180.0:
         return "no angle alone is rejected: set scale if the weights do not state the noise"
     return f"residuals above {degrees:.3g} degrees are rejected, at the median weight"
-
-
-def quantiles(problem: Problem, probability: float) -> FloatArray:
-    """(m,) quantiles of an inlier's r_e^2, if the weights state its noise.
-
-    A rotation contributes the square of a normal variable per axis, twice that in 2D, where
-    kappa |E|^2 is 2 kappa times the squared angle and kappa the angle's information; a translation
-    contributes d squares. The sum is approximated by a multiple of a chi-square variable of the
-    same mean and variance (Welch and Satterthwaite), exactly except for poses in 2D.
-    """
-    turned, moved = measured(problem)
-    axes = np.full(so.tangent_dim(problem.d), 2.0 if problem.d == 2 else 1.0)
-    found = np.empty(len(turned))
-    for whether in itertools.product((False, True), repeat=2):
-        chosen = (turned == whether[0]) & (moved == whether[1])
-        if chosen.any():
-            terms = np.r_[axes[: len(axes) * whether[0]], np.ones(problem.d * whether[1])]
-            unit = float((terms**2).sum() / terms.sum())
-            half = 0.5 * float(terms.sum()) / unit  # of the degrees of freedom
-            found[chosen] = unit * 2.0 * special.gammaincinv(half, probability)
-    return found
-
-
-def measured(problem: Problem) -> tuple[BoolArray, BoolArray]:
-    """(m,) which edges measure a rotation, and which a translation."""
-    return problem.graph.measures_rotation, problem.graph.measures_translation
 
 
 def surrogate_weights(r: FloatArray, c: FloatArray | float, mu: float) -> FloatArray:

@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from contextlib import suppress
 from typing import Literal
 
 import numpy as np
 
 from certpgo.certify import Certificate, Verdict
-from certpgo.certify.bounds import alpha_max, fiedler_value, normalized_fiedler_value
+from certpgo.certify.bounds import (
+    Bounds,
+    alpha_max,
+    bounds,
+    fiedler_value,
+    normalized_fiedler_value,
+)
 from certpgo.certify.tolerances import SETTLED
-from certpgo.errors import SpecError
+from certpgo.errors import NumericalError, SpecError
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.choose_cost import InformationProblem
-from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.objective.problem import PoseProblem, Problem, RotationProblem
 from certpgo.optimize import riemannian_newton as newton
 from certpgo.optimize import spectral
 from certpgo.optimize.solution import Solution
@@ -64,10 +71,8 @@ def certified_by(problem: Problem, certificate: Certificate) -> str:
 
     Residual-angle bounds are about stationary rotations alone, not about poses.
     """
-    b, point = certificate.bounds, certificate.refined
-    holding = []
-    rotations = not isinstance(problem, PoseProblem)
-    if b is not None and rotations and problem.stationarity(point) <= SETTLED:
+    point, holding = certificate.refined, list[str]()
+    if isinstance(problem, RotationProblem) and (b := _residual_bounds(problem, point)) is not None:
         largest = float(problem.residual_angles(point).max())
         holding = [
             name
@@ -83,6 +88,15 @@ def certified_by(problem: Problem, certificate: Certificate) -> str:
     if certificate.verdict is Verdict.CERTIFIED or certificate.basin_is_global:
         holding.append("factorization")
     return ", ".join(holding) or "none"
+
+
+def _residual_bounds(problem: RotationProblem, point: Estimate) -> Bounds | None:
+    """Residual-angle bounds of a stationary point; None elsewhere, or where eigenvalues fail."""
+    if problem.stationarity(point) > SETTLED:
+        return None
+    with suppress(NumericalError, np.linalg.LinAlgError):
+        return bounds(problem, point)
+    return None
 
 
 def of_estimate(

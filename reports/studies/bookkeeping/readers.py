@@ -44,7 +44,7 @@ def judge(rng: np.random.Generator, found: Findings) -> None:
     """Both read the same measurements, or one refuses."""
     text = draw(rng, nodes=(2, 5)).text.encode()
     for _ in range(int(rng.integers(0, 4))):
-        text = _respelled(rng, text)
+        text = respelled(rng, text)
     if rng.random() < 0.4:
         choices = MUTATIONS["text"]
         text = choices[int(rng.integers(len(choices)))](rng, text)
@@ -68,7 +68,7 @@ def judge(rng: np.random.Generator, found: Findings) -> None:
         compare(found, text, instance, options, cost)
 
 
-def _respelled(rng: np.random.Generator, text: bytes) -> bytes:
+def respelled(rng: np.random.Generator, text: bytes) -> bytes:
     """Another text that may mean the same, or other measurements of the same form."""
     lines = text.split(b"\n")
     place = int(rng.integers(len(lines)))

@@ -1,0 +1,143 @@
+"""Effective resistances of edges: how little a certificate matrix opposes their residuals.
+
+The residuals of an edge at poses X are X B, for a block column B that is zero but at two nodes. For
+a certificate matrix S >= 0 that is zero on the poses of an estimate, as B is, and weights W,
+
+    S - B W B^T >= 0   if and only if   W <= G^-1,   G = B^T S^+ B.
+
+So W = s G^-1 can be taken off where s < 1: s is its load. What other edges have left afterwards
+follows from all products B_e^T S^+ B_f by Woodbury's identity. Where the anchor's rows are cut off,
+the inverse serves for S^+.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import csc_array
+
+from certpgo.linalg.arrays import CSC, FloatArray, IntArray
+from certpgo.linalg.blocks import pinned
+from certpgo.linalg.factor import Factor
+from certpgo.objective.problem import Problem
+from certpgo.objective.truncated import Truncation
+
+#: Columns that are solved for at once, and those of edges that are packed one by one at most.
+BATCH, DENSE = 256, 450
+#: Rows up to which an inverse is computed as a whole.
+WHOLE = 5000
+#: Load up to which edges are taken off, so that S stays definite despite rounding, and what those
+#: of smallest load add up to if there are more than `DENSE` columns.
+FULL, LIGHT = 0.98, 0.5
+
+
+class Resistances:
+    """Those of some edges at an estimate, as computed, without bounds on rounding.
+
+    Parameters
+    ----------
+    problem, S : a certificate matrix at an estimate, with the pattern of all edges
+    factor : of that without the anchor's rows
+    at : the edges at the relative poses of that estimate
+    """
+
+    def __init__(self, problem: Problem, factor: Factor, at: Truncation) -> None:
+        self._problem, self._factor, self._at = problem, factor, at
+        self.B = _columns(problem, at)
+        self.b = at.weights.shape[1]
+
+    @staticmethod
+    def of(problem: Problem, S: CSC, at: Truncation) -> Resistances | None:
+        """Those at a certificate matrix; None if it is not definite beyond the anchor."""
+        A = pinned(S, _anchor(problem))
+        factor = problem.symbolic(A).factor(A)
+        return None if factor is None else Resistances(problem, factor, at)
+
+    @property
+    def blocks(self) -> FloatArray:
+        """(k, b, b) matrices G."""
+        k, b, step = len(self._at.prices), self.b, max(BATCH // self.b, 1)
+        found = np.empty((k, b, b))
+        for first in range(0, k, step):
+            here = np.arange(first, min(first + step, k))
+            products = self.products(here)
+            found[here] = products[np.arange(len(here)), :, np.arange(len(here))]
+        return found
+
+    def products(self, edges: IntArray) -> FloatArray:
+        """(h, b, h, b) products B_e^T S^+ B_f of h edges."""
+        b, h = self.b, len(edges)
+        columns = self.B[:, (b * edges[:, None] + np.arange(b)).ravel()]
+        if self._inverse is not None:
+            solved = (columns.T @ self._inverse).T
+        else:
+            solved = self._factor.solve(np.ascontiguousarray(columns.toarray()))
+        return np.asarray(columns.T @ solved).reshape(h, b, h, b)
+
+    @cached_property
+    def _inverse(self) -> FloatArray | None:
+        """(N, N) S^+, where that has fewer columns than all edges together."""
+        rows, columns = self.B.shape
+        return self._factor.solve(np.eye(rows)) if rows < columns and rows <= WHOLE else None
+
+
+def packed(found: Resistances, at: Truncation) -> tuple[FloatArray, FloatArray]:
+    """Weights W (k, b, b) that may all be taken off together, and loads (k,), as far as computed.
+
+    The edges of smallest load come first; where that is too large, W is zero.
+    """
+    W, loads = at.reaching(found.blocks)
+    order = np.argsort(loads, kind="stable")
+    light = 0
+    if len(loads) * found.b > DENSE:
+        light = int(np.searchsorted(np.cumsum(loads[order]), LIGHT))
+    used = float(loads[order[:light]].sum())
+    dense = order[light : light + DENSE // found.b]
+    W[order[light:]] = 0.0
+    # With a load taken off, S is no less than the rest of itself.
+    G = found.products(dense) / (1.0 - used)
+    for _ in range(len(dense)):
+        own = np.einsum("kakb->kab", G)
+        rest, load = at.subset(dense).reaching(own)
+        load[W[dense].any(axis=(1, 2))] = math.inf
+        e = int(np.argmin(load))
+        loads[dense] = np.where(np.isfinite(load), load, loads[dense])
+        if not load[e] < FULL:
+            break
+        W[dense[e]] = rest[e]
+        # S - B W B^T, by Woodbury's identity.
+        taken = rest[e] @ G[e].reshape(found.b, -1)
+        pull = np.linalg.solve(np.eye(found.b) - rest[e] @ own[e], taken)
+        G = G + np.tensordot(G[:, :, e], pull.reshape(found.b, *G.shape[2:]), 1)
+    return W, loads
+
+
+def _anchor(problem: Problem) -> IntArray:
+    layout = problem.pattern.layout_of(problem.matrix)
+    return layout.first_row(problem.anchor) + np.arange(layout.sizes[problem.anchor])
+
+
+def _columns(problem: Problem, at: Truncation) -> CSC:
+    """(N, k b) the block columns B, without the anchor's rows."""
+    i, j = at.graph.edges.T
+    (k, d), p, n = at.v.shape, at.moved, problem.n
+    b = p + d
+    at_i, at_j = np.zeros((2, k, b, b))
+    at_j[:] = np.eye(b)
+    at_i[:, p:, p:] = -at.Q
+    if p:
+        at_i[:, 0, 0] = -1.0
+        at_i[:, 1:, 0] = -at.v
+    layout = problem.pattern.layout_of(problem.matrix)
+    place = np.full(n * b, -1)
+    place[layout.pack(np.arange(n * b).reshape(n, b))] = np.arange(layout.size)
+    place = place.reshape(n, b)
+    place[problem.anchor] = -1
+    rows = np.concatenate([place[i], place[j]])[:, :, None] + np.zeros(b, dtype=int)
+    columns = np.tile(b * np.arange(k)[:, None] + np.arange(b), (2, 1))[:, None, :]
+    columns = columns + np.zeros((b, 1), dtype=int)
+    values, known = np.concatenate([at_i, at_j]), rows >= 0
+    shape = (layout.size, k * b)
+    return csc_array((values[known], (rows[known], columns[known])), shape=shape)

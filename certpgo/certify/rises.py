@@ -1,0 +1,99 @@
+"""What taking back a rejected measurement costs at least: proven rises of F.
+
+At the optimum of the kept measurements, the minorant m_e of a rejected one with weight W_e proves
+that F of both rises by its constant c'_e, if S_K - B_e W_e B_e^T is positive semidefinite. One
+factorization serves many measurements that hardly share resistance: from F_K + sum_g m_g >= V, as
+m_g <= c'_g,
+
+    F_K + f_e >= F_K + m_e >= V - sum_(g != e) c'_g.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from certpgo.certify.resistances import Resistances
+from certpgo.certify.truncated_case import TruncatedCase
+from certpgo.graph import Estimate
+from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.objective.truncated import largest
+
+#: Load of each measurement, and what those proven together may share.
+LOAD, SHARED = 0.8, 0.18
+#: Columns of measurements from which each is proven alone.
+MANY = 3000
+
+
+def rises(case: TruncatedCase, estimate: Estimate) -> FloatArray:
+    """(k,) by how much F of the kept measurements rises at least if one more is taken, proven.
+
+    Zero where nothing is proven, or a stop was requested.
+
+    Parameters
+    ----------
+    estimate : near the optimum of the kept measurements
+    """
+    point = case.optimum_of_kept(estimate)
+    proven = np.zeros(len(case.problem.rejected))
+    found = case.resistances(point)
+    if found is None:
+        return proven
+    uncut = case.problem.with_prices_of(point)
+    own = replace(case, problem=uncut)
+    W, _ = uncut.truncation(point).loaded(found.blocks, LOAD)
+    waiting = _together(found, W)
+    while waiting and not case.stop.should_stop():
+        group = waiting.pop()
+        risen = _proven(own, point, W, group)
+        if risen is None and len(group) > 1:
+            waiting += [group[::2], group[1::2]]
+        elif risen is not None:
+            proven[group] = np.maximum(risen, 0.0)
+    return proven
+
+
+def _proven(
+    case: TruncatedCase, point: Estimate, W: FloatArray, group: IntArray
+) -> FloatArray | None:
+    """The rises of measurements that are proven together; None if they are not."""
+    chosen = np.zeros_like(W)
+    chosen[group] = W[group]
+    cost = case.problem.kept.enclosure(point)[1]
+    bound = case.bound_by(point, cost, chosen, sharp=True, tight=True)
+    if bound is None:
+        return None
+    most = largest(case.problem.truncation(point).minorants(chosen))[group]
+    rest = bound.value - cost - (most.sum() - most)
+    # The sums, in any order.
+    return np.asarray(rest - 1e-15 * (len(group) + 8) * (np.abs(most).sum() + cost))
+
+
+def _together(found: Resistances, W: FloatArray) -> list[IntArray]:
+    """Groups of measurements whose weights may be taken off together, as far as is foreseen.
+
+    S - sum B W B^T >= 0 if the blocks of W^1/2 B^T S^+ B W^1/2 have row sums of at most one.
+    """
+    k = len(W)
+    if k * found.b > MANY:
+        return [np.array([e]) for e in range(k)]
+    values, U = np.linalg.eigh(W)
+    half = U * np.sqrt(np.maximum(values, 0.0))[:, None, :]
+    G = found.products(np.arange(k))
+    G = np.einsum("eax,eafc,fcy->exfy", half, G, half, optimize=True)
+    shared = np.sqrt((G**2).sum(axis=(1, 3)))
+    np.fill_diagonal(shared, 0.0)
+    groups: list[list[int]] = []
+    sums: list[FloatArray] = []  # over the members of each group
+    for e in range(k):
+        for group, total in zip(groups, sums, strict=True):
+            if total[e] <= SHARED and (total[group] + shared[group, e] <= SHARED).all():
+                break
+        else:
+            group, total = [], np.zeros(k)
+            groups.append(group)
+            sums.append(total)
+        group.append(e)
+        total += shared[e]
+    return [np.array(group) for group in groups]

@@ -1,0 +1,113 @@
+"""certpgo outliers: rejected measurements one by one, and what is proven about each."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from certpgo.cli._options import GraphName, Json, Quantile, time_limit_option
+from certpgo.cli._outputs import Outputs
+from certpgo.cli._reading import Reading, takes_reading
+from certpgo.cli._show import StatusLine, document, facts, notice, table, working
+
+if TYPE_CHECKING:
+    from certpgo.solve.outlier_report import OutlierReport, RejectedEdge
+
+
+@takes_reading
+def command(
+    graph: GraphName,
+    quantile: Quantile = None,
+    level: Annotated[
+        float,
+        typer.Option("--level", help="Probability that noise as stated refutes a right one."),
+    ] = 1e-6,
+    time_limit: Annotated[
+        float | None,
+        time_limit_option("Stop the robust fit and its certificates.", "30 s after a first bound"),
+    ] = None,
+    csv: Annotated[
+        Path | None,
+        typer.Option("--csv", metavar="OUT", help="Write a row per rejected measurement."),
+    ] = None,
+    json: Json = False,
+    *,
+    reading: Reading,
+) -> int:
+    """List the measurements that disagree with the rest, and prove what accepting each costs.
+
+    They are those that certpgo solve --robust rejects, under the chordal cost F.
+    """
+    from certpgo import solve_robustly
+    from certpgo.cli._options import refuse_with_distances
+    from certpgo.cli._verdict import EXIT_CODES, headline
+    from certpgo.solve.outlier_report import outlier_report, write_report
+
+    outputs = Outputs(csv=csv, json=json)
+    outputs.refuse()
+    source = reading.resolve(graph)
+    outputs.refuse_overwriting(source)
+    instance = reading.open(source, distances=True)
+    refuse_with_distances(instance, outliers=True)
+    with working(f"rejecting measurements of {instance.name}") as status:
+        monitor = StatusLine(status)
+        answer = solve_robustly(instance, quantile=quantile, time_limit=time_limit, monitor=monitor)
+        if answer.rejection is None:
+            notice(f"all {instance.graph.num_edges} measurements agree: none is rejected")
+            return EXIT_CODES[answer.verdict.value]
+        report = outlier_report(answer, level=level)
+    if csv is not None:
+        write_report(csv, report)
+        notice(f"{len(report.edges)} rejected measurements written to {csv}")
+    if json:
+        document(_as_json(instance.name, report))
+    else:
+        headline(answer.certificate, report.rejection)
+        facts([("graph", instance.name), *report.in_words()])
+        table("Rejected measurements", _HEADER, map(_row, report.edges), optional=_OPTIONAL)
+    return max(EXIT_CODES[verdict.value] for verdict in (answer.verdict, report.rejection.verdict))
+
+
+_HEADER = ("nodes", "degrees", "metres", "cost", "price", "accepting costs", "over odometry", "")
+#: Columns that narrow terminals do without, the first one first.
+_OPTIONAL = ("price", "over odometry", "metres")
+
+
+def _row(edge: RejectedEdge) -> list[str]:
+    from certpgo.graph.phrases import rounded_down
+
+    def shown(value: float | None) -> str:
+        return "" if value is None else f"{value:.4g}"
+
+    rises = (edge.rise, edge.rise_over_odometry)
+    least = ("" if rise is None else rounded_down(rise, 4) for rise in rises)
+    known = "wrong" if edge.is_refuted else "ambiguous" if edge.ambiguous else ""
+    measured = (shown(edge.degrees), shown(edge.metres), shown(edge.cost), shown(edge.price))
+    return [f"{edge.i}-{edge.j}", *measured, *least, known]
+
+
+def _as_json(name: str, report: OutlierReport) -> dict[str, Any]:
+    found = report.rejection
+    return {
+        "graph": name,
+        "verdict": found.verdict.value,
+        "sentence": found.sentence,
+        "cost": found.certificate.cost_upper,
+        "lower_bound": found.certificate.lower_bound,
+        "quantile": found.quantile,
+        "level": report.level,
+        "wrong_at_least": len(report.cores),
+        "wrong_at_least_over_odometry": len(report.cores_over_odometry),
+        "cores": [members.tolist() for members in report.cores],
+        "rejected": [
+            {
+                **asdict(edge),
+                "refuted": edge.is_refuted,
+                "refuted_by_odometry": edge.is_refuted_by_odometry,
+            }
+            for edge in report.edges
+        ],
+    }

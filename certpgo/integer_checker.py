@@ -1,0 +1,841 @@
+"""Verifies proofs that an estimate of a pose graph is nearly optimal, in integers alone.
+
+    python integer_checker.py GRAPH PROOF
+
+needs only this file and Python, and no floating-point number. It reads the same files as checker.py
+and prints the same lines about the chordal cost, but shares no code with it. docs/checker.md says
+what is proven (section 1), what a proof holds (section 10) and why this is right (section 11).
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import json
+import re
+import sys
+import zipfile
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from decimal import Decimal
+from fractions import Fraction
+from functools import cache
+from math import isqrt
+from operator import mul
+from pathlib import Path
+from typing import Any, NamedTuple
+
+ULP = 1074  # every double is an integer times 2^-ULP, and stored as that integer
+ONE, FAR = 1 << ULP, 1 << 400
+FINE = 1400  # fractional bits of costs
+PRECISIONS = (88, 184)  # fractional bits of factors, tried in turn
+
+
+class Refused(Exception):  # noqa: N818
+    """The proof is not valid, with the reason."""
+
+
+class Unreadable(Exception):  # noqa: N818
+    """The graph or proof file cannot be read, with the reason."""
+
+
+# --- Doubles --------------------------------------------------------------------------------------
+
+
+def nearest(n: int, d: int) -> int:
+    """The double nearest to n/d, d > 0; of two, the one with an even last bit."""
+    size = abs(n)
+    exponent = size.bit_length() - d.bit_length()
+    exponent -= size << max(-exponent, 0) < d << max(exponent, 0)
+    last = max(exponent - 52, -ULP)
+    bottom = d << max(last, 0)
+    kept, left = divmod(size << max(-last, 0), bottom)
+    kept += 2 * left + (kept & 1) > bottom
+    if kept.bit_length() + last > 1024:
+        raise ValueError("a number that is not finite")
+    return (kept if n >= 0 else -kept) << (last + ULP)
+
+
+_DECIMAL = re.compile(r"([+-]?)([0-9]*)(?:\.([0-9]*))?(?:[eE]([+-]?[0-9]+))?")
+
+
+def decimal(word: str) -> tuple[int, int]:
+    """Integers m and e with the number m 10^e that a word states."""
+    match = _DECIMAL.fullmatch(word)
+    if match is None or not (match[2] or match[3]):
+        raise ValueError(f"a decimal number expected, not {word[:40]}")
+    after = match[3] or ""
+    return int(match[1] + match[2] + after), int(match[4] or 0) - len(after)
+
+
+def double(word: str) -> int:
+    """The double nearest to a decimal number; beyond 10^4800 and 10^-4800 m does not matter."""
+    m, e = decimal(word)
+    return nearest(m * 10 ** min(max(e, 0), 4800), 10 ** min(max(-e, 0), 4800))
+
+
+def trimmed(numbers: Sequence[int]) -> tuple[list[int], int]:
+    """Doubles as smaller integers, times 2^-unit."""
+    together = 0
+    for x in numbers:
+        together |= x
+    zeros = (together & -together).bit_length() - 1 if together else ULP
+    return [x >> zeros for x in numbers], ULP - zeros
+
+
+def shifted(x: int, by: int) -> int:
+    """The integer x 2^by, rounded down."""
+    return x << by if by >= 0 else x >> -by
+
+
+# --- Rotations ------------------------------------------------------------------------------------
+
+Quaternion = tuple[int, ...]  # x y z w of any norm; in the plane 0 0 sin cos of half the angle
+
+
+def quaternion(numbers: Sequence[int]) -> Quaternion:
+    """The same rotation by small integers; two numbers are a cosine and a sine."""
+    if not any(numbers):
+        raise Refused("a rotation is zero")
+    return tuple(trimmed(numbers if len(numbers) == 4 else [0, 0, *numbers[::-1]])[0])
+
+
+def norm(q: Sequence[int]) -> int:
+    """The sum of squares."""
+    return sum(x * x for x in q)
+
+
+def product(a: Quaternion, b: Quaternion) -> Quaternion:
+    """The quaternion of R(a) R(b)."""
+    (x, y, z, w), (p, q, r, s) = a, b
+    i, j, k = (
+        w * p + x * s + y * r - z * q,
+        w * q - x * r + y * s + z * p,
+        w * r + x * q - y * p + z * s,
+    )
+    return i, j, k, w * s - x * p - y * q - z * r
+
+
+def matrix(q: Quaternion, d: int) -> list[list[int]]:
+    """|q|^2 times the rotation: that of v -> q v q*."""
+    x, y, z, w = q
+    same, cross = w * w - x * x - y * y - z * z, ((0, -z, y), (z, 0, -x), (-y, x, 0))
+    return [
+        [2 * (q[a] * q[b] + w * cross[a][b]) + same * (a == b) for b in range(d)] for a in range(d)
+    ]
+
+
+def half_angle(theta: int) -> tuple[int, int]:
+    """The doubles nearest to the cosine and the sine of theta/2."""
+    if abs(theta) > 10**6 * ONE:
+        raise ValueError("an angle beyond 1e6 radians")
+    if theta == 0:
+        return ONE, 0
+    bits = 320 + max(0, ULP - theta.bit_length())
+    cosine, sine = circle(shifted(abs(theta), bits - ULP - 1), bits)
+    sine = sine if theta > 0 else -sine
+    ends = -(1 << 32), 1 << 32
+    found = {
+        (nearest(cosine + e, 1 << bits), nearest(sine + f, 1 << bits)) for e in ends for f in ends
+    }
+    if len(found) > 1:
+        raise ValueError("an angle too close to call")
+    return found.pop()
+
+
+def circle(x: int, bits: int) -> tuple[int, int]:
+    """Cosine and sine of x, 0 <= x < 2^19, in units of 2^-bits: within 2^32, if x is within 1."""
+    quarters = 0
+    if x >> (bits - 1):
+        quarter = quarter_turn(bits + 40)
+        quarters = ((x << 41) + quarter) // (2 * quarter)
+        x -= quarters * quarter >> 40
+    sums, term, k = [0, 0], 1 << bits, 0
+    while abs(term) > 1:
+        sums[k % 2] += -term if k & 2 else term
+        k += 1
+        term = (term * x >> bits) // k
+    c, s = sums
+    return [(c, s), (-s, c), (-c, -s), (s, -c)][quarters % 4]
+
+
+@cache
+def quarter_turn(bits: int) -> int:
+    """Half of pi in units of 2^-bits, within 2^13: 8 arctan(1/5) - 2 arctan(1/239)."""
+    total = 0
+    for factor, n in ((8, 5), (-2, 239)):
+        power, k = (1 << bits) // n, 1
+        while power:
+            total += factor * (power // k) * (2 - k % 4)
+            power, k = power // (n * n), k + 2
+    return total
+
+
+def shepperd(M: Sequence[int]) -> list[int]:
+    """A quaternion of a matrix, row by row, each addition rounded to the nearest double."""
+
+    def add(total: int, *terms: int) -> int:
+        for term in terms:
+            total = nearest(total + term, ONE)
+        return total
+
+    a, b, c = M[::4]
+    trace = add(a, b, c)
+    x, y, z = add(M[7], -M[5]), add(M[2], -M[6]), add(M[3], -M[1])
+    xy, xz, yz = add(M[3], M[1]), add(M[2], M[6]), add(M[7], M[5])
+    if trace >= max(a, b, c):
+        return [x, y, z, add(ONE, trace)]
+    if a >= max(b, c):
+        return [add(ONE, add(a, -b, -c)), xy, xz, x]
+    if b >= c:
+        return [xy, add(ONE, add(b, -a, -c)), yz, y]
+    return [xz, yz, add(ONE, add(c, -a, -b)), z]
+
+
+# --- The graph ------------------------------------------------------------------------------------
+
+
+class Edge(NamedTuple):
+    """A measurement of node j in the frame of node i; kappa = 0 if of its position alone."""
+
+    i: int  # of a prior the world, at first not numbered
+    j: int
+    q: Quaternion
+    t: tuple[int, ...]
+    kappa: int
+    tau: int
+    role: str
+
+
+class Graph(NamedTuple):
+    """Edges between nodes 0 ... n-1, by ascending ids, and which of these are points."""
+
+    n: int
+    edges: list[Edge]
+    points: set[int]
+
+
+#: The tags that are read: role, dimension, and whether they measure a rotation.
+TAGS = {
+    "EDGE_SE2": ("pose", 2, True),
+    "EDGE_SE3:QUAT": ("pose", 3, True),
+    "EDGE_SE2_XY": ("sighting", 2, False),
+    "LANDMARK2": ("apart", 2, False),
+    "EDGE_SE3_TRACKXYZ": ("sighting", 3, False),
+    "EDGE_PRIOR_SE2": ("prior", 2, True),
+    "EDGE_SE2_PRIOR": ("prior", 2, True),
+    "EDGE_SE3_PRIOR": ("prior", 3, True),
+    "EDGE_PRIOR_SE2_XY": ("prior", 2, False),
+    "EDGE_SE2_GPS": ("prior", 2, False),
+    "EDGE_SE3_XYZPRIOR": ("prior", 3, False),
+}
+_OTHERS = re.compile(
+    r"VERTEX_(SE2|SE3:QUAT|XY|TRACKXYZ|POINT_XYZ)|FIX|PARAMS_(SE2OFFSET|SE3OFFSET|CAMERACALIB)"
+    r"|EDGE_(BEARING_SE2_XY|POINT_XYZ)|LANDMARK3"
+)
+_PLAIN = {9, *range(32, 127), *range(128, 256)}
+
+
+def read_edges(text: bytes, claim: dict[str, Any]) -> Iterator[Edge]:
+    """The measurements of a g2o or 1DSfM file that a proof's header asks for."""
+    formats, sensors, used = set(), {0: True}, set()
+    asked = {"pose": True, "prior": claim["priors"]}
+    lines = text.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").split(b"\n")
+    for number, line in enumerate(lines, 1):
+        try:
+            if not _PLAIN.issuperset(line) or not (said := line.split(b"#")[0]).isascii():
+                raise ValueError("plain text expected, and lines that end in LF or CRLF")
+            tag, *words = said.decode().split() or [""]
+            role, d, _ = TAGS.get(tag, ("", 3, False))
+            if role and asked.get(role, claim["landmarks"]):
+                sensor, edge = g2o_edge(tag, words, claim)
+                used.add(sensor)
+            elif tag == "PARAMS_SE3OFFSET" and claim["maps"] and claim["d"] == 3:
+                (sensor,), pose = split(words, 1, 7)
+                *zeros, w = map(double, pose)
+                here = not any(zeros) and 0 < abs(w) < FAR * ONE
+                sensors[sensor] = sensors.get(sensor, True) and here
+                continue
+            elif role or not tag or _OTHERS.fullmatch(tag):
+                continue
+            else:
+                edge = matrix_edge([tag, *words])
+        except ValueError as error:
+            raise Unreadable(f"line {number}: {error}") from None
+        if edge.i == edge.j and edge.role == "pose":
+            raise Unreadable(f"line {number}: node {edge.i} is measured from itself")
+        formats.add((d, bool(role)))
+        yield edge
+    if unknown := [sensor for sensor in used if not sensors.get(sensor, False)]:
+        raise Unreadable(f"sensor {min(unknown)} is not known to be at its body's origin")
+    if len(formats) > 1 or {d for d, _ in formats} != {claim["d"]}:
+        raise Unreadable(f"no graph of {claim['d']}D measurements")
+
+
+def split(words: list[str], ids: int, *sizes: int) -> tuple[list[int], list[str]]:
+    """Ids, and as many other words as one of the sizes."""
+    if len(words) - ids not in sizes:
+        raise ValueError(f"{' or '.join(str(ids + size) for size in sizes)} numbers expected")
+    if not all(re.fullmatch(r"[+-]?[0-9]+", word) for word in words[:ids]):
+        raise ValueError("ids are integers")
+    return [int(word) for word in words[:ids]], words[ids:]
+
+
+def g2o_edge(tag: str, words: list[str], claim: dict[str, Any]) -> tuple[int, Edge]:
+    """The sensor, 0 for none, and a line of ids, a position, a rotation and information."""
+    role, d, turned = TAGS[tag]
+    has_sensor, p = d == 3 and role != "pose", 3 * d - 3 if turned else d
+    size = (4 * d - 5) if turned else d
+    ids, rest = split(words, 2 - (role == "prior") + has_sensor, size, size + p * (p + 1) // 2)
+    sensor = ids.pop() if has_sensor else 0
+    numbers, information = [double(word) for word in rest[:size]], tuple(rest[size:])
+    turn = [0, 0, 0, ONE] if not turned else half_angle(numbers[2]) if d == 2 else numbers[3:]
+    kappa, tau = ONE, ONE
+    for word in information:
+        decimal(word)
+    if information and None in (claim["kappa"], claim["tau"]):
+        kappa, tau = weights(information, turned)
+        if claim["rotation_information"] == "quaternion":
+            kappa >>= 2  # half the angle, a quarter of the information
+    edge = Edge(
+        ids[0], ids[-1], quaternion(turn), tuple(numbers[:d]), max(kappa, 1) * turned, tau, role
+    )
+    return sensor, edge
+
+
+@cache
+def weights(words: tuple[str, ...], turned: bool) -> tuple[int, int]:
+    """The doubles kappa and tau that an upper triangle in decimals says, row by row."""
+    if not turned:
+        return 0, harmonic_mean(words)
+    if len(words) == 6:
+        return harmonic_mean(words[5:]), harmonic_mean([words[k] for k in (0, 1, 3)])
+    return harmonic_mean(words[15:], 2), harmonic_mean([words[k] for k in (0, 1, 2, 6, 7, 11)])
+
+
+def harmonic_mean(words: Sequence[str], over: int = 1) -> int:
+    """The double nearest to size / tr(A^-1) / over, A of this upper triangle."""
+    pairs = [decimal(word) for word in words]
+    powers = [e for _, e in pairs]
+    if not -400 <= min(powers) <= max(powers) <= 400:
+        raise ValueError("an information number out of range")
+    upper = [m * 10 ** (e - min(powers)) for m, e in pairs]
+    d = {1: 1, 3: 2, 6: 3}[len(upper)]
+    if d < 3:  # more rows and columns of the identity
+        upper = [upper[0], 0, 0, 1, 0, 1] if d == 1 else [*upper[:2], 0, upper[2], 0, 1]
+    a, b, c, p, q, r = upper
+    first, second = a * p - b * b, p * r - q * q
+    whole = a * second - b * (b * r - c * q) + c * (b * q - c * p)
+    if min(a, first, whole) <= 0:
+        raise ValueError("information that is not positive definite")
+    trace = first + second + a * r - c * c - (3 - d) * whole
+    n, m = d * whole, trace * over
+    return nearest(n * 10 ** max(min(powers), 0), m * 10 ** max(-min(powers), 0))
+
+
+def matrix_edge(words: list[str]) -> Edge:
+    """Ids, a rotation matrix row by row, and a direction, which is not used."""
+    (i, j), rest = split(words, 2, 12)
+    M = [double(word) for word in rest][:9]
+    a, b, c = M[::3], M[1::3], M[2::3]
+    off = max(abs(sum(map(mul, x, y)) - ONE * ONE * (x is y)) for x in (a, b, c) for y in (a, b, c))
+    normal = [a[k - 2] * b[k - 1] - a[k - 1] * b[k - 2] for k in range(3)]
+    turned = 1000 * sum(map(mul, normal, c)) > ONE**3
+    if max(map(abs, M)) >= 2 * ONE or 1000 * off > ONE * ONE or not turned:
+        raise ValueError("a rotation matrix expected")
+    return Edge(i, j, quaternion(shepperd(M)), (0, 0, 0), ONE, ONE, "pose")
+
+
+def read_graph(text: bytes, claim: dict[str, Any], kept: set[int] | None) -> Graph:
+    """The measurements that F is made of."""
+    edges, points = with_own_ids(list(read_edges(text, claim)))
+    if kept is not None:
+        edges = [edge for edge in edges if kept.issuperset(edge[:2])]
+    if claim["keep"] != "all":
+        steps = -1 if claim["keep"] == "first" else 1
+        edges = list({frozenset(edge[:2]): edge for edge in edges[::steps]}.values())
+    if not edges:
+        raise Unreadable("no measurements")
+    number = {k: node for node, k in enumerate(sorted({k for edge in edges for k in edge[:2]}))}
+    given = {k: None if claim[k] is None else double(str(claim[k])) for k in ("kappa", "tau")}
+    if 0 in given.values():
+        raise Unreadable("kappa and tau must be positive")
+    origin = [double(str(o)) for o in claim["origin"] or ()]
+    for k, edge in enumerate(edges):
+        kappa = edge.kappa and (edge.kappa if given["kappa"] is None else given["kappa"])
+        tau, t = edge.tau if given["tau"] is None else given["tau"], edge.t
+        if not all(ONE < weight * FAR < ONE * FAR * FAR for weight in (kappa or ONE, tau)):
+            raise Unreadable("kappa and tau must be positive, and neither tiny nor huge")
+        if edge.role == "prior" and origin:
+            t = tuple(x - o for x, o in zip(t, origin, strict=True))
+            if any(nearest(x, ONE) != x for x in t):
+                raise Refused("a position from the origin of the proof is not a double")
+        edges[k] = Edge(number[edge.i], number[edge.j], edge.q, t, kappa, tau, edge.role)
+    return Graph(len(number), edges, {number[k] for k in points})
+
+
+def with_own_ids(edges: list[Edge]) -> tuple[list[Edge], set[int]]:
+    """Edges where each pose, each point and the world has an id of its own; those of the points.
+
+    Points that are numbered apart follow all other ids if one of them has the number of another
+    node. The world, from which priors are, is last.
+    """
+    ends = {role: {e.j for e in edges if e.role == role} for role in ("sighting", "apart", "prior")}
+    poses = {edge.i for edge in edges if edge.role != "prior"}
+    poses |= {edge.j for edge in edges if edge.kappa}
+    points, apart, after = ends["sighting"], ends["apart"], 0
+    if poses & points:
+        raise Unreadable(f"node {min(poses & points)} is a pose and a point")
+    if apart & (poses | points):
+        after = max(0, *poses, *points) + 1
+        if min(apart) < 0:
+            raise Unreadable(f"numbers of points from 0 expected, not {min(apart)}")
+    points = points | {k + after for k in apart}
+    world = max(ends["prior"] | poses | points, default=0) + 1
+    edges = [edge._replace(i=world) if edge.role == "prior" else edge for edge in edges]
+    return [e._replace(j=e.j + after) if e.role == "apart" else e for e in edges], points
+
+
+# --- The proof ------------------------------------------------------------------------------------
+
+
+class Proof(NamedTuple):
+    """The content of a proof file; none of it is trusted."""
+
+    q: list[Quaternion]
+    t: list[list[int]]  # empty for rotations alone
+    multipliers: list[list[int]]
+    order: list[int]
+    pin: int
+    exponent: int
+
+
+def read_claim(data: bytes) -> dict[str, Any]:
+    """The header of a proof; decimals stay decimals."""
+    text = bytes(stored(data, "|u1")[0]).decode()
+    given = json.loads(text, parse_float=Decimal, parse_constant=Decimal)
+    claim = {"cost": None, "landmarks": False, "priors": False, "origin": None, **given}
+    if claim["cost"] is not None:
+        raise Unreadable("a proof of --cost chordal is expected; checker.py knows others")
+    known: dict[str, list[Any]] = {
+        "format": ["certpgo proof"],
+        "version": [1],
+        "kind": ["poses", "rotations"],
+        "d": [2, 3],
+        "keep": ["all", "first", "last"],
+        "rotation_information": ["tangent", "rpy", *["quaternion"] * (claim["d"] == 3)],
+        "landmarks": [False, True],
+        "priors": [False, True],
+    }
+    for name, choices in known.items():
+        if not any(claim[name] == x and type(claim[name]) is type(x) for x in choices):
+            raise Unreadable(f"{name} must be {' or '.join(map(str, choices))}")
+    if {type(claim[name]) for name in ("kappa", "tau")} - {type(None), int, Decimal}:
+        raise Unreadable("kappa and tau must be numbers")
+    if not type(claim["pin"]) is type(claim["exponent"]) is int:
+        raise Unreadable("pin and exponent are integers")
+    maps, origin = claim["landmarks"] or claim["priors"], claim["origin"]
+    if maps and (claim["kind"], claim["component_sha256"]) != ("poses", None):
+        raise Unreadable("landmarks and priors are for poses, all of a file's")
+    stated = claim["priors"] and isinstance(origin, list) and [*map(type, origin)]
+    if origin is not None and stated != [Decimal] * claim["d"]:
+        raise Unreadable("an origin is a list of d numbers, for priors")
+    return {**claim, "maps": maps}
+
+
+def stored(data: bytes, dtype: str, *shape: int) -> list[list[int]]:
+    """The rows of an array in a .npy file, with numbers as unsigned integers."""
+    begin, size = 12 if data[6] > 1 else 10, int(dtype[2:])
+    start = begin + int.from_bytes(data[8:begin], "little")
+    header = ast.literal_eval(data[begin:start].decode())
+    shape = shape or header["shape"]
+    if (data[:6], header["descr"], header["shape"]) != (b"\x93NUMPY", dtype, shape):
+        raise Refused(f"{dtype} of shape {shape} expected: another graph's proof?")
+    words = [int.from_bytes(data[k : k + size], "little") for k in range(start, len(data), size)]
+    n, columns = shape if len(shape) > 1 else (1, *shape)
+    if (len(data) - start, len(words)) != (size * len(words), n * columns):
+        raise Refused("an array is not as long as it says")
+    if header["fortran_order"]:
+        return [words[k::n] for k in range(n)]
+    return [words[k : k + columns] for k in range(0, len(words), columns)]
+
+
+def from_bits(word: int, fraction: int = 52, size: int = 64) -> int:
+    """The number of the bits of a double or single: sign, exponent, fraction."""
+    exponent, digits = word >> fraction & (1 << size - fraction - 1) - 1, word & (1 << fraction) - 1
+    if exponent == (1 << size - fraction - 1) - 1:
+        raise Refused("the proof holds numbers that are not finite")
+    digits = (digits | 1 << fraction) << (exponent - 1) if exponent else digits
+    return -digits if word >> size - 1 else digits
+
+
+def read_proof(files: dict[str, bytes], claim: dict[str, Any], graph: Graph) -> Proof:
+    """The arrays of a proof."""
+    n, d, poses = graph.n, claim["d"], claim["kind"] == "poses"
+
+    def doubles(name: str, columns: int) -> list[list[int]]:
+        return [[from_bits(word) for word in row] for row in stored(files[name], "<f8", n, columns)]
+
+    q = [quaternion(row) for row in doubles("rotations", 2 * d - 2)]
+    t = doubles("translations", d) if poses else []
+    multipliers = doubles("multipliers", d * (d + 1) // 2)
+    (order,), (delta,) = (
+        stored(files["order"], "<i4", n),
+        stored(files["delta"], "<f4", n * (d + poses)),
+    )
+    for word in delta:  # a hint of which this program has no need
+        from_bits(word, 23, 32)
+    if sorted(order) != list(range(n)):
+        raise Refused("order is no permutation")
+    if not (0 <= claim["pin"] < n and abs(claim["exponent"]) <= 300):
+        raise Refused("pin or exponent out of range")
+    if any(any(multipliers[k]) for k in graph.points):
+        raise Refused("a multiplier of a point, which has no rotation")
+    return Proof(q, t, multipliers, order, claim["pin"], claim["exponent"])
+
+
+# --- Both sides -----------------------------------------------------------------------------------
+
+
+def upper_bound(graph: Graph, proof: Proof, d: int) -> Fraction:
+    """F(x), each term rounded up to a multiple of 2^-FINE."""
+    norms, N = [norm(q) for q in proof.q], [matrix(q, d) for q in proof.q]
+    flat = [x for t in (*proof.t, *(edge.t for edge in graph.edges)) for x in t]
+    numbers, unit = trimmed(flat)
+    t = [numbers[k : k + d] for k in range(0, len(numbers), d)]
+    total = 0
+    for k, (i, j, q, _, kappa, tau, _) in enumerate(graph.edges, len(proof.t)):
+        if kappa:
+            below = norms[i] * norms[j] * norm(q)
+            cosine = sum(map(mul, proof.q[j], product(proof.q[i], q)))
+            total -= shifted(8 * kappa * (cosine * cosine - below), FINE - ULP) // below
+        if proof.t:
+            arms = [sum(map(mul, row, t[k])) for row in N[i]]
+            off = [norms[i] * (b - a) - arm for a, b, arm in zip(t[i], t[j], arms, strict=True)]
+            total -= shifted(-tau * norm(off), FINE - ULP - 2 * unit) // norms[i] ** 2
+    return Fraction(total, 1 << FINE)
+
+
+Entries = dict[tuple[int, int], int]
+Block = tuple[int, int, list[list[int]], int]  # N/D from a row and a column
+
+
+def certificate_matrix(
+    graph: Graph, proof: Proof, d: int, at: dict[int, int], turn: dict[int, int]
+) -> tuple[Entries, list[Block], int]:
+    """A = M - Lam in units of 2^-unit: entries of rows r <= s, blocks -kappa R_ij to add, and unit.
+
+    Node k has rows at[k], its position (-1: the pinned one), and turn[k] ..., its rotation.
+    """
+    taus, tau_unit = trimmed([weight for edge in graph.edges for weight in edge[4:6]])
+    steps, step_unit = trimmed([ONE, *(x for edge in graph.edges for x in edge.t)])
+    Lams, Lam_unit = trimmed([x for row in proof.multipliers for x in row])
+    unit, size = max(tau_unit + 2 * step_unit, Lam_unit), d * (d + 1) // 2
+    A: Counter[tuple[int, int]] = Counter()
+    blocks = []
+    for k, (i, j, q, *_) in enumerate(graph.edges):
+        kappa, tau = (weight << (unit - tau_unit) for weight in taus[2 * k : 2 * k + 2])
+        if kappa:
+            blocks.append(
+                (turn[i], turn[j], [[-kappa * x for x in row] for row in matrix(q, d)], norm(q))
+            )
+            for row in (turn[i], turn[j]):
+                A.update({(row + a, row + a): kappa for a in range(d)})
+        if proof.t:
+            terms = [(at[j], steps[0]), (at[i], -steps[0])]
+            terms += [(turn[i] + a, -x) for a, x in enumerate(steps[1 + d * k : 1 + d * (k + 1)])]
+            terms, tau = [term for term in terms if term[0] >= 0], tau >> 2 * step_unit
+            for r, x in terms:
+                for s, y in terms:
+                    if r <= s:
+                        A[r, s] += tau * x * y
+    for k, row in turn.items():
+        upper = iter(Lams[size * k : size * (k + 1)])
+        for a in range(d):
+            for b in range(a, d):
+                A[row + a, row + b] -= next(upper) << (unit - Lam_unit)
+    return A, blocks, unit
+
+
+def scaled(
+    A: Entries, blocks: list[Block], unit: int, scale: list[int], bits: int
+) -> tuple[list[dict[int, int]], int]:
+    """Rows of 2^scale A 2^scale in units of 2^-bits, s >= r, and more than they are below it."""
+    rows: list[Counter[int]] = [Counter() for _ in scale]
+    for (r, s), x in A.items():
+        rows[r][s] += shifted(x, scale[r] + scale[s] + bits - unit)
+    parallel = Counter((min(r, s), max(r, s)) for r, s, _, _ in blocks)
+    for r, s, N, D in blocks:
+        for a, entries in enumerate(N, r):
+            for b, x in enumerate(entries, s):
+                by = scale[a] + scale[b] + bits - unit
+                rows[min(a, b)][max(a, b)] += (x << max(by, 0)) // (D << max(-by, 0))
+    return [dict(row) for row in rows], 1 + max(parallel.values(), default=0)
+
+
+# --- Positive semidefiniteness --------------------------------------------------------------------
+
+Front = tuple[list[int], list[int], int]  # what is eliminated, what it reaches, and its parent
+
+
+def fronts(pairs: set[tuple[int, int]], order: list[int], spare: int = 16) -> list[Front]:
+    """A symbolic elimination of nodes; a wrong one could only fail."""
+    place = {node: k for k, node in enumerate(order)}
+    later: list[set[int]] = [set() for _ in order]
+    for i, j in pairs:
+        later[min(place[i], place[j])].add(max(place[i], place[j]))
+    waiting: list[list[int]] = [[] for _ in order]  # fronts, at the first place they reach
+    pivots: list[list[int]] = []
+    reached: list[set[int]] = []
+    zeros: list[int] = []  # that merging nodes into a front has added
+    parent: dict[int, int] = {}
+    for k, reach in enumerate(later):
+        reach = reach.union(*(reached[f] for f in waiting[k])) - {k}
+        front = max(waiting[k], key=lambda f: len(reached[f]), default=-1)
+        added = len(reach) + 1 - len(reached[front]) if waiting[k] else 0
+        if not waiting[k] or zeros[front] + added * len(pivots[front]) > spare:
+            front, added = len(pivots), 0
+            pivots.append([])
+            reached.append(set())
+            zeros.append(0)
+        zeros[front] += added * len(pivots[front])
+        pivots[front].append(order[k])
+        reached[front] = reach
+        parent |= {f: front for f in waiting[k] if f != front}
+        if reach:
+            waiting[min(reach)].append(front)
+    found = sorted(range(len(pivots)), key=lambda f: place[pivots[f][-1]])
+    new = {f: k for k, f in enumerate(found)} | {-1: -1}
+    return [(pivots[f], [order[k] for k in reached[f]], new[parent.get(f, -1)]) for f in found]
+
+
+class Packing:
+    """Numbers below 2^(width - 1) in size as one: the sum of x_k 2^(width k), signs included."""
+
+    def __init__(self, width: int) -> None:
+        self.width, self.biases = width, [0]
+
+    def bias(self, n: int) -> int:
+        """What makes n numbers positive: 2^(width - 1) for each."""
+        for k in range(len(self.biases), n + 1):
+            self.biases.append(self.biases[k - 1] | 1 << (self.width * k - 1))
+        return self.biases[n]
+
+    def unpacked(self, packed: int, n: int) -> list[int]:
+        """The n numbers."""
+        size, half = self.width // 8, 1 << (self.width - 1)
+        data = (packed + self.bias(n)).to_bytes(n * size, "little")
+        return [
+            int.from_bytes(data[k : k + size], "little") - half for k in range(0, n * size, size)
+        ]
+
+    def spread(self, packed: int, places: list[int]) -> int:
+        """The numbers at other places, which ascend and are counted from the first."""
+        biased, total, start = packed + self.bias(len(places)), 0, 0
+        for k, place in enumerate(places, 1):
+            if k == len(places) or places[k] != place + 1:
+                run = (biased >> self.width * start) & ((1 << self.width * (k - start)) - 1)
+                total += (run - self.bias(k - start)) << self.width * (places[start] - places[0])
+                start = k
+        return total
+
+
+def is_positive_semidefinite(
+    rows: list[dict[int, int]], error: int, tree: list[Front], v: list[int], precision: int
+) -> bool:
+    """Whether A = sum l l^T + E is found, with E diagonally dominant under the weights v.
+
+    Entries of A are no less than those of ``rows`` and no more than ``error`` above, in units of
+    2^-(2 precision). The pivots of all fronts in ``tree`` are the rows, in order.
+    """
+    one, packing, n = 1 << 2 * precision, Packing(2 * precision + 8), len(rows)
+    norms, own, others, reach = [0] * n, [0] * n, [0] * n, [0] * n
+    for r, row in enumerate(rows):
+        for s, x in row.items():
+            if abs(x) > one:
+                return False
+            others[r] += error * v[s]
+            others[s] += error * v[r] * (r != s)
+    for pivots, boundary, _ in tree:
+        inside, outside = sum(v[r] for r in pivots), sum(v[r] for r in boundary)
+        for r in pivots:
+            reach[r] += inside + outside
+        for r in boundary:
+            reach[r] += inside
+    left: dict[int, list[tuple[list[int], list[int]]]] = {}
+    for front, (pivots, boundary, parent) in enumerate(tree):
+        here = [*pivots, *boundary]
+        place, packed = {r: k for k, r in enumerate(here)}, [0] * len(here)
+        for r in pivots:
+            for s, x in rows[r].items():
+                packed[place[r]] += x << packing.width * (place[s] - place[r])
+        for below, passed_on in left.pop(front, []):
+            places = [place[r] for r in below]
+            for k, x in enumerate(passed_on):
+                packed[places[k]] += packing.spread(x, places[k:])
+        for k, r in enumerate(pivots):
+            S, *column = packing.unpacked(packed[k], len(here) - k)
+            pivot = S - (reach[r] << precision) // v[r] - 1
+            if pivot <= 0:
+                return False
+            top, tail = isqrt(pivot), 0
+            own[r] = S - top * top
+            for a in range(len(here) - 1, k, -1):
+                s, x = here[a], column[a - k - 1]
+                y = (2 * x + top) // (2 * top)
+                tail = (tail << packing.width) + y
+                packed[a] -= y * tail
+                norms[s] += y * y
+                rest = abs(x - y * top)
+                others[r] += rest * v[s]
+                others[s] += rest * v[r]
+                if norms[s] > one:
+                    return False
+        if boundary:
+            left.setdefault(parent, []).append((boundary, packed[len(pivots) :]))
+    complete = [r for pivots, _, _ in tree for r in pivots] == list(range(n)) and not left
+    return complete and all(e * w >= rest for e, w, rest in zip(own, v, others, strict=True))
+
+
+# --- Checking -------------------------------------------------------------------------------------
+
+
+class Answer(NamedTuple):
+    """F(x) <= upper and F* >= lower, where ``about`` describes F."""
+
+    upper: Fraction
+    lower: Fraction
+    about: str
+
+    @property
+    def relative_gap(self) -> Fraction:
+        """(F(x) - F*)/F(x) at most."""
+        return max(Fraction(0), 1 - self.lower / self.upper) if self.upper else Fraction(0)
+
+    def __str__(self) -> str:
+        upper, lower = digits(self.upper, 15, up=True), digits(self.lower, 15, up=False)
+        gap = digits(self.relative_gap, 2, up=True)
+        return f"PROVED: F(x) <= {upper:g}, F* >= {lower:g}, relative gap <= {gap:.1e}"
+
+
+def digits(x: Fraction, count: int, up: bool) -> Decimal:
+    """The first digits of a number x >= 0, rounded up or down."""
+    exponent = len(str(x.numerator)) - len(str(x.denominator)) - count - 1
+    while (
+        m := -(-x // Fraction(10) ** exponent) if up else x // Fraction(10) ** exponent
+    ) >= 10**count:
+        exponent += 1
+    return Decimal(m).scaleb(exponent) if m else Decimal(0)
+
+
+def prove(graph: Graph, proof: Proof, d: int) -> tuple[Fraction, Fraction]:
+    """Both bounds."""
+    found = fronts({(edge.i, edge.j) for edge in graph.edges}, proof.order)
+    at, turn, rows, n = {}, {}, {}, 0
+    for node in (node for pivots, _, _ in found for node in pivots):
+        start = n
+        if proof.t:
+            at[node], n = (-1, n) if node == proof.pin else (n, n + 1)
+        if node not in graph.points:
+            turn[node], n = n, n + d
+        rows[node] = range(start, n)
+    tree = [
+        ([r for k in pivots for r in rows[k]], sorted(r for k in boundary for r in rows[k]), parent)
+        for pivots, boundary, parent in found
+    ]
+    A, blocks, unit = certificate_matrix(graph, proof, d, at, turn)
+    if any(A.get((r, r), 0) <= 0 for r in range(n)):
+        raise Refused("a diagonal entry of the certificate matrix is not positive")
+    scale = [(unit - A[r, r].bit_length()) >> 1 for r in range(n)]  # to a diagonal in [1/4, 1)
+    positions = set(at.values())
+    exponents = [proof.exponent * (r in positions) - scale[r] for r in range(n)]
+    lowest = min(exponents)
+    v = [1 << (exponent - lowest) for exponent in exponents]
+    if not any(
+        is_positive_semidefinite(*scaled(A, blocks, unit, scale, 2 * bits), tree, v, bits)
+        for bits in PRECISIONS
+    ):
+        raise Refused("the certificate matrix was not proven positive semidefinite")
+    trace = sum(row[k] for row in proof.multipliers for k in ((0, 2), (0, 3, 5))[d - 2])
+    return upper_bound(graph, proof, d), max(Fraction(trace, ONE), Fraction(0))
+
+
+def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
+    """Check a proof about a graph file; raises `Refused` or `Unreadable`."""
+    path = Path(graph_path)
+    path = path / "EGs.txt" if path.is_dir() else path
+    try:
+        text = path.read_bytes()
+    except OSError as error:
+        raise Unreadable(f"{path}: {error.strerror}") from None
+    try:
+        with zipfile.ZipFile(proof_path) as archive:
+            if any(member.compress_type for member in archive.infolist()):
+                raise Unreadable(f"{proof_path}: its arrays must not be compressed")
+            files = {name.removesuffix(".npy"): archive.read(name) for name in archive.namelist()}
+        claim = read_claim(files["claim"])
+        if hashlib.sha256(text).hexdigest() != claim["graph_sha256"]:
+            raise Refused(f"{path} is not the file that was proven about: its SHA-256 differs")
+        graph = read_graph(text, claim, component(path, claim["component_sha256"]))
+        proof = read_proof(files, claim, graph)
+    except (Refused, Unreadable):
+        raise
+    except OSError as error:
+        raise Unreadable(f"{proof_path}: {error.strerror or 'not a readable proof'}") from None
+    except Exception as error:  # damaged archives can raise anything
+        raise Unreadable(f"{proof_path}: not a readable proof ({type(error).__name__})") from None
+    return Answer(*prove(graph, proof, claim["d"]), about(graph, claim))
+
+
+def component(path: Path, sha256: str | None) -> set[int] | None:
+    """The nodes of a cc.txt next to the graph, if the proof is about those alone."""
+    if sha256 is None:
+        return None
+    try:
+        text = path.with_name("cc.txt").read_bytes()
+    except OSError as error:
+        raise Unreadable(f"cc.txt beside {path}: {error.strerror}") from None
+    if hashlib.sha256(text).hexdigest() != sha256:
+        raise Refused("cc.txt is not the file that was proven about: its SHA-256 differs")
+    if not re.fullmatch(rb"[0-9\s]*", text):
+        raise Unreadable("cc.txt: ids expected")
+    return set(map(int, text.split()))
+
+
+def about(graph: Graph, claim: dict[str, Any]) -> str:
+    """The measurements and how they were read: what F is."""
+    said = [f"the {claim['kind']} of {graph.n} nodes from {len(graph.edges)} measurements"]
+    for name in ("kappa", "tau")[: 1 + (claim["kind"] == "poses")]:
+        ones = any(getattr(edge, name) == ONE for edge in graph.edges)
+        none = " (1 without information)" * ones
+        said.append(f"{name} {claim[name] or f'of the file{none}'}")
+    said.append(f"rotational information read as {claim['rotation_information']}")
+    priors = sum(edge.role == "prior" for edge in graph.edges)
+    said += [f"with {len(graph.points)} landmarks"] * claim["landmarks"]
+    said += [f"with {priors} priors"] * claim["priors"]
+    said += ["numbers read as information"] * claim["maps"]
+    added = claim["keep"] == "all"
+    said.append("parallel edges added" if added else f"only the {claim['keep']} of parallel edges")
+    said += ["nodes of cc.txt alone"] * (claim["component_sha256"] is not None)
+    return ", ".join(said)
+
+
+def main(arguments: list[str]) -> int:
+    """Print what is proven; exit codes: 0 proved, 6 refused, 1 unreadable, 2 usage error."""
+    if len(arguments) != 2:
+        sys.stderr.write("usage: integer_checker.py GRAPH PROOF\n")
+        return 2
+    try:
+        answer = check(*arguments)
+        sys.stdout.write(f"{answer}\nabout {answer.about}\n")
+    except Refused as reason:
+        sys.stdout.write(f"REFUSED: {reason}\n")
+        return 6
+    except Unreadable as reason:
+        sys.stderr.write(f"error: {reason}\n")
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

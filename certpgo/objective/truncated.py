@@ -1,0 +1,255 @@
+"""Minorants of truncated edge costs min(f, c): of a rejected measurement and its price.
+
+Write F = [v Q] for the relative pose of an edge, v = R_i^T (t_j - t_i) and Q = R_i^T R_j, and M for
+the measured one. Then f = tr((F - M) D (F - M)^T) with D = diag(tau, kappa I). For any centre C and
+any weight W >= 0 let A : B = (A^-1 + B^-1)^-1 be the parallel sum, and
+
+    c' = tr((C - M) (D : W) (C - M)^T).
+
+The sum of two quadratic forms is never below their parallel sum, whatever F is, so that
+
+    f >= c' - tr((F - C) W (F - C)^T),
+
+and if c' is cut off at c, the right side is nowhere above c: it is a minorant of min(f, c). In the
+matrix of all poses, it is an edge of negative weight.
+
+Where a measurement is rejected at an estimate, f > c there, C is the estimate's own relative pose:
+the edge has no residual and no gradient, and touches min(f, c) if c' = c. Where f < c, C lies
+further out, M + (c / f) (F - M), and W = f / (c - f) D: value and gradient are those of f.
+
+The constants that are used do not rely on these formulas, and are slightly better: for all
+rotations Q and all v, by the nuclear norm |X|_* = max <X, Q> over orthogonal Q.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from certpgo.graph import Graph, PoseGraph
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.linalg.ball_arithmetic import Ball, sums
+from certpgo.linalg.rotations import rotation_defect
+from certpgo.objective.edge_cost import Minorants
+
+#: Weights over those of the measurement beyond which an edge has no minorant, as its cost is too
+#: close to its price, and below which a cost under the price counts as zero.
+STEEPEST, FLATTEST = 1e6, 1e-9
+#: By which weights are raised, so that rounding does not lower the price that is reached.
+RAISED = 1e-13
+EPS = float(np.finfo(float).eps)
+#: Bisections of the logarithm, for the weight that reaches a price.
+BISECTIONS = 40
+
+
+@dataclass(frozen=True, eq=False)
+class Truncation:
+    """Rejected measurements at the relative poses of an estimate.
+
+    Matrices of weights are (k, d + 1, d + 1), translations first; of rotations alone, (k, d, d).
+
+    Attributes
+    ----------
+    graph : k measurements with isotropic weights
+    prices : (k,) at which their costs are truncated, in units of F
+    v : (k, d) R_i^T (t_j - t_i) of the estimate; zeros for rotations alone
+    Q : (k, d, d) R_i^T R_j
+    exact : whether F of the graph is the measurements' cost, and not only below it
+    """
+
+    graph: Graph
+    prices: FloatArray
+    v: FloatArray
+    Q: FloatArray
+    exact: bool = True
+
+    def subset(self, chosen: IntArray) -> Truncation:
+        """Some of them."""
+        parts = self.prices[chosen], self.v[chosen], self.Q[chosen]
+        return Truncation(self.graph.with_edges(chosen), *parts, self.exact)
+
+    @property
+    def moved(self) -> int:
+        """1 for poses, 0 for rotations alone."""
+        return int(isinstance(self.graph, PoseGraph))
+
+    @property
+    def translations(self) -> FloatArray:
+        """(k, d) measured translations, zeros for rotations alone."""
+        return self.graph.translations if isinstance(self.graph, PoseGraph) else 0.0 * self.v
+
+    @cached_property
+    def weights(self) -> FloatArray:
+        """(k, b) diagonals of D."""
+        kappa = np.repeat(self.graph.rotation.kappa[:, None], self.graph.d, axis=1)
+        if isinstance(self.graph, PoseGraph):
+            return np.concatenate([self.graph.tau[:, None], kappa], axis=1)
+        return kappa
+
+    @cached_property
+    def residuals(self) -> FloatArray:
+        """(k, d, b) F - M."""
+        turned = self.Q - self.graph.rotation.rotations
+        if not self.moved:
+            return turned
+        return np.concatenate([(self.v - self.translations)[:, :, None], turned], axis=2)
+
+    @cached_property
+    def costs(self) -> FloatArray:
+        """(k,) terms of F."""
+        return np.asarray(((self.residuals**2).sum(axis=1) * self.weights).sum(axis=1))
+
+    @property
+    def is_far(self) -> BoolArray:
+        """(k,) whether each costs more than its price."""
+        return np.asarray(self.costs > self.prices)
+
+    def plain(self) -> FloatArray:
+        """(k, b, b) weights W = ratio D with which minorants touch, zero where there are none."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = np.minimum(self.prices, self.costs) / np.abs(self.costs - self.prices)
+        near = ~self.is_far & ((ratio < FLATTEST) | (not self.exact))
+        ratio[~(ratio <= STEEPEST) | near] = 0.0
+        return np.asarray((1.0 + RAISED) * ratio[:, None, None] * self._diagonal)
+
+    @property
+    def _diagonal(self) -> FloatArray:
+        return np.asarray(self.weights[:, :, None] * np.eye(self.weights.shape[1]))
+
+    def reaching(self, resistances: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The weights that reach the prices at the least load, and these loads (k,).
+
+        W = s G^-1 for resistances G (k, b, b) has the load s, see `certpgo.certify.resistances`,
+        and no W of that load is larger. Infinite loads where the price is more than the cost.
+        """
+        values, squares, half = self._modes(resistances)
+        low, high = np.full((2, len(squares)), [[1e-15], [1e15]])
+        for _ in range(BISECTIONS):
+            s = np.sqrt(low * high)
+            reached = _reached(values, squares, s) >= self.prices
+            low, high = np.where(reached, low, s), np.where(reached, s, high)
+        return _inverse(values, half, high), np.where(self.is_far, high, np.inf)
+
+    def loaded(self, resistances: FloatArray, load: float) -> tuple[FloatArray, FloatArray]:
+        """The largest weights of a load, and the values (k,) that their minorants have, uncut.
+
+        For a load of 1 that is tr((F - M) (D^-1 + G)^-1 (F - M)^T): by how much F rises at least,
+        where S leaves all room, if the measurement is taken back.
+        """
+        values, squares, half = self._modes(resistances)
+        s = np.full(len(squares), load)
+        return _inverse(values, half, s), _reached(values, squares, s)
+
+    def _modes(self, resistances: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Eigenvalues (k, b) and -vectors U of D^1/2 G D^1/2; |(F - M) D^1/2 U|^2, and D^1/2 U."""
+        root = np.sqrt(self.weights)
+        values, U = np.linalg.eigh(root[:, :, None] * resistances * root[:, None, :])
+        half = root[:, :, None] * U
+        return values, ((self.residuals @ half) ** 2).sum(axis=1), half
+
+    def minorants(self, W: FloatArray) -> Minorants:
+        """The minorants with these weights (k, b, b); zero where they are zero.
+
+        Their constants are rounded down for exactly the other doubles.
+        """
+        used = W.any(axis=(1, 2))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            out = np.where(used & ~self.is_far, self.prices / self.costs, 1.0)
+        tau, arms = np.zeros(len(W)), np.zeros_like(self.v)
+        if self.moved:
+            tau = W[:, 0, 0]
+            arms = W[:, 1:, 0] / np.where(tau > 0.0, tau, 1.0)[:, None]
+        K = W[:, self.moved :, self.moved :] - tau[:, None, None] * _outer(arms, arms)
+        Z = self.graph.rotation.rotations + out[:, None, None] * (
+            self.Q - self.graph.rotation.rotations
+        )
+        z = self.translations + out[:, None] * (self.v - self.translations)
+        b = z + (Z @ arms[:, :, None])[:, :, 0]
+        N = -Z @ K
+        constant = np.where(used, self._constants(tau, arms, b, N), 0.0)
+        return Minorants(-tau, arms, b, N, constant)
+
+    def _constants(
+        self, tau: FloatArray, a: FloatArray, b: FloatArray, N: FloatArray
+    ) -> FloatArray:
+        """(k,) the largest C with -tau |v + Q a - b|^2 - 2 <N, Q> + C <= min(f, c), rounded down.
+
+        It is at most c for C <= c - 2 |N|_*. Against f, the best v is between t and b - Q a; what
+        is left is linear in Q.
+        """
+        R, kappa = self.graph.rotation.rotations, self.graph.rotation.kappa
+        d, y = self.graph.d, Ball.exact(self.translations) - b
+        between = Ball.exact(np.zeros(len(kappa)))
+        if isinstance(self.graph, PoseGraph):
+            both = (tau > 0.0) & (self.graph.tau > 0.0)
+            one, other = (Ball.exact(np.where(both, w, 1.0)) for w in (tau, self.graph.tau))
+            between = one * other / (one + other) * np.where(both, 1.0, 0.0)
+        coupling = Ball.exact(N) - Ball.within(R, rotation_defect(R)) * kappa[:, None, None]
+        coupling = coupling + between[:, None, None] * (y[:, :, None] * a[:, None, :])
+        squares = sums(y.squared()) + sums(Ball.exact(a).squared())
+        of_cost = 2.0 * d * Ball.exact(kappa) + between * squares - 2.0 * nuclear(coupling)
+        of_price = Ball.exact(self.prices) - 2.0 * nuclear(Ball.exact(N))
+        return np.minimum(of_cost.lower, of_price.lower)
+
+
+def _reached(values: FloatArray, squares: FloatArray, s: FloatArray) -> FloatArray:
+    """(k,) sums of squares over 1 + values / s."""
+    return np.asarray((squares * (s[:, None] / (s[:, None] + np.maximum(values, 0.0)))).sum(axis=1))
+
+
+def _inverse(values: FloatArray, half: FloatArray, s: FloatArray) -> FloatArray:
+    """(k, b, b) s G^-1, without what is not measured."""
+    known = values > FLATTEST * values[:, -1:]
+    inverse = np.where(known, s[:, None] / np.where(known, values, 1.0), 0.0)
+    return np.asarray((half * inverse[:, None, :]) @ np.swapaxes(half, 1, 2))
+
+
+def largest(minorants: Minorants) -> FloatArray:
+    """(k,) upper bounds on minorants of negative weight: C + 2 |N|_*, rounded up."""
+    return (2.0 * nuclear(Ball.exact(minorants.N)) + minorants.constant).upper
+
+
+def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.asarray(a[:, :, None] * b[:, None, :])
+
+
+def nuclear(A: Ball) -> Ball:
+    """Upper bounds, as points, on the nuclear norms of matrices (m, d, d) in balls.
+
+    The sum of the singular values of A = U S V^T + E is at most |U| |V| tr(S) + d^(1/2) |E|_F.
+    """
+    m, d, _ = A.mid.shape
+    U, S, Vt = np.linalg.svd(A.mid)
+    rest = A - Ball.exact(U * S[:, None, :]) @ Vt
+    error = sums(rest.reshaped(m, d * d).squared()).sqrt().size
+    largest = _norms(U) * _norms(Vt) * S.sum(axis=1)
+    return Ball.exact((1.0 + 16.0 * EPS) * (largest + 1.0001 * math.sqrt(d) * error))
+
+
+def _norms(U: FloatArray) -> FloatArray:
+    """(m,) upper bounds on the norms of almost orthogonal matrices: |U|^2 <= 1 + |U^T U - I|."""
+    m, d, _ = U.shape
+    defect = Ball.exact(np.swapaxes(U, 1, 2)) @ U - np.eye(d)
+    return np.asarray(1.0 + sums(defect.reshaped(m, d * d).squared()).sqrt().size)
+
+
+def untruncated(graph: Graph) -> Minorants:
+    """Minorants of measurements with isotropic weights, which differ from their costs by rounding.
+
+    kappa |Q - R|^2 = 2 d kappa - 2 kappa <R, Q>, where the coupling kappa R is a rounded one of the
+    rotation R nearest to the stored matrix.
+    """
+    R, kappa = graph.rotation.rotations, graph.rotation.kappa
+    m, d = len(R), graph.d
+    N = kappa[:, None, None] * R
+    off = Ball.exact(N) - Ball.within(R, rotation_defect(R)) * kappa[:, None, None]
+    distance = sums(off.reshaped(m, d * d).squared()).sqrt().size
+    lost = 2.002 * math.sqrt(d) * Ball.exact(distance)
+    constant = (2.0 * d * Ball.exact(kappa) - lost).lower
+    zeros = np.zeros((m, d))
+    if isinstance(graph, PoseGraph):
+        return Minorants(graph.tau, zeros, graph.translations, N, constant)
+    return Minorants(np.zeros(m), zeros, zeros, N, constant)

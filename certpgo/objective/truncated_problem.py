@@ -1,0 +1,325 @@
+"""The truncated cost: f_T = sum_K f_e + sum_O min(f_e, c_e), of kept and of rejected measurements.
+
+Its minimum is over all poses and all choices of which rejected measurements to take back, each of
+which costs its price c_e as long as it is left out. Its minorants are in
+`certpgo.objective.truncated`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from certpgo.errors import InputError
+from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.graph.display import Brief
+from certpgo.graph.graph import has_matrix_weights
+from certpgo.graph.relaxed_point import Point, translations_of
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_floats
+from certpgo.linalg.ball_arithmetic import U
+from certpgo.objective.chi_squared import flagged_from, quantiles
+from certpgo.objective.edge_cost import Minorants
+from certpgo.objective.information_problem import InformationProblem
+from certpgo.objective.marginalized import isotropic_below
+from certpgo.objective.problem import PoseProblem, Problem, RotationProblem
+from certpgo.objective.rotation_problem import RotationsOfPoses
+from certpgo.objective.signed_weights import SignedGraph, SignedProblem
+from certpgo.objective.truncated import Truncation, untruncated
+
+
+class UncertifiableError(InputError):
+    """Measurements whose truncated costs have no certificate: with matrix weights, for instance."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TruncatedProblem(Brief):
+    """Minimise the cost of kept measurements and the truncated costs of rejected ones.
+
+    Attributes
+    ----------
+    whole : the problem of all m measurements: under F with isotropic weights, or under the cost of
+        another program
+    prices : (m,) what a rejected measurement costs at most, in units of the cost; infinite for kept
+        ones
+
+    Raises
+    ------
+    GraphError
+        The kept measurements do not connect the graph, or leave a node free.
+    InputError
+        Prices that are not positive.
+    UncertifiableError
+        Edges with matrix weights, or the cost of a program below which no isotropic cost is known.
+
+    Examples
+    --------
+    A triangle measured twice, and once more by an edge that is wrong by a quarter turn:
+
+    >>> import numpy as np
+    >>> from certpgo import Estimate, RotationGraph, RotationProblem, certify
+    >>> from certpgo.objective.truncated_problem import TruncatedProblem
+    >>> R = np.tile(np.eye(2), (7, 1, 1))
+    >>> R[-1] = [[0.0, -1.0], [1.0, 0.0]]
+    >>> edges = np.array([(0, 1), (1, 2), (2, 0)] * 2 + [(0, 1)])
+    >>> whole = RotationProblem(RotationGraph(3, edges, R, kappa=np.full(7, 100.0)))
+    >>> rejecting = TruncatedProblem(whole, np.r_[np.full(6, np.inf), 20.0])
+    >>> certificate = certify(rejecting, Estimate(np.tile(np.eye(2), (3, 1, 1))))
+    >>> print(f"{certificate.verdict}, {certificate.cost_upper:.3f}")
+    CERTIFIED, 20.000
+    """
+
+    whole: Problem | InformationProblem
+    prices: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "prices", frozen_floats(self.prices))
+        if self.prices.shape != (self.whole.graph.num_edges,) or not (self.prices > 0.0).all():
+            raise InputError(
+                f"prices must be {self.whole.graph.num_edges} positive numbers, one per edge"
+            )
+        if has_matrix_weights(self.graph):
+            raise UncertifiableError("edges with matrix weights have no minorants")
+        if isinstance(self.whole, InformationProblem):
+            self.whole.refuse_indefinite()
+        if not self.is_rejected.any():
+            raise InputError("no measurement is rejected: all prices are infinite")
+        _ = self.kept, self.below  # refuse what is not determined, or not known
+
+    @cached_property
+    def is_rejected(self) -> BoolArray:
+        """(m,) which measurements have a price."""
+        return np.isfinite(self.prices)
+
+    @property
+    def rejected(self) -> IntArray:
+        """(k,) indices of the rejected measurements."""
+        return np.flatnonzero(self.is_rejected)
+
+    @cached_property
+    def kept(self) -> Problem | InformationProblem:
+        """The problem of the kept measurements."""
+        return self.whole.reweighted(np.where(self.is_rejected, 0.0, 1.0))
+
+    @cached_property
+    def below(self) -> RotationGraph | PoseGraph:
+        """The rejected measurements, with terms of F that are their costs or nowhere above them."""
+        if not isinstance(self.whole, InformationProblem):
+            return self.whole.graph.with_edges(self.is_rejected)
+        of = self.whole.edge_cost
+        found = isotropic_below(of.graph.with_edges(self.is_rejected), of.turned_share)
+        if found is None:
+            raise UncertifiableError(f"no isotropic cost is known to be below {of.title}")
+        return found
+
+    def counted(self, estimate: Estimate) -> BoolArray:
+        """(m,) the measurements whose terms are not truncated: all kept ones, for instance."""
+        return np.asarray(self.terms(estimate) < self.prices)
+
+    def counting(self, counted: BoolArray) -> Problem | InformationProblem:
+        """The problem of some measurements."""
+        if (counted == ~self.is_rejected).all():
+            return self.kept
+        return self.whole.reweighted(np.where(counted, 1.0, 0.0))
+
+    def terms(self, estimate: Estimate) -> FloatArray:
+        """(m,) terms of the cost of all measurements, whether truncated or not."""
+        return self.whole.edge_costs(estimate)
+
+    is_chordal = is_lifted = False
+
+    @property
+    def cost_name(self) -> str:
+        """The name in options of the cost that is truncated."""
+        return self.whole.cost_name
+
+    @property
+    def title(self) -> str:
+        """What the cost is."""
+        return "truncated cost" if self.whole.is_chordal else f"truncated cost, {self.whole.title}"
+
+    @property
+    def unprovable(self) -> str:
+        """Why the cost has no proof tier; empty if it has."""
+        return self.whole.unprovable
+
+    @property
+    def n(self) -> int:
+        """Number of nodes."""
+        return self.whole.n
+
+    @property
+    def d(self) -> int:
+        """Dimension of space, 2 or 3."""
+        return self.whole.d
+
+    @property
+    def engine(self) -> str:
+        """The factorization engine."""
+        return self.whole.engine
+
+    @property
+    def graph(self) -> RotationGraph | PoseGraph:
+        """All measurements."""
+        return self.whole.measured
+
+    @property
+    def measured(self) -> RotationGraph | PoseGraph:
+        """All measurements."""
+        return self.whole.measured
+
+    @property
+    def chordal(self) -> Problem:
+        """The problem of all measurements under F."""
+        return self.whole.chordal
+
+    @property
+    def scale(self) -> float:
+        """W of the kept measurements."""
+        return self.kept.scale
+
+    def scaled(self, factor: float) -> TruncatedProblem:
+        """The same measurements with all weights and prices times ``factor``."""
+        return TruncatedProblem(self.whole.scaled(factor), factor * self.prices)
+
+    def with_prices_of(self, point: Estimate) -> TruncatedProblem:
+        """The problem with the costs at a point as prices: nothing is cut off there."""
+        costs = np.maximum(self.terms(point), np.finfo(float).tiny)
+        return TruncatedProblem(self.whole, np.where(self.is_rejected, costs, np.inf))
+
+    def check(self, estimate: Estimate) -> None:
+        """Refuse an estimate of another graph by an InputError."""
+        self.whole.check(estimate)
+
+    def edge_costs(self, estimate: Estimate) -> FloatArray:
+        """(m,) terms of the cost."""
+        return np.minimum(self.terms(estimate), self.prices)
+
+    def cost(self, estimate: Estimate) -> float:
+        """The truncated cost of an estimate."""
+        return float(self.edge_costs(estimate).sum())
+
+    def enclosure(self, estimate: Estimate) -> tuple[float, float]:
+        """Lower and upper bounds on the cost, whose translations are taken as stored."""
+        low, high = self.kept.enclosure(estimate)
+        prices = self.prices[self.is_rejected]
+        less, more = (
+            math.fsum(np.minimum(of[self.is_rejected], prices))
+            for of in self.whole.edge_enclosures(estimate)
+        )
+        return (
+            math.nextafter((low + less) * (1.0 - 4.0 * U), -math.inf),
+            math.nextafter((high + more) * (1.0 + 4.0 * U), math.inf),
+        )
+
+    def residual_angles(self, estimate: Estimate) -> FloatArray:
+        """(m,) angles between R_i R_ij and R_j, radians."""
+        return self.whole.residual_angles(estimate)
+
+    def residual_lengths(self, estimate: Estimate) -> FloatArray | None:
+        """(m,) norms of t_j - t_i - R_i t_ij, metres; None where only rotations are measured."""
+        return self.whole.residual_lengths(estimate)
+
+    def stationarity(self, estimate: Estimate) -> float:
+        """Distance from stationarity, radians."""
+        return self.counting(self.counted(estimate)).stationarity(estimate)
+
+    def truncation(self, point: Point) -> Truncation:
+        """The rejected measurements at the relative poses of a point."""
+        rejected, prices = self.below, self.prices[self.is_rejected]
+        i, j = rejected.edges.T
+        back = np.swapaxes(point.rotations[i], 1, 2)
+        v = np.zeros((len(i), self.d))
+        if isinstance(rejected, PoseGraph):
+            t = translations_of(point)
+            v = (back @ (t[j] - t[i])[:, :, None])[:, :, 0]
+        exact = self.whole.is_chordal
+        return Truncation(rejected, prices, v, back @ point.rotations[j], exact)
+
+    def minorants(self, point: Point, W: FloatArray | None = None) -> Minorants:
+        """Minorants of the terms of all measurements, see `surrogate`."""
+        at = self.truncation(point)
+        negative = at.minorants(at.plain() if W is None else W)
+        return self._untruncated(point).replaced(self.is_rejected, negative)
+
+    def surrogate(self, point: Point, W: FloatArray | None = None) -> tuple[Problem, float]:
+        """A problem under F, and a constant: together nowhere above the cost.
+
+        They are equal to it at the point, if all measurements have minorants there. The constant is
+        rounded down for exactly the weights of the problem.
+
+        Parameters
+        ----------
+        W : (k, b, b) weights of the rejected measurements, see `Truncation`; by default those with
+            which they touch their costs, or zero where there are none
+        """
+        return self.surrogate_of(self.minorants(point, W))
+
+    def surrogate_of(self, minorants: Minorants) -> tuple[Problem, float]:
+        """The problem and the constant that add up to minorants of all measurements."""
+        if isinstance(self.graph, PoseGraph):
+            graph, constant = minorants.summed(self.graph, SignedGraph)
+            return self._general.of_same_edges(graph), constant
+        rotation, constant = minorants.summed_rotations(self.graph)
+        return self._general.of_same_edges(rotation), constant
+
+    def _untruncated(self, point: Point) -> Minorants:
+        """Minorants of the measurements' costs that touch at a point, zero where there are none."""
+        if not isinstance(self.whole, InformationProblem):
+            return untruncated(self.whole.graph)
+        found = self.whole.edge_cost.minorants(*self.whole.relative(point))
+        missing = ~found.exist
+        nothing = replace(found.subset(missing), tau=np.zeros(int(missing.sum())))
+        none = replace(nothing, N=0.0 * nothing.b[:, :, None] * nothing.b[:, None, :])
+        return found.replaced(missing, replace(none, constant=0.0 * none.tau))
+
+    @cached_property
+    def _general(self) -> Problem:
+        """A problem with all edges, whose pattern surrogates share."""
+        g = self.graph
+        if isinstance(g, PoseGraph):
+            signed = SignedGraph(g.rotation, g.translations, g.tau, points=g.points)
+            return SignedProblem(signed, self.engine)
+        return RotationsOfPoses(g, self.engine)
+
+
+def rejecting(
+    problem: object,
+    rejected: IntArray,
+    quantile: float | None = None,
+    *,
+    scale: float = 1.0,
+    prices: FloatArray | None = None,
+) -> TruncatedProblem:
+    """The truncated cost whose prices are a quantile of a correct measurement's term of F.
+
+    Parameters
+    ----------
+    rejected : (k,) indices of the rejected measurements
+    quantile : of chi^2, as in `certpgo.objective.chi_squared.quantiles`; by default that from which
+        measurements are rejected, 1 - 0.01 / m
+    scale : standard deviation of the noise over that stated by the weights
+    prices : (k,) other prices, in units of F
+
+    Raises
+    ------
+    InputError
+        Indices that are not of measurements, or given twice, or a quantile out of its range; or a
+        problem of another cost than F.
+    """
+    if not isinstance(problem, PoseProblem | RotationProblem | InformationProblem):
+        raise InputError("rejections are certified without distances alone")
+    m = problem.graph.num_edges
+    chosen = np.asarray(rejected)
+    if chosen.ndim != 1 or chosen.dtype.kind not in "iu" or len(np.unique(chosen)) != len(chosen):
+        raise InputError("rejected measurements are given by their indices, each once")
+    if len(chosen) and not 0 <= chosen.min() <= chosen.max() < m:
+        raise InputError(f"rejected measurements have indices from 0 to {m - 1}")
+    if quantile is not None and not 0.0 < quantile < 1.0:
+        raise InputError(f"a quantile lies between 0 and 1, not at {quantile}")
+    found = quantiles(problem, flagged_from(problem) if quantile is None else quantile)
+    whole = np.full(m, np.inf)
+    whole[chosen] = scale**2 * found[chosen] if prices is None else prices
+    return TruncatedProblem(problem, whole)

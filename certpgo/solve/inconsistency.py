@@ -1,0 +1,180 @@
+"""Measurements that cannot all be right: rejected ones against others, and disjoint cores.
+
+If all measurements of a set are right and their noise is as stated, the least F of the set is to
+first order a sum of independent squares, of as many numbers as are measured beyond those that
+determine the nodes. So a set whose F is proven to be above the quantile 1 - ``level`` of that sum
+contains a wrong measurement, unless something of probability ``level`` has happened.
+
+A measurement with others that determine its ends already adds as many numbers as it measures. Sets
+that share no measurement each contain a wrong one: so many are wrong at least.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy import special
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+
+from certpgo.certify.rises import rises
+from certpgo.certify.tolerances import ATOL, RTOL
+from certpgo.certify.truncated_case import TruncatedCase
+from certpgo.errors import GraphError
+from certpgo.graph import Estimate, Graph
+from certpgo.graph.trees import tree_initialization
+from certpgo.linalg import rotations as so
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.objective.chi_squared import measured
+from certpgo.objective.problem import Problem, problem_of
+from certpgo.objective.truncated_problem import TruncatedProblem
+from certpgo.optimize.progress import Stop
+
+#: Length of a trusted measurement, over that of another one.
+FAITH = 0.1
+#: Probability that right measurements are called inconsistent.
+LEVEL = 1e-6
+
+
+def budgets(problem: Problem, level: float = LEVEL, scale: float = 1.0) -> FloatArray:
+    """(m,) what the term of a right measurement exceeds with probability ``level`` at most.
+
+    In the plane a rotation's square counts twice in F, and here so do those of translations.
+
+    Parameters
+    ----------
+    scale : standard deviation of the noise over that stated by the weights
+    """
+    turned, moved = measured(problem)
+    d = problem.d
+    numbers = so.tangent_dim(d) * turned + d * moved
+    twice = np.where(turned & (d == 2), 2.0, 1.0)
+    return np.asarray(scale**2 * twice * 2.0 * special.gammaincinv(0.5 * numbers, 1.0 - level))
+
+
+def proven_rises(problem: TruncatedProblem, estimate: Estimate, stop: Stop) -> FloatArray:
+    """(k,) by how much F rises at least if a rejected measurement is taken back, in units of F."""
+    case = replace(TruncatedCase.of(problem, "standard", RTOL, ATOL), stop=stop)
+    return np.asarray(case.unit * rises(case, estimate))
+
+
+def odometry(graph: Graph) -> BoolArray:
+    """(m,) the first whole measurements from each node to the next one."""
+    chosen = np.zeros(graph.num_edges, dtype=bool)
+    steps = np.flatnonzero((np.abs(graph.edges[:, 1] - graph.edges[:, 0]) == 1) & _whole(graph))
+    _, first = np.unique(graph.edges[steps].min(axis=1), return_index=True)
+    chosen[steps[first]] = True
+    return chosen
+
+
+def rises_over(
+    problem: Problem, trusted: BoolArray, doubtful: IntArray, stop: Stop
+) -> FloatArray | None:
+    """(k,) F of trusted measurements with one doubtful one, at least, less F of the trusted alone.
+
+    None if those leave nodes free.
+
+    Parameters
+    ----------
+    trusted : (m,) which are, such as odometry
+    doubtful : (k,) indices of others
+    """
+    factors, prices = np.zeros((2, problem.graph.num_edges))
+    factors[trusted] = factors[doubtful] = 1.0
+    prices[:] = np.inf
+    prices[doubtful] = 1.0
+    chosen = factors > 0.0
+    try:
+        posed = TruncatedProblem(problem.reweighted(factors), prices[chosen])
+    except GraphError:
+        return None
+    return proven_rises(posed, tree_initialization(problem.graph.with_edges(trusted)), stop)
+
+
+def cores(
+    problem: Problem,
+    kept: BoolArray,
+    doubtful: IntArray,
+    budget: FloatArray,
+    stop: Stop,
+    trusted: BoolArray | None = None,
+) -> list[IntArray]:
+    """Sets of measurements that cannot all be right, each proven: the indices of each.
+
+    A doubtful measurement with a path between its ends, of kept measurements; short paths come
+    first. No two sets share a measurement that is not trusted.
+
+    Parameters
+    ----------
+    kept : (m,) the measurements that paths may use
+    doubtful : (k,) the others
+    budget : (m,) see `budgets`
+    trusted : (m,) which measurements are taken to be right; none by default
+    """
+    graph, found = problem.graph, list[IntArray]()
+    shared = np.zeros_like(kept) if trusted is None else trusted
+    free, waiting = kept & _whole(graph), doubtful.tolist()
+    while waiting and not stop.should_stop():
+        paths = _Paths(graph, free, np.where(shared, FAITH, 1.0))
+        ways = {e: way for e in waiting if (way := paths.between(*graph.edges[e])) is not None}
+        waiting = []
+        for e in sorted(ways, key=lambda e: len(ways[e])):
+            if not free[ways[e]].all():
+                waiting.append(e)  # another set has taken a part of it
+            elif _is_inconsistent(problem, ways[e], e, float(budget[e]), stop):
+                free[ways[e]] = shared[ways[e]]
+                found.append(np.r_[ways[e], e])
+    return found
+
+
+def _whole(graph: Graph) -> BoolArray:
+    """(m,) which measurements are of all that a node has."""
+    if graph.kind == "poses":
+        return np.asarray(graph.measures_rotation & graph.measures_translation)
+    return graph.measures_rotation
+
+
+def _is_inconsistent(
+    problem: Problem, path: IntArray, edge: int, budget: float, stop: Stop
+) -> bool:
+    """Whether a measurement and a path between its ends are proven not to be right together."""
+    chosen = np.r_[path, edge]
+    nodes = np.unique(problem.graph.edges[chosen])
+    graph = problem.graph.with_edges(chosen).subgraph(nodes)
+    # A subgraph has its edges in the order of the whole one.
+    cycle = problem_of(graph, problem.engine)
+    prices = np.r_[np.full(len(path), np.inf), budget]
+    posed = TruncatedProblem(cycle, prices)
+    along = tree_initialization(graph.with_edges(np.arange(len(path))))
+    return bool(proven_rises(posed, along, stop)[0] > budget)
+
+
+class _Paths:
+    """The shortest paths in some measurements of a graph."""
+
+    def __init__(self, graph: Graph, free: BoolArray, lengths: FloatArray) -> None:
+        known = np.flatnonzero(free)
+        known = known[np.argsort(-lengths[known], kind="stable")]
+        #: The shortest measurement between two nodes.
+        self.edge = {
+            pair: e
+            for e, (i, j) in zip(known.tolist(), graph.edges[known].tolist(), strict=True)
+            for pair in ((i, j), (j, i))
+        }
+        i, j = np.array([*self.edge]).reshape(-1, 2).T
+        n = graph.num_nodes
+        values = lengths[np.array([*self.edge.values()], dtype=int)]
+        self.links = csr_array((values, (i, j)), shape=(n, n))
+
+    def between(self, start: int, end: int) -> IntArray | None:
+        """Indices of the measurements of a path; None if there is none."""
+        _, before = dijkstra(self.links, indices=start, return_predecessors=True)
+        found, node = [], int(end)
+        while node != start:
+            earlier = int(before[node])
+            if earlier < 0:
+                return None
+            found.append(self.edge[earlier, node])
+            node = earlier
+        return np.array(found)

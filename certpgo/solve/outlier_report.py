@@ -1,0 +1,200 @@
+"""Rejected measurements one by one: what accepting each costs, and which are proven wrong."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from certpgo.errors import InputError
+from certpgo.graph.display import Brief
+from certpgo.io.writing import atomically
+from certpgo.linalg.arrays import IntArray
+from certpgo.objective.information_problem import InformationProblem
+from certpgo.optimize.monitor import Monitor, silent
+from certpgo.optimize.progress import Stop
+from certpgo.solve.inconsistency import (
+    LEVEL,
+    budgets,
+    cores,
+    odometry,
+    proven_rises,
+    rises_over,
+)
+from certpgo.solve.rejection import Rejection
+from certpgo.solve.result import CertifiedSolution
+
+
+@dataclass(frozen=True)
+class RejectedEdge:
+    """A rejected measurement; the fields are the columns of the CSV.
+
+    Costs are in units of F.
+
+    Attributes
+    ----------
+    edge : its index
+    i, j : ids of its nodes
+    degrees, metres : its residuals at the estimate; None for what it does not measure
+    cost, price : its term of F there, and what leaving it out costs
+    rise : F of the kept measurements rises by that at least if it is accepted, proven
+    rise_over_odometry : the same of those from each node to the next alone; None if these leave
+        nodes free
+    budget : what ``rise`` of a right one exceeds with the probability of the report
+    ambiguous : whether its price is no part of the bound on the truncated cost
+    core : number of the set that it is in, of measurements that cannot all be right; None for none
+    """
+
+    edge: int
+    i: int
+    j: int
+    degrees: float | None
+    metres: float | None
+    cost: float
+    price: float
+    rise: float
+    rise_over_odometry: float | None
+    budget: float
+    ambiguous: bool
+    core: int | None
+
+    @property
+    def is_refuted(self) -> bool:
+        """Whether it is wrong, if the kept measurements are right."""
+        return self.rise > self.budget
+
+    @property
+    def is_refuted_by_odometry(self) -> bool:
+        """Whether it is wrong, if those from each node to the next are right."""
+        return self.rise_over_odometry is not None and self.rise_over_odometry > self.budget
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class OutlierReport(Brief):
+    """What is proven about each rejected measurement.
+
+    Attributes
+    ----------
+    rejection : the verdict about all of them
+    edges : those of lowest rise first
+    cores : sets of measurements, by index, of which no two share one and none is right as a whole
+    cores_over_odometry : the same, where they may share measurements from each node to the next
+    level : probability that right measurements are called wrong
+    """
+
+    rejection: Rejection
+    edges: tuple[RejectedEdge, ...]
+    cores: tuple[IntArray, ...]
+    cores_over_odometry: tuple[IntArray, ...]
+    level: float
+
+    def in_words(self) -> Iterator[tuple[str, str]]:
+        """The findings, as names and values."""
+        count = len(self.edges)
+        refuted = sum(edge.is_refuted for edge in self.edges)
+        alone = sum(edge.is_refuted_by_odometry for edge in self.edges)
+        yield from self.rejection.in_words()
+        yield "proven wrong", f"{refuted} of {count}, if the kept ones are right"
+        if self.edges and self.edges[0].rise_over_odometry is not None:
+            yield "", f"{alone} of {count}, if those from each node to the next are right"
+        wrong = f"{len(self.cores)}: so many sets that share none cannot be right as a whole"
+        yield "wrong at least", wrong
+        odometry = len(self.cores_over_odometry)
+        yield "", f"{odometry}, if those from each node to the next are right"
+        yield "level", f"{self.level:.3g}: probability that noise as stated refutes a right one"
+
+
+def outlier_report(
+    answer: CertifiedSolution, *, level: float = LEVEL, monitor: Monitor = silent
+) -> OutlierReport:
+    """What is proven about each measurement that a robust answer rejects.
+
+    Parameters
+    ----------
+    answer : of `certpgo.solve_robustly`
+    level : probability with which noise as the weights state it refutes a right measurement
+    monitor : may stop the search for proofs
+
+    Raises
+    ------
+    InputError
+        The answer rejects nothing or is under another cost than F, or the level is not between 0
+        and 1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import certpgo
+    >>> from certpgo.io.datasets.thesis import langevin_graph
+    >>> from certpgo.solve.outlier_report import outlier_report
+    >>> instance = langevin_graph(40, 12.0, 3.0, np.random.default_rng(0), outliers=0.15)
+    >>> report = outlier_report(certpgo.solve_robustly(instance.graph))
+    >>> len(report.edges) == int(instance.outliers.sum()), all(e.is_refuted for e in report.edges)
+    (True, True)
+    """
+    if answer.rejection is None:
+        raise InputError("the answer rejects no measurement")
+    if not 0.0 < level < 1.0:
+        raise InputError(f"a level lies between 0 and 1, not at {level}")
+    found, stop = answer.rejection, Stop(monitor)
+    problem, rejected = found.problem.whole, found.edges
+    if isinstance(problem, InformationProblem):
+        raise InputError("the report is about the chordal cost F alone")
+    kept, trusted = ~found.problem.is_rejected, odometry(problem.graph)
+    budget = budgets(problem, level, found.scale)
+    rise = proven_rises(found.problem, found.estimate, stop)
+    over = rises_over(problem, trusted & kept, rejected, stop)
+    sets = cores(problem, kept, rejected, budget, stop)
+    shared = cores(problem, kept, rejected, budget, stop, trusted & kept)
+    core = {int(e): number for number, members in enumerate(sets) for e in members[-1:]}
+    angles = problem.residual_angles(found.estimate)
+    lengths = problem.residual_lengths(found.estimate)
+    costs, ambiguous = problem.edge_costs(found.estimate), set(found.ambiguous.tolist())
+    ids = np.arange(problem.n) if answer.instance is None else answer.instance.ids
+    graph = problem.graph
+    edges = [
+        RejectedEdge(
+            edge=e,
+            i=int(ids[graph.edges[e, 0]]),
+            j=int(ids[graph.edges[e, 1]]),
+            degrees=math.degrees(angles[e]) if graph.measures_rotation[e] else None,
+            metres=None
+            if lengths is None or not graph.measures_translation[e]
+            else float(lengths[e]),
+            cost=float(costs[e]),
+            price=float(found.problem.prices[e]),
+            rise=float(rise[k]),
+            rise_over_odometry=None if over is None else float(over[k]),
+            budget=float(budget[e]),
+            ambiguous=e in ambiguous,
+            core=core.get(e),
+        )
+        for k, e in enumerate(rejected.tolist())
+    ]
+    ordered = tuple(sorted(edges, key=lambda edge: edge.rise))
+    return OutlierReport(found, ordered, tuple(sets), tuple(shared), level)
+
+
+def write_report(path: Path, report: OutlierReport) -> None:
+    """Write the rejected measurements as CSV in full precision.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written.
+    """
+    names = [field.name for field in fields(RejectedEdge)]
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([*names, "refuted", "refuted_by_odometry"])
+    for edge in report.edges:
+        cells = [getattr(edge, name) for name in names]
+        flags = [edge.ambiguous, edge.is_refuted, edge.is_refuted_by_odometry]
+        cells[names.index("ambiguous")] = int(flags[0])
+        writer.writerow(["" if cell is None else cell for cell in [*cells, *map(int, flags[1:])]])
+    atomically(path, lambda temporary: temporary.write_text(text.getvalue(), encoding="utf-8"))

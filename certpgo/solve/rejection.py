@@ -1,0 +1,121 @@
+"""What is proven about the measurements that were rejected: the verdict on the truncated cost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from certpgo.certify.certificate import Certificate, Tier, Verdict
+from certpgo.certify.truncated_case import TruncatedCase
+from certpgo.certify.wording import meaning, reason_of
+from certpgo.graph import Estimate
+from certpgo.graph.display import Brief
+from certpgo.graph.phrases import bound_shown, cost_shown, counted
+from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.objective.chi_squared import flagged_from
+from certpgo.objective.information_problem import InformationProblem
+from certpgo.objective.problem import Problem
+from certpgo.objective.truncated_problem import TruncatedProblem, rejecting
+from certpgo.optimize.monitor import Monitor, silent
+from certpgo.solve.settings import SolveSettings
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Rejection(Brief):
+    """Rejected measurements, and what is proven about rejecting them.
+
+    Attributes
+    ----------
+    problem : the truncated cost f_T: that of the kept measurements, and min(f_e, c_e) of each
+        rejected one
+    estimate : the estimate at which they are rejected
+    certificate : of the estimate, about f_T; CERTIFIED means that no other estimate and no other
+        choice of rejected measurements costs less
+    quantile : of chi^2, that the prices c_e are
+    scale : standard deviation of the noise over that stated by the weights
+    """
+
+    problem: TruncatedProblem
+    estimate: Estimate
+    certificate: Certificate
+    quantile: float
+    scale: float = 1.0
+
+    @property
+    def edges(self) -> IntArray:
+        """(k,) indices of the rejected measurements, ascending."""
+        return self.problem.rejected
+
+    @property
+    def prices(self) -> FloatArray:
+        """(k,) their prices c_e, in units of F."""
+        return self.problem.prices[self.edges]
+
+    @property
+    def ambiguous(self) -> IntArray:
+        """Indices of rejected measurements whose prices are not proven; empty if CERTIFIED."""
+        return np.array(self.certificate.obstacle.ambiguous, dtype=np.intp)
+
+    @property
+    def verdict(self) -> Verdict:
+        """The certificate's verdict."""
+        return self.certificate.verdict
+
+    @property
+    def sentence(self) -> str:
+        """What is proven, after the verdict."""
+        said = meaning(self.certificate)
+        if self.verdict is not Verdict.CERTIFIED:
+            said = reason_of(self.certificate)
+        return f"{self.verdict}: {said.removeprefix('Proven: ')}"
+
+    def in_words(self) -> Iterator[tuple[str, str]]:
+        """The verdict and its numbers, as names and values."""
+        c, low, high = self.certificate, self.prices.min(), self.prices.max()
+        each = f"{low:.4g}" if high < 1.0001 * low else f"{low:.4g} to {high:.4g}"
+        yield "rejections", self.sentence
+        each_of = counted(len(self.edges), "rejected one{s}")
+        whole = f"the kept, and each of {each_of} up to its price"
+        yield "truncated cost", f"{cost_shown(c.cost_upper)}  ({whole})"
+        yield "", f"not below {bound_shown(c.lower_bound)}"
+        rare = f"{1.0 - self.quantile:.3g}"
+        yield "price", f"{each}, which a correct one exceeds with probability {rare} (chi^2)"
+
+
+def certify_rejection(
+    problem: Problem | InformationProblem,
+    estimate: Estimate,
+    rejected: IntArray,
+    *,
+    quantile: float | None = None,
+    scale: float = 1.0,
+    settings: SolveSettings | None = None,
+    monitor: Monitor = silent,
+) -> Rejection:
+    """The verdict on an estimate under the truncated cost; see `Rejection`.
+
+    Parameters
+    ----------
+    problem : of all measurements
+    rejected : (k,) indices
+    quantile, scale : see `certpgo.objective.truncated_problem.rejecting`
+    settings : tier, tolerances and time limit
+
+    Raises
+    ------
+    InputError
+        As `rejecting`; or edges with matrix weights.
+    GraphError
+        The measurements that are not rejected leave nodes free.
+    """
+    chosen = settings or SolveSettings()
+    tier = Tier.STANDARD if chosen.tier is None or problem.unprovable else chosen.tier
+    truncated = rejecting(problem, rejected, quantile, scale=scale)
+    case = TruncatedCase.of(truncated, tier, chosen.rtol, chosen.atol, monitor)
+    with case.stop.within(chosen.time_limit):
+        own = case.raised(case.basin(estimate, True))
+        certificate = case.certificate(estimate, own)
+    known = flagged_from(problem) if quantile is None else quantile
+    return Rejection(truncated, estimate, certificate, known, scale)

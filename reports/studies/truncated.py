@@ -1,0 +1,113 @@
+"""Verdicts about rejections, held against all choices of what to take back.
+
+    python -m reports.studies.truncated [--graphs 1000] [--doubtful 8] [--seed 0] [--out FILE]
+
+Random graphs of 4 to 9 poses or rotations, in the plane and in space, with noise as stated and up
+to so many doubtful measurements, a third of which are right and the others wrong by anything
+between a hundredth and three radians and metres. The price is between 3 and 60. For every choice
+of doubtful measurements, the graph of the others and these is solved. A bound is false if it is
+above the lowest cost found, CERTIFIED if another choice costs less than the tolerance allows, a
+rise if taking the measurement back costs less, and a refutation if the measurement is right.
+Printed as CSV: per kind of graph, the verdicts and what was false.
+"""
+
+import argparse
+import itertools
+import math
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from certpgo import PoseGraph, RotationGraph, certify, solve
+from certpgo.linalg import rotations as so
+from certpgo.linalg.arrays import BoolArray
+from certpgo.objective.problem import problem_of
+from certpgo.objective.truncated_problem import TruncatedProblem
+from certpgo.optimize.progress import Stop
+from certpgo.solve.inconsistency import budgets, proven_rises
+from reports.studies._printing import print_table
+
+#: Relative rounding of costs that are compared.
+SAME = 1e-9
+
+
+def random_graph(
+    rng: np.random.Generator, d: int, poses: bool, most: int
+) -> tuple[PoseGraph | RotationGraph, BoolArray, BoolArray]:
+    """A graph, and which measurements are doubtful, and wrong."""
+    n, k = int(rng.integers(4, 10)), int(rng.integers(1, most + 1))
+    pairs = [(i, i + 1) for i in range(n - 1)]
+    pairs += [
+        tuple(rng.choice(n, 2, replace=False)) for _ in range(int(rng.integers(1, 2 * n)) + k)
+    ]
+    edges, m = np.array(pairs), len(pairs)
+    doubtful = np.arange(m) >= m - k
+    wrong = doubtful & (rng.random(m) < 2.0 / 3.0)
+    size = np.where(wrong, 10.0 ** rng.uniform(-2.0, 0.5, m), 0.0)
+    kappa, tau = np.exp(0.7 * rng.normal(size=(2, m))) * np.array([[200.0], [100.0]])
+    R, t = so.random(rng, n, d), 3.0 * rng.normal(size=(n, d))
+    i, j = edges.T
+    back = np.swapaxes(R[i], 1, 2)
+    # In the plane, kappa is the information of the angle; in space 2 kappa.
+    sigma = 1.0 / np.sqrt(kappa if d == 2 else 2.0 * kappa)
+    turns = rng.normal(size=(m, so.tangent_dim(d))) * np.maximum(size, sigma)[:, None]
+    rotation = RotationGraph(n, edges, back @ R[j] @ so.exp(turns), kappa)
+    if not poses:
+        return rotation, doubtful, wrong
+    steps = (back @ (t[j] - t[i])[:, :, None])[:, :, 0]
+    steps += rng.normal(size=(m, d)) * np.maximum(size, 1.0 / np.sqrt(tau))[:, None]
+    return PoseGraph(rotation, steps, tau), doubtful, wrong
+
+
+def examined(seed: int, most: int) -> tuple[str, Counter[str]]:
+    """The kind of a random graph, and what was found of it."""
+    rng = np.random.default_rng(seed)
+    d, poses = int(rng.integers(2, 4)), bool(rng.integers(2))
+    graph, doubtful, wrong = random_graph(rng, d, poses, most)
+    whole, price = problem_of(graph), math.exp(rng.uniform(1.0, 4.0))
+    problem = TruncatedProblem(whole, np.where(doubtful, price, np.inf))
+    kept = solve(problem.kept.graph)
+    certificate = certify(problem, kept.estimate)
+    rises = proven_rises(problem, kept.estimate, Stop())
+    best, single = math.inf, np.full(int(doubtful.sum()), math.inf)
+    for choice in itertools.product((0.0, 1.0), repeat=len(single)):
+        factors = np.ones(len(doubtful))
+        factors[doubtful] = choice
+        cost = solve(graph.reweighted(factors), initial=kept.estimate, time_limit=5.0).cost
+        best = min(best, cost + price * choice.count(0.0))
+        if sum(choice) == 1.0:
+            single[choice.index(1.0)] = cost
+    found = Counter({certificate.verdict.value: 1, "graphs": 1, "rises": len(rises)})
+    room = SAME * best
+    found["false bounds"] += certificate.lower_bound > best + room
+    claimed = certificate.cost_upper - certificate.tolerance > best + room
+    found["false CERTIFIED"] += certificate.verdict.value == "CERTIFIED" and claimed
+    found["false rises"] += int((rises > single - kept.certificate.lower_bound + room).sum())
+    refuted = rises > budgets(whole)[doubtful]
+    found["refuted"] += int(refuted.sum())
+    found["right refuted"] += int((refuted & ~wrong[doubtful]).sum())
+    return f"{'poses' if poses else 'rotations'} {d}D", found
+
+
+def main() -> None:
+    """Run the campaign."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--graphs", type=int, default=1000)
+    parser.add_argument("--doubtful", type=int, default=8)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path)
+    asked = parser.parse_args()
+    kinds: dict[str, Counter[str]] = {}
+    for seed in range(asked.seed, asked.seed + asked.graphs):
+        kind, found = examined(seed, asked.doubtful)
+        kinds.setdefault(kind, Counter()).update(found)
+    verdicts = ("CERTIFIED", "BOUNDED", "REFUTED", "UNDECIDED")
+    false = ("false bounds", "false CERTIFIED", "false rises", "right refuted")
+    columns = ("graphs", *verdicts, "rises", "refuted", *false)
+    table = [{"kind": kind, **{c: kinds[kind][c] for c in columns}} for kind in sorted(kinds)]
+    print_table(table, asked.out)
+
+
+if __name__ == "__main__":
+    main()
