@@ -45,8 +45,8 @@ __all__ = [
 def own_cost(instance: Instance) -> str:
     """The cost that the program of an instance's file minimises, if it can be certified.
 
-    That is ``"g2o"`` for a g2o file whose information matrices are all positive definite, and
-    ``"chordal"`` otherwise.
+    That is ``"g2o"`` for a g2o file whose information matrices are all positive definite where they
+    state something, ``"gtsam"`` for such a JSON Robot Log, and ``"chordal"`` otherwise.
     """
     own = None if instance.information is None else instance.information.residual
     return own if own is not None and own in COSTS and _is_weighed(instance) else CHORDAL

@@ -664,3 +664,15 @@ def test_problems_that_leave_nodes_free_say_which(cost):
     with pytest.raises(GraphError, match=r"^no measurement determines the rotation of node 2"):
         problem([1.0, 0.0, 0.0, 0.0, 0.0, 0.0], 0.0 * t)
     assert solve(problem([1.0, 1.0, 0.0, 0.0, 0.0, 0.0], 0.0 * t)).verdict.value == "CERTIFIED"
+
+
+def test_toro_and_g2o_files_of_the_same_data_have_the_same_default_cost(tmp_path):
+    """TORO orders the information xx xy yy tt xt yt; the optimum is scipy's."""
+    toro, g2o = tmp_path / "a.graph", tmp_path / "a.g2o"
+    steps = ("0 1 1.0 0 0.02", "1 2 1.02 0 0.01", "0 2 2.1 0.03 0.05")
+    toro.write_text("".join(f"EDGE2 {step} 100 1 90 400 2 3\n" for step in steps))
+    g2o.write_text("".join(f"EDGE_SE2 {step} 100 1 2 90 3 400\n" for step in steps))
+    for path in (toro, g2o):
+        answer = certpgo.solve(certpgo.read(path, quiet=True))
+        assert answer.certificate.objective.startswith("g2o")
+        assert answer.cost == pytest.approx(0.270994721624, abs=2e-12)
