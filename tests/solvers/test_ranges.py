@@ -563,6 +563,8 @@ def test_what_is_refused():
 
 def test_robust_fits_refuse_distances():
     problem, _, _ = measured(3, 2)
-    instance = certpgo.Instance("distances", problem.measured, ranges=problem.ranges)
+    instance = certpgo.Instance(
+        "distances", problem.measured, np.arange(problem.n), ranges=problem.ranges
+    )
     with pytest.raises(InputError, match="distances are for certpgo solve and certify alone"):
         certpgo.solve_robustly(instance)
