@@ -35,11 +35,7 @@ class Minorants(Brief):
 
     Attributes
     ----------
-<<<<<<< HEAD
-    tau : (m,) weights, positive but for truncated costs
-=======
-    tau : (m,) weights; positive, or 0 for rotations alone
->>>>>>> files
+    tau : (m,) weights; positive, or 0 for rotations alone, or negative for truncated costs
     a, b : (m, d) arms at the edge's second and first pose, metres
     N : (m, d, d) couplings of the rotations
     constant : (m,) rounded down; -inf where there is no minorant

@@ -15,12 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-<<<<<<< HEAD
 from certpgo.graph import PoseGraph
-from certpgo.graph.information import InformationGraph
-=======
 from certpgo.graph.information import InformationGraph, unmeasured
->>>>>>> files
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.linalg.ball_arithmetic import Ball, eliminated, is_positive_definite
 
@@ -197,7 +193,7 @@ def isotropic_below(graph: InformationGraph, turned_share: float) -> PoseGraph |
     None where some are not known or not proven.
     """
     d, P = graph.d, blocks(graph.information, graph.d)[1]
-    if not turned_share or graph.isotropic.is_partial:
+    if not turned_share or unmeasured(graph.information).any():
         return None
     with np.errstate(all="ignore"):
         marginal = np.linalg.eigvalsh(np.linalg.inv(graph.information)[:, :d, :d])[:, -1]
