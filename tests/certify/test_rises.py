@@ -5,7 +5,7 @@ import pytest
 from strategies import rng_of
 from test_truncated import doubtful_graph
 
-from certpgo import solve, solve_robustly
+from certpgo import solve, solve_robustly, with_priors
 from certpgo.certify.rises import LOAD
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
@@ -108,6 +108,15 @@ def test_wrong_loops_are_refuted_by_odometry_alone(dataset):
     refuted = found > budgets(problem)[loops]
     assert refuted[wrong].sum() >= 18
     assert not refuted[~wrong].any()
+
+
+def test_a_world_is_not_the_next_node():
+    graph, _ = doubtful_graph(rng_of(0), 3, poses=True)
+    rotation = np.eye(3)[None]
+    last, origin = np.array([graph.num_nodes - 1]), np.zeros((1, 3))
+    known = with_priors(graph, last, rotation, origin, kappa=1.0, tau=1.0)
+    assert not (odometry(known) & known.absolute).any()
+    assert odometry(known).sum() == graph.num_nodes - 1
 
 
 def test_a_report_needs_rejections_and_a_level():
