@@ -20,7 +20,12 @@ from certpgo import checker
 from certpgo import integer_checker as exact
 from certpgo.certify.proof_file import write_proof
 from certpgo.graph.components import rotations_alone
-from reports.studies.damaged_proofs import compared, leading_minors_are_positive, outcomes
+from reports.studies.damaged_proofs import (
+    compared,
+    compared_reading,
+    leading_minors_are_positive,
+    outcomes,
+)
 
 ONE = exact.ONE
 #: How many damaged proofs are compared; more on demand, as in `reports.studies.damaged_proofs`.
@@ -223,6 +228,29 @@ def test_unreadable_lines_are_named(text, options, reason):
 MAP = {"landmarks": True, "priors": True, "maps": True}
 
 
+@pytest.mark.parametrize("tag", exact.TAGS)
+@pytest.mark.parametrize("weighted", [False, True])
+def test_both_checkers_read_the_same_lines(tag, weighted):
+    role, d, turned = exact.TAGS[tag]
+    size, p = (4 * d - 5) if turned else d, (3 * d - 3) if turned else d
+    words = [tag, *["3", "7"][role == "prior" :], *["0"] * (d == 3 and role != "pose")]
+    words += ["1.25", "-0.5", "0.75", "0.1", "0.2", "-0.3", "0.9"][:size]
+    upper = [f"{4 + a}.5" if a == b else "0.25" for a in range(p) for b in range(a, p)]
+    start = "EDGE_SE2 0 3 1 0 0.5" if d == 2 else "EDGE_SE3:QUAT 0 3 1 0 0 0.5 0 0 1"
+    text = "\n".join([start, " ".join(words + upper * weighted)]).encode()
+    for options in (MAP, {"priors": True}, {"rotation_information": "quaternion"}, {"tau": 2.5}):
+        claim = {**CLAIM, "d": d, **options}
+        assert compared_reading(text, claim) == "both read the same"
+
+
+def test_both_checkers_read_matrices():
+    text = "1 2 0 -1 0 1 0 0 0 0 1 7 8 9\n2 3 1 0 0 0 -1 0 0 0 -1.00001 7 8 9\n"
+    assert compared_reading(text.encode(), {**CLAIM, "d": 3}) == "both read the same"
+    assert exact.quaternion([stored(0.5), 0]) == (0, 0, 0, 1)
+    with pytest.raises(exact.Unreadable, match="no measurements"):
+        exact.read_graph(text.encode(), {**CLAIM, "d": 3}, {1})
+
+
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
@@ -301,12 +329,14 @@ def sparse(rng, n, precision, slack):
     return A
 
 
-def eliminated(A, order, error=0, v=None, precision=12):
+def eliminated(A, order, error=0, v=None, precision=12, hint=exact.quotients):
     """What the checker says about a matrix, eliminated in some order."""
     n = len(A)
     found = exact.fronts({(i, j) for i, j in combinations(range(n), 2) if A[i, j]}, order, 2)
     row = {node: k for k, node in enumerate(node for front in found for node in front[0])}
-    rows = [{} for _ in range(n)]
+    rows, weights = [{} for _ in range(n)], [1] * n
+    for node, k in row.items():
+        weights[k] = v[node] if v else 1
     for i, j in zip(*np.nonzero(A), strict=True):
         if row[int(i)] <= row[int(j)]:
             rows[row[int(i)]][row[int(j)]] = A[i, j]
@@ -314,7 +344,8 @@ def eliminated(A, order, error=0, v=None, precision=12):
         ([row[k] for k in pivots], sorted(row[k] for k in boundary), parent)
         for pivots, boundary, parent in found
     ]
-    return exact.is_positive_semidefinite(rows, error, tree, v or [1] * n, precision), rows, tree
+    passed = exact.is_positive_semidefinite(rows, error, tree, weights, precision, hint)
+    return passed, rows, tree
 
 
 @given(seeds, st.integers(2, 9), st.integers(-40, 4000))
@@ -338,6 +369,29 @@ def test_enough_slack_passes_in_any_order(seed, n):
     assert eliminated(A, rng.permutation(n).tolist(), precision=60)[0]
     A[0, 0] -= A[0, 0] * (1 + (1 << 20)) >> 20
     assert not eliminated(A, rng.permutation(n).tolist(), precision=60)[0]
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_factors_are_hints(seed):
+    # Of any columns, in units in which every rounding matters; entries may be raised by the error.
+    rng, passed = rng_of(seed), 0
+
+    def hint(S, _):
+        column = exact.quotients(S, int(rng.integers(0, 25)))
+        return [y + int(rng.integers(-2, 3)) * (rng.random() < 0.3) for y in column]
+
+    for _ in range(500):
+        n, error = int(rng.integers(2, 4)), int(rng.integers(0, 3))
+        B = rng.integers(-14, 15, (n, n - 1)).astype(object)
+        A = B @ B.T // 4 + np.diag(rng.integers(0, 40, n).astype(object))
+        v = [int(x) for x in rng.integers(1, 3, n)]
+        if eliminated(A, rng.permutation(n).tolist(), error, v, 4, hint)[0]:
+            passed += 1
+            for _ in range(8):
+                raised = np.triu(rng.integers(0, error + 1, (n, n)).astype(object))
+                whole = A + raised + np.triu(raised, 1).T
+                assert not (np.linalg.eigvalsh(whole.astype(float)) < -1e-9).any(), A
+    assert passed > 20
 
 
 def test_errors_of_entries_are_counted():
@@ -377,8 +431,31 @@ def test_numbers_that_do_not_fit_are_refused():
     one = 1 << 24
     assert not eliminated(np.array([[one + 1]], dtype=object), [0])[0]
     assert eliminated(np.array([[one]], dtype=object), [0])[0]
-    A = np.array([[one >> 20, one], [one, one]], dtype=object)
+    # The same of what is subtracted: a pivot just above its share of the slack.
+    A = np.array([[2 * 2**12 + 17, one], [one, one]], dtype=object)
     assert not eliminated(A, [0, 1])[0]
+
+
+@given(seeds, st.integers(1, 9))
+@settings(max_examples=50)
+def test_entries_are_below_the_truth_by_less_than_said(seed, parallel):
+    rng, bits = rng_of(seed), 6
+    A = {(r, s): int(rng.integers(-(2**20), 2**20)) for r in range(6) for s in range(r, 6)}
+    scale, unit = [int(x) for x in rng.integers(-3, 4, 6)], 14
+    blocks = []
+    for k in range(parallel + 1):
+        ends = [(2, 0), (0, 2), (4, 2)][1 if 0 < k < parallel else 2 * (k == parallel)]
+        N = rng.integers(-(2**20), 2**20, (2, 2)).tolist()
+        blocks.append((*ends, N, int(rng.integers(1, 99))))
+    rows, error = exact.scaled(A, blocks, unit, scale, bits)
+    truth = {place: Fraction(x) for place, x in A.items()}
+    for r, s, N, D in blocks:
+        for a, b in np.ndindex(2, 2):
+            truth[min(r + a, s + b), max(r + a, s + b)] += Fraction(N[a][b], D)
+    for (r, s), x in truth.items():
+        below = x * Fraction(2) ** (scale[r] + scale[s] + bits - unit) - rows[r][s]
+        assert 0 <= below < error
+    assert error == parallel + 1
 
 
 # --- Both checkers

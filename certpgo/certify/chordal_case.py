@@ -28,7 +28,7 @@ from certpgo.certify.units import in_units, unit_of
 from certpgo.errors import GraphError, InputError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Point
-from certpgo.objective.choose_cost import Certifiable
+from certpgo.objective.choose_cost import Judged
 from certpgo.objective.problem import Problem
 from certpgo.optimize import spectral
 from certpgo.optimize.monitor import Monitor, silent
@@ -360,7 +360,7 @@ class Case:
         return LimitedBy.LOOSE if bound is None or bound.loose else LimitedBy.ROUNDING
 
 
-def refuse_unprovable(problem: Certifiable) -> None:
+def refuse_unprovable(problem: Judged) -> None:
     """Refuse a problem whose cost the checker does not know.
 
     Raises

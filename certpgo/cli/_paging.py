@@ -103,6 +103,7 @@ def arguments(reading: Reading) -> Iterator[str]:
         value = getattr(reading, field.name)
         if value == field.default or field.name == "data":
             continue
-        yield "--" + field.name.replace("_", "-")
-        if value is not True:
-            yield str(value.value if isinstance(value, Enum) else value)
+        for one in value if isinstance(value, list) else [value]:
+            yield "--" + field.name.replace("_", "-")
+            if one is not True:
+                yield str(one.value if isinstance(one, Enum) else one)

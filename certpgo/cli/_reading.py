@@ -109,6 +109,10 @@ class Reading:
         bool,
         _option("--landmarks/--no-landmarks", help="Read or skip landmarks and their sightings."),
     ] = True
+    skip: Annotated[
+        list[str] | None,
+        _option("--skip", help="Leave out lines with this tag (repeatable).", metavar="TAG"),
+    ] = None
     components: Annotated[
         Components,
         _option("--components", help="Which components of a disconnected graph to use."),
@@ -183,6 +187,7 @@ class Reading:
             "weights_are": None if self.weights_are is None else self.weights_are.value,
             "priors": self.priors,
             "landmarks": self.landmarks,
+            "skip": tuple(self.skip or ()),
         }
 
     def open(self, source: Source, *, notices: bool = True, distances: bool = False) -> Instance:

@@ -68,10 +68,19 @@ class Information(Brief):
 
     @cached_property
     def is_definite(self) -> BoolArray:
-        """(m,) which matrices are proven to be positive definite, on positions if on them alone."""
+        """(m,) which matrices are proven to be positive definite, without rows of zeros."""
+        return np.asarray(_definite(self.distinct)[self.index])
+
+    @cached_property
+    def is_partial(self) -> BoolArray:
+        """(m,) which blocks of matrices, of translations or rotations, have rows of zeros.
+
+        A block that is zero as a whole is not counted: that is not measured at all.
+        """
         d = 2 if self.distinct.shape[1] == 3 else 3
-        alone = np.asarray(~self.distinct[:, d:].any(axis=(1, 2)))
-        return np.asarray(_definite(self.distinct, alone)[self.index])
+        unstated = unmeasured(self.distinct)
+        some = [rows.any(axis=1) & ~rows.all(axis=1) for rows in np.split(unstated, [d], axis=1)]
+        return np.asarray(some[0] | some[1])[self.index]
 
     @cached_property
     def anisotropy(self) -> tuple[float, float]:
@@ -88,6 +97,28 @@ class Information(Brief):
     def subset(self, chosen: IntArray | BoolArray) -> Information:
         """The matrices of some edges, given by index or mask (m,)."""
         return Information(self.distinct, self.index[chosen], self.residual)
+
+    def in_first_frames(self, rotations: FloatArray) -> Information:
+        """The matrices, of translations alone in the frame of the first node.
+
+        A pose is weighed in the frame that it was measured to have, a position in that of the node
+        it is measured from.
+
+        Parameters
+        ----------
+        rotations : (m, d, d) measured
+        """
+        d = rotations.shape[1]
+        unturned = np.asarray(unmeasured(self.distinct)[:, d:].all(axis=1))
+        alone = np.flatnonzero(unturned[self.index])
+        if not len(alone):
+            return self
+        R, T = rotations[alone], self.distinct[self.index[alone], :d, :d]
+        even = (T[:, :1, :1] * np.eye(d) == T).all(axis=(1, 2))[:, None, None]
+        turned = of_positions(np.where(even, T, symmetric(R @ T @ np.swapaxes(R, 1, 2))))
+        index = self.index.copy()
+        index[alone] = len(self.distinct) + np.arange(len(alone))
+        return Information(np.concatenate([self.distinct, turned]), index, self.residual)
 
 
 def _largest_ratio(blocks: FloatArray) -> float:
@@ -215,8 +246,8 @@ class InformationGraph(Brief):
 
     @cached_property
     def is_definite(self) -> BoolArray:
-        """(m,) which matrices are proven to be positive definite, on positions if on them alone."""
-        return _definite(self.information, ~self.rotation.measures_rotation)
+        """(m,) which matrices are proven to be positive definite, without rows of zeros."""
+        return _definite(self.information)
 
     @cached_property
     def scale(self) -> float:
@@ -260,11 +291,14 @@ def of_positions(T: FloatArray) -> FloatArray:
     return np.pad(T, ((0, 0), (0, q), (0, q)))
 
 
-def _definite(information: FloatArray, alone: BoolArray) -> BoolArray:
-    """(k,) which matrices are proven to be positive definite, on positions where they are alone."""
-    p = information.shape[-1]
-    rest = np.diag(np.arange(p) >= (2 if p == 3 else 3)).astype(np.float64)
-    filled = information + alone[:, None, None] * rest if alone.any() else information
+def unmeasured(information: FloatArray) -> BoolArray:
+    """(k, p) which rows of matrices (k, p, p) are zero: nothing is stated of those directions."""
+    return np.asarray(~np.any(information, axis=1))
+
+
+def _definite(information: FloatArray) -> BoolArray:
+    """(k,) which matrices are proven to be positive definite, without rows of zeros."""
+    filled = information + unmeasured(information)[:, None, :] * np.eye(information.shape[-1])
     return is_positive_definite(Ball.exact(filled))
 
 

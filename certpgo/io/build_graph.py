@@ -50,7 +50,7 @@ def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> I
     if isinstance(graph, RotationGraph):
         information, initial = None, initial and Estimate(initial.rotations)
     elif len(priors):
-        graph, origin, notice = _anchored(graph, priors)
+        graph, origin, notice = anchored(graph, priors)
         notices.append(notice)
         world, nodes = len(nodes.ids), nodes.with_world(path)
         information = joined_information([information, priors.information])
@@ -140,7 +140,7 @@ def _graph(nodes: Nodes, measured: Rows, *, with_translations: bool) -> PoseGrap
     return PoseGraph(rotation, measured.translations, measured.tau, points=nodes.points)
 
 
-def _anchored(graph: PoseGraph, priors: Rows) -> tuple[PoseGraph, FloatArray | None, str]:
+def anchored(graph: PoseGraph, priors: Rows) -> tuple[PoseGraph, FloatArray | None, str]:
     """The graph with the world as its last node, the world's origin, and a notice."""
     origin = origin_of(priors.translations)
     joined = with_priors(
@@ -172,6 +172,8 @@ def _choices(
     chosen: dict[str, str] = {"rotation_information": about}
     if uninformed:
         chosen["information"] = "none" if uninformed == measurements else "some"
+    if options.skip:
+        chosen["skip"] = ", ".join(options.skip)
     if (kind := dialect.precision or options.weights_are) != "information":
         chosen["weights_are"] = kind
     return chosen

@@ -140,21 +140,60 @@ def read_rows(
 
     def parse(lines: list[bytes]) -> tuple[NDArray[Any], ...]:
         rows = [words for line in lines if (words := line.split())]
-        try:
-            table = np.array([float(word) for words in rows for word in words])
-            if any(b"_" in line for line in lines):  # Python reads 1_0 as ten
-                raise ValueError
-        except ValueError:
-            raise InputError(f"{expected} expected") from None
-        if not {len(words) for words in rows} <= {columns} or not np.isfinite(table).all():
-            raise InputError(f"{expected} expected")
-        converted = convert(table.reshape(-1, columns))
+        converted = convert(floats_of_rows(rows, columns, expected))
         return converted if first is None else (first([words[0] for words in rows]), *converted)
 
     parts = list(parsed(path, parse, progress))
     if not sum(len(part[0]) for part in parts):
         raise FormatError(path, None, f"no lines of {expected}")
     return tuple(np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+
+
+def lines_of_rows(path: Path) -> IntArray:
+    """The number of each line that is neither blank nor a comment."""
+    lines = text_lines(path)
+    return np.array([number for number, line in lines if without_comments(line).split()])
+
+
+def floats_of_rows(rows: list[list[bytes]], columns: int, expected: str) -> FloatArray:
+    """The finite numbers (k, columns) in the words of rows.
+
+    Raises
+    ------
+    InputError
+        There is something else; with what was expected, and what it seems to be.
+    """
+    try:
+        table = np.array([float(word) for words in rows for word in words])
+        if any(b"_" in word for words in rows for word in words):  # Python reads 1_0 as ten
+            raise ValueError
+    except ValueError:
+        raise InputError(f"{expected} expected{_in_fact(rows)}") from None
+    if not {len(words) for words in rows} <= {columns}:
+        raise InputError(f"{expected} expected")
+    if not np.isfinite(table).all():
+        unknown = "; a pose that is not known (NaN) has no line" if np.isnan(table).any() else ""
+        raise InputError(f"{expected} expected{unknown}")
+    return table.reshape(-1, columns)
+
+
+def _in_fact(rows: list[list[bytes]]) -> str:
+    """What the first words that are no numbers seem to be."""
+    texts = (word.decode("utf-8", "replace") for words in rows for word in words)
+    word = next((text for text in texts if "," in text), "")
+    hint = decimal_comma(word)
+    if word.strip(",").count(",") > 1 or (word.endswith(",") and not hint):
+        return f"; these are separated by commas ({max(map(len, rows))} columns by blanks)"
+    return hint
+
+
+def decimal_comma(word: str) -> str:
+    """A hint for messages about a word that is a number but for its decimal comma; or nothing."""
+    try:
+        float(word.replace(",", ".", 1))
+    except ValueError:
+        return ""
+    return " (a decimal comma: decimal points expected)" if "," in word else ""
 
 
 def first_words(head: bytes) -> list[bytes]:

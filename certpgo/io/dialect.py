@@ -35,8 +35,8 @@ class Tag:
         on its body, or something to skip and count
     d : dimension of space; 0 for either
     numbers : how many there are before those of the precision; d for positions
-    what : for the notice on skipped lines; empty for those that are never skipped
-    sensor : whether the id of a sensor follows those of nodes
+    what : for the notice on skipped lines, or on edges; empty for those that are never skipped
+    sensor : whether the id of a sensor, or of a switch, follows those of nodes
     apart : whether points may be numbered apart, so that poses have the same numbers
     timed : whether a time follows the tag
     """

@@ -1,4 +1,4 @@
-"""Weights of poses measured in space, from information matrices given as numbers."""
+"""Weights of measured poses, from information matrices given as numbers."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from certpgo.errors import FormatError, InputError
 from certpgo.graph.edges import symmetric
 from certpgo.graph.information import Information
 from certpgo.graph.phrases import counted
-from certpgo.io.exact.information import ROW_MAJOR_3D
+from certpgo.io.exact.information import ROW_MAJOR_2D, ROW_MAJOR_3D, InformationLayout
 from certpgo.io.exact.weighing import weigh
 from certpgo.io.format import ReadOptions
 from certpgo.io.precision_kind import as_information
@@ -22,6 +22,13 @@ from certpgo.linalg.arrays import FloatArray
 ASYMMETRY = 1e-6
 #: What a cross block of a matrix that is indefinite as a whole becomes.
 INDEFINITE = "edge{s} with information indefinite as a whole, diagonal blocks used"
+#: What becomes of information on some axes.
+PARTIAL = (
+    "measurement{s} with information on some axes only: F takes their mean for all axes, other "
+    "costs take it as it is"
+)
+#: What becomes of information on positions or rotations alone.
+ALONE = "edge{s} with information on a translation or a rotation alone"
 
 
 class Weighing(NamedTuple):
@@ -41,14 +48,19 @@ class Weighing(NamedTuple):
 
 
 def weighed(
-    path: Path, matrices: FloatArray, options: ReadOptions, name: Callable[[int], str]
+    path: Path,
+    matrices: FloatArray,
+    rotations: FloatArray,
+    options: ReadOptions,
+    name: Callable[[int], str],
 ) -> Weighing:
     """The weights of measurements with these information matrices.
 
     Parameters
     ----------
     path : of the file, for messages
-    matrices : (m, 6, 6), translation before rotation; 1/m^2, 1/m and dimensionless
+    matrices : (m, p, p), translation before rotation, p = 3 or 6; 1/m^2, 1/m and dimensionless
+    rotations : (m, d, d) measured
     name : of a measurement, for messages
 
     Raises
@@ -63,26 +75,41 @@ def weighed(
     if (skew := off > ASYMMETRY * np.abs(matrices).max(axis=(1, 2), initial=0.0)).any():
         said = f"{name(int(np.argmax(skew)))}: a symmetric matrix expected"
         raise FormatError(path, None, said)
-    row, column = np.triu_indices(6)
+    layout = ROW_MAJOR_3D if matrices.shape[-1] == 6 else ROW_MAJOR_2D
+    row, column = np.triu_indices(len(layout.positions))
     upper = symmetric(matrices)[:, row, column]
     texts = [" ".join(map(repr, numbers)).encode() for numbers in upper.tolist()]
     try:
-        found = weigh(as_information(texts, ROW_MAJOR_3D, options.weights_are), ROW_MAJOR_3D)
+        found = weigh(as_information(texts, layout, options.weights_are), layout)
     except InputError as error:
-        raise FormatError(path, None, _placed(texts, options, name, str(error))) from None
+        raise FormatError(path, None, _placed(texts, layout, options, name, str(error))) from None
     kappa = found.kappa
     if options.rotation_information == "quaternion":
         kappa = 0.25 * kappa  # half the angle, a quarter of the information; exact
-    whole = found.distinct[:, np.array(ROW_MAJOR_3D.positions)]
-    notices = (counted(found.indefinite, INDEFINITE),) if found.indefinite else ()
-    return Weighing(kappa, found.tau, Information(whole, found.which), notices)
+    whole = Information(found.distinct[:, np.array(layout.positions)], found.which)
+    counts = {INDEFINITE: found.indefinite, **partial_counts(whole, kappa, found.tau)}
+    notices = tuple(counted(count, what) for what, count in counts.items() if count)
+    return Weighing(kappa, found.tau, whole.in_first_frames(rotations), notices)
 
 
-def _placed(texts: list[bytes], options: ReadOptions, name: Callable[[int], str], said: str) -> str:
+def partial_counts(information: Information, kappa: FloatArray, tau: FloatArray) -> dict[str, int]:
+    """How many measured poses state information on some axes, or on one block, alone."""
+    alone = (kappa == 0.0) | (tau == 0.0)
+    partial = int(np.count_nonzero(information.is_partial))
+    return {PARTIAL: partial, ALONE: int(np.count_nonzero(alone))}
+
+
+def _placed(
+    texts: list[bytes],
+    layout: InformationLayout,
+    options: ReadOptions,
+    name: Callable[[int], str],
+    said: str,
+) -> str:
     """What is wrong with the first matrix that cannot be read, with its name."""
     for k, text in enumerate(texts):
         try:
-            weigh(as_information([text], ROW_MAJOR_3D, options.weights_are), ROW_MAJOR_3D)
+            weigh(as_information([text], layout, options.weights_are), layout)
         except InputError as error:
             return f"{name(k)}: {error}"
     return said

@@ -53,8 +53,9 @@ def read_estimate(
 
     Parameters
     ----------
-    path : a g2o or PyFG (its vertices), TUM, KITTI, .npz, 1DSfM rotations, Bundler, COLMAP
-        (images.txt), Open3D (JSON) or GLOMAP rotations file, or a bag of ROS
+    path : a g2o or PyFG (its vertices), TUM, KITTI, EuRoC (CSV), .npz, 1DSfM rotations, Bundler,
+        COLMAP (images.txt, images.bin or their folder), Open3D (JSON) or GLOMAP rotations file, a
+        database of rtabmap, or a bag of ROS
     instance : the graph the estimate is for, which determines the order of nodes and whether
         translations are needed. Without it the order is by ascending id, or the file's, and
         translations that are all zero are dropped.

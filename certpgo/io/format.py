@@ -30,6 +30,13 @@ WeightsAre = Literal["information", "sqrt-information", "covariance"]
 Progress = Callable[[int, int], None]
 
 _HEAD_BYTES = 1 << 14
+#: Files that only the program that writes them reads, by suffix.
+_CONTAINERS = {
+    ".pbstream": "a state of Cartographer, which only Cartographer reads: write the nodes and "
+    "constraints of its proto::PoseGraph as g2o, or its trajectory as TUM",
+    ".posegraph": "a graph of slam_toolbox, whose binary archive only its own build reads: write "
+    "its vertices and edges as g2o, or its trajectory as TUM",
+}
 
 
 @dataclass(frozen=True)
@@ -43,6 +50,7 @@ class ReadOptions:
     weights_are : what the numbers of a measurement's precision are
     skip_priors : whether measurements of single poses are skipped
     skip_landmarks : whether points and their sightings are skipped
+    skip : tags of lines that are skipped
     progress : called with bytes read and bytes in total, or None
     """
 
@@ -51,6 +59,7 @@ class ReadOptions:
     weights_are: WeightsAre = "information"
     skip_priors: bool = False
     skip_landmarks: bool = False
+    skip: tuple[str, ...] = ()
     progress: Progress | None = None
 
 
@@ -264,9 +273,26 @@ def _format_of(path: Path, name: str | None) -> Format:
             return form
     if path.is_dir():
         raise FormatError(
-            path, None, "a folder must hold EGs.txt (1DSfM) or metadata.yaml (rosbag2)"
+            path,
+            None,
+            "a folder must hold EGs.txt (1DSfM), images.bin or images.txt (COLMAP), or "
+            "metadata.yaml (rosbag2)",
         )
-    raise FormatError(path, None, f"no known format; known: {', '.join(sorted(formats()))}")
+    raise FormatError(path, None, _unknown(path, head))
+
+
+def _unknown(path: Path, head: bytes) -> str:
+    """What a file of no known format seems to be."""
+    if path.suffix in _CONTAINERS:
+        return _CONTAINERS[path.suffix]
+    rows = [line for line in head.splitlines() if line.strip() and not line.startswith(b"#")]
+    columns = rows[0].count(b",") + 1 if rows and b"\0" not in head else 1
+    if columns > 2:
+        return (
+            f"{columns} columns separated by commas: a trajectory has timestamp, x, y, z, qw, qx, "
+            "qy, qz, or a first line that names its columns"
+        )
+    return f"no known format; known: {', '.join(sorted(formats()))}"
 
 
 def _head(path: Path) -> bytes:

@@ -16,9 +16,9 @@ from certpgo.checker import FAR
 from certpgo.errors import InputError
 from certpgo.graph.edges import in_range
 from certpgo.graph.information import Information, of_positions
-from certpgo.io.chunks import parsed, printable, refuse_loops
+from certpgo.io.chunks import decimal_comma, parsed, printable, refuse_loops
 from certpgo.io.dialect import Dialect, Tag
-from certpgo.io.edge_weights import INDEFINITE
+from certpgo.io.edge_weights import INDEFINITE, PARTIAL, partial_counts
 from certpgo.io.exact.weighing import weigh
 from certpgo.io.format import ReadOptions
 from certpgo.io.precision_kind import as_information, position_weights
@@ -74,6 +74,8 @@ class _Parser:
                     raise InputError(f"{name.decode()} in a file of {content.d}D poses")
                 content.d = tag.d or content.d
                 columns, texts = self._fields(name.decode(), tag, bodies)
+                if tag.kind == "edge" and tag.what:
+                    content.counts[tag.what] += len(bodies)
                 rows = self._rows(tag, columns, texts, content.counts)
                 rows = replace(rows, lines=np.array(numbers))
                 content.rows.setdefault(tag.kind, []).append(rows)
@@ -94,6 +96,8 @@ class _Parser:
 
     def _tag(self, name: bytes) -> Tag:
         dialect = self._dialect
+        if name.decode("utf-8", "replace") in self._options.skip:
+            return Tag("skip", what="left out as chosen, whatever they measure")
         if name in dialect.refused:
             raise InputError(dialect.refused[name])
         if name in dialect.tags:
@@ -102,7 +106,10 @@ class _Parser:
             return Tag("skip", what=f"no tag of {dialect.name}, and no measurement")
         known = ", ".join(tag.decode() for tag in dialect.tags)
         shown = name[:40].decode("ascii", "backslashreplace")
-        raise InputError(f"{dialect.name} has no tag {shown!r}; known: {known}")
+        raise InputError(
+            f"{dialect.name} has no tag {shown!r} (--skip {shown} leaves such lines out); "
+            f"known: {known}"
+        )
 
     def _skipped(self, tag: Tag, d: int) -> str:
         """What skipped lines are about; empty for lines that are read."""
@@ -167,7 +174,7 @@ class _Parser:
         else:
             R, t, off_norm = self._dialect.poses(tag.d, numbers)
             counts[OFF_NORM] += off_norm
-        rows = Rows(nodes, R, t, *self._weights(tag, texts, counts))
+        rows = Rows(nodes, R, t, *self._weights(tag, texts, R, counts))
         if tag.kind in ("prior", "sighting"):
             sensors = ids[:, -1] if tag.sensor else np.full(k, BODY)
             return replace(rows, sensors=sensors, apart=np.full(k, tag.apart))
@@ -205,7 +212,9 @@ class _Parser:
                 raise InputError(f"variances between {1.0 / FAR:.2g} and {FAR:.2g} expected")
         return Rows(nodes, np.empty((k, 0, 0)), distances, np.zeros(k), weights)
 
-    def _weights(self, tag: Tag, texts: list[bytes], counts: Counter[str]) -> Weights:
+    def _weights(
+        self, tag: Tag, texts: list[bytes], rotations: FloatArray, counts: Counter[str]
+    ) -> Weights:
         """Weights kappa and tau, and matrices unless some are missing or ignored."""
         k, options, dialect = len(texts), self._options, self._dialect
         kappa, tau = np.zeros(k) if tag.is_position else np.ones(k), np.ones(k)
@@ -217,6 +226,7 @@ class _Parser:
         if tag.is_position:
             tau, positions = position_weights(tag.d, texts, kind)
             whole = Information(of_positions(positions), np.arange(k), dialect.residual)
+            counts[PARTIAL] += int(np.count_nonzero(whole.is_partial))
             return kappa, tau, whole if all(texts) else None
         stated = np.array([bool(text) for text in texts])
         counts[UNINFORMED] += int(np.sum(~stated))
@@ -230,7 +240,9 @@ class _Parser:
         if not stated.all() or (tag.d == 3 and dialect.rotation_information == "rpy"):
             return kappa, tau, None
         matrices = weighed.distinct[:, np.array(layout.positions)]
-        return kappa, tau, Information(matrices, weighed.which, dialect.residual)
+        information = Information(matrices, weighed.which, dialect.residual)
+        counts.update(partial_counts(information, kappa, tau))
+        return kappa, tau, information.in_first_frames(rotations)
 
 
 def is_name(name: str) -> bool:
@@ -282,7 +294,8 @@ def floats(fields: list[bytes], after: str) -> FloatArray:
             raise ValueError
     except ValueError:
         found = _offending(fields, float)
-        raise InputError(f"numbers expected after the {after}, not {found!r}") from None
+        said = f"numbers expected after the {after}, not {found!r}{decimal_comma(found)}"
+        raise InputError(said) from None
     if not np.isfinite(values).all():
         raise InputError("numbers must be finite")
     return values

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import get_args
@@ -37,6 +38,7 @@ def read(
     weights_are: WeightsAre | None = None,
     priors: bool = True,
     landmarks: bool = True,
+    skip: Sequence[str] = (),
     truth: str | Path | None = None,
     format: str | None = None,
     topic: str | None = None,
@@ -68,6 +70,8 @@ def read(
     priors : whether measurements of single poses and positions are read, as edges from one more
         node, the world (``Instance.world``); else they are skipped
     landmarks : whether points, what sees them and ranges to them are read; else they are skipped
+    skip : tags whose lines are left out, of files of tagged lines: measurements that are not known
+        here; ``Instance.options["skip"]`` lists them
     truth : a file with ground truth for every node, see `read_truth`
     format : name of the format, if content and suffix do not determine it
     topic : of a bag, where several have graphs
@@ -112,6 +116,7 @@ def read(
         weights_are=weights_are,
         skip_priors=not priors,
         skip_landmarks=not landmarks,
+        skip=(skip,) if isinstance(skip, str) else tuple(skip),
         progress=progress,
     )
     instance = form.read_graph(path, options)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from certpgo.errors import InputError, SpecError
 from certpgo.graph import Graph, Instance, PoseGraph
 from certpgo.graph.information import InformationGraph
+from certpgo.graph.kinds import Kind
+from certpgo.graph.phrases import counted
 from certpgo.graph.priors import require_determined, require_held
 from certpgo.objective.costs import CHORDAL, COSTS
 from certpgo.objective.edge_cost import EdgeCost
@@ -41,8 +45,8 @@ __all__ = [
 def own_cost(instance: Instance) -> str:
     """The cost that the program of an instance's file minimises, if it can be certified.
 
-    That is ``"g2o"`` for a g2o file whose information matrices are all positive definite, and
-    ``"chordal"`` otherwise.
+    That is ``"g2o"`` for a g2o file whose information matrices are all positive definite where they
+    state something, ``"gtsam"`` for such a JSON Robot Log, and ``"chordal"`` otherwise.
     """
     own = None if instance.information is None else instance.information.residual
     return own if own is not None and own in COSTS and _is_weighed(instance) else CHORDAL
@@ -150,15 +154,20 @@ def information_problem(instance: Instance, cost: str) -> InformationProblem:
     graph = InformationGraph(instance.graph, instance.information.matrices)
     if not graph.rotation.kappa.any():
         raise InputError(f"{source}: --cost {cost} needs relative poses, not positions alone")
+    alone = int(np.count_nonzero(instance.graph.kinds == Kind.TRANSLATION))
+    if alone and not COSTS[cost].decoupled:
+        measured = counted(alone, Kind.TRANSLATION.phrase)
+        raise InputError(f"{source}: the cost of {cost} needs rotations with its {measured}")
     problem = InformationProblem(edge_cost(graph, cost))
     problem.refuse_indefinite(instance.name)  # no path, as tables keep it
     return problem
 
 
 def edge_cost(graph: InformationGraph, cost: str) -> EdgeCost:
-    """The cost of that name in `COSTS`, for measurements of poses or positions."""
-    whole = graph.rotation.measures_rotation.all()
-    return COSTS[cost](graph) if whole else WithPositions(graph, COSTS[cost])
+    """The cost of that name in `COSTS`, for measurements of poses, positions or rotations."""
+    if not graph.isotropic.is_partial:
+        return COSTS[cost](graph)
+    return WithPositions(graph, COSTS[cost])
 
 
 def _lack(instance: Instance) -> str:

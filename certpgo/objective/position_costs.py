@@ -1,10 +1,13 @@
-"""The costs of other programs on graphs in which some edges measure positions alone.
+"""The costs of other programs on graphs in which some edges measure positions or rotations alone.
 
 Where a point is seen from a pose, or a position is measured from the world, the residual is y =
 v - m in every program, for a measured m, in the frame of the first node. For lam below the smallest
 eigenvalue of the information T and any b, y^T T y - lam |v - b|^2 is smallest at
 y = -lam (T - lam)^-1 (b - m), so minorants lam |v - b|^2 + constant are those of
 `certpgo.objective.marginalized` without rotations. Where T = t I, the cost is one itself.
+
+Where a rotation is measured alone, a minorant of the same cost with any translational information
+is one of the rotation at y = 0, and without its first term, which is not negative, everywhere.
 """
 
 from __future__ import annotations
@@ -14,7 +17,7 @@ from functools import cached_property
 
 import numpy as np
 
-from certpgo.graph.information import InformationGraph
+from certpgo.graph.information import InformationGraph, unmeasured
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.linalg.ball_arithmetic import Ball
 from certpgo.objective.edge_cost import EdgeCost, Minorants
@@ -31,7 +34,7 @@ class WithPositions(EdgeCost):
     Attributes
     ----------
     graph : the measurements; those with kappa = 0 are of positions, and the rotational part of
-        their information is zero
+        their information is zero; those with tau = 0 are of rotations, and the rest is zero
     between : the program's cost of relative poses
     """
 
@@ -114,7 +117,9 @@ class WithPositions(EdgeCost):
     def minorants(self, v: FloatArray, Q: FloatArray) -> Minorants:
         """Minorants that touch the costs at (v, Q), up to rounding."""
         whole, here = ~self._positions, self._positions
-        of_poses = self._poses.minorants(v[whole], Q[whole])
+        of_poses = self._minorants_of_poses(v[whole], Q[whole])
+        if whole.all():
+            return of_poses
         of_positions = _minorants_of_positions(self.graph.with_edges(here), v[here])
         names = ("tau", "a", "b", "N", "constant")
         joined = Minorants(
@@ -124,6 +129,24 @@ class WithPositions(EdgeCost):
             return joined
         none = np.zeros((int(here.sum()), of_poses.touching.shape[1]))
         return replace(joined, touching=self._joined(of_poses.touching, none))
+
+    def _minorants_of_poses(self, v: FloatArray, Q: FloatArray) -> Minorants:
+        graph = self._poses.graph
+        alone = ~graph.isotropic.measures_translation
+        if not alone.any():
+            return self._poses.minorants(v, Q)
+        d, information = graph.d, graph.information.copy()
+        information[alone, :d, :d] = np.eye(d)
+        filled = self.between(InformationGraph(graph.isotropic, information))
+        found = filled.minorants(np.where(alone[:, None], graph.translations, v), Q)
+        nothing = alone & ~found.N.any(axis=(1, 2))
+        return replace(
+            found,
+            tau=np.where(alone, 0.0, found.tau),
+            a=np.where(alone[:, None], 0.0, found.a),
+            b=np.where(alone[:, None], 0.0, found.b),
+            constant=np.where(nothing, -np.inf, found.constant),
+        )
 
     def relaxed(self) -> WithPositions | None:
         """Of the edges between poses, with all of the positions' information."""
@@ -140,12 +163,14 @@ def _minorants_of_positions(graph: InformationGraph, v: FloatArray) -> Minorants
     T, _, _ = blocks(graph.information, d)
     even = is_isotropic(T)
     lam = np.where(even, T[:, 0, 0], SHARE * np.linalg.eigvalsh(T)[:, 0])
+    partial = unmeasured(T).any(axis=1)
+    lam = np.where(partial, 1.0, lam)
     y = v - m
     b = m + np.where(even[:, None], 0.0, y - (T @ y[:, :, None])[:, :, 0] / lam[:, None])
     # Positions are not measured in a turned frame, whatever rotation an edge holds.
     unturned = Ball.exact(np.tile(np.eye(d), (len(lam), 1, 1)))
     _, _, constant = remainder(graph, unturned, lam, b)
-    found = np.where(np.isfinite(constant.radius), constant.lower, -np.inf)
+    found = np.where(np.isfinite(constant.radius) & ~partial, constant.lower, -np.inf)
     zeros = np.zeros_like(b)
     N = np.zeros_like(graph.rotations)
     return Minorants(lam, zeros, b, N, np.where(even, 0.0, found))

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,6 +36,9 @@ from certpgo.optimize.unobservable import MOST, undetermined
 RARE = 1e-6
 #: Eigenvalues of matrices of unit diagonal below which a direction is not measured.
 NONE = 1e-12
+#: chi^2 per degree of freedom beyond a factor of `FAR_OFF` of 1 is compared with that of square
+#: roots of information, which is taken for right within a factor of `NEAR`.
+FAR_OFF, NEAR = 3.0, 2.0
 #: From and to which chi^2 is printed as a whole number.
 WHOLE = (1e4, 1e12)
 
@@ -49,6 +52,8 @@ class Fit:
     chi2 : squared residuals over their variances
     freedom : degrees of freedom, the mean of chi^2 for the best estimate
     spread : variance over that of a chi^2 variable; 1 unless weights average over directions
+    as_roots : chi^2 at this estimate if the numbers of the file were square roots of information;
+        None if that is not known
 
     Examples
     --------
@@ -63,6 +68,7 @@ class Fit:
     chi2: float
     freedom: int
     spread: float = 1.0
+    as_roots: float | None = None
 
     def __str__(self) -> str:
         chi2 = f"{self.chi2:.0f}" if WHOLE[0] <= self.chi2 < WHOLE[1] else f"{self.chi2:.4g}"
@@ -78,6 +84,11 @@ class Fit:
         """What is unusual, in a sentence; or empty."""
         below, above = self._tails
         said = f"chi^2 is {self}: residuals are {self.ratio:.3g} times the stated noise"
+        if self._fits_as_roots:
+            return (
+                f"{said}; the file's numbers may be square roots of information, with which it is "
+                f"about {self.as_roots:.4g}: see --weights-are sqrt-information"
+            )
         if above < RARE:
             return (
                 f"{said}; measurements may be wrong, or the stated noise too small: no verdict "
@@ -89,6 +100,14 @@ class Fit:
                 "covariances do"
             )
         return ""
+
+    @property
+    def _fits_as_roots(self) -> bool:
+        """Whether chi^2 is far from usual, and near it with square roots of information."""
+        if self.as_roots is None or not (self.chi2 > 0.0 and self.as_roots > 0.0):
+            return False
+        off, left = (abs(math.log(chi2 / self.freedom)) for chi2 in (self.chi2, self.as_roots))
+        return min(self._tails) < RARE and off > math.log(FAR_OFF) and left < math.log(NEAR)
 
     @property
     def _tails(self) -> tuple[float, float]:
@@ -128,8 +147,23 @@ def fit_of(
         instance = instance.with_edges(weights > 0.0)
     mahalanobis = instance.options.get("weights") == "mahalanobis"
     with np.errstate(all="ignore"), suppress(NumericalError, np.linalg.LinAlgError):
-        return goodness_of_fit(problem, estimate, instance.information, mahalanobis=mahalanobis)
+        fit = goodness_of_fit(problem, estimate, instance.information, mahalanobis=mahalanobis)
+        if fit is None or mahalanobis or "weights_are" in instance.options:
+            return fit
+        return replace(fit, as_roots=_as_roots(problem, estimate))
     return None
+
+
+def _as_roots(
+    problem: Problem | InformationProblem | RangeProblem, estimate: Estimate
+) -> float | None:
+    """chi^2 if information were its square root; exact for multiples of the identity."""
+    chordal = problem.chordal if isinstance(problem, InformationProblem) else problem
+    if not isinstance(chordal, PoseProblem) or chordal.graph.is_general:
+        return None
+    terms, _ = squares(chordal, estimate)
+    kappa = chordal.graph.rotation.kappa * (2.0 if chordal.d == 3 else 1.0)
+    return float((terms * np.stack([chordal.graph.tau, kappa], axis=1)).sum())
 
 
 def goodness_of_fit(

@@ -192,3 +192,24 @@ def test_the_parts_of_a_term_add_up_to_chi2():
     assert (numbers == [2, 1]).all()
     costs = terms[:, 0] + 2.0 * terms[:, 1]
     np.testing.assert_allclose(costs, problem.edge_costs(estimate), rtol=1e-9)
+
+
+def test_square_roots_of_information_are_recognised(tmp_path):
+    """Noise of 0.05 in a file that states 20: the information is 400 if 20 is its square root."""
+    rng, lines = np.random.default_rng(4), []
+    for i in range(30):
+        for j in (i + 1, i + 2):
+            step = np.array([j - i, 0.0, 0.0]) + 0.05 * rng.standard_normal(3)
+            lines.append(f"EDGE_SE2 {i} {j} {' '.join(map(str, step.tolist()))} 20 0 0 20 0 20\n")
+    path = tmp_path / "roots.g2o"
+    path.write_text("".join(lines))
+    fit = certpgo.solve(certpgo.read(path, quiet=True)).fit
+    assert fit.chi2 < 0.1 * fit.freedom
+    assert fit.as_roots == pytest.approx(20 * fit.chi2, rel=0.02)
+    assert "square roots of information" in fit.warning
+    assert "--weights-are sqrt-information" in fit.warning
+    stated = certpgo.solve(certpgo.read(path, weights_are="sqrt-information", quiet=True)).fit
+    assert stated.chi2 == pytest.approx(stated.freedom, rel=0.5)
+    assert stated.as_roots is None
+    assert stated.warning == ""
+    assert "square roots" not in Fit(3.0, 60, as_roots=3.0).warning

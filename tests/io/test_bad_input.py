@@ -27,7 +27,7 @@ MALFORMED = [
     ("self_loop.g2o", 2, "node 1 is measured from itself"),
     ("negative_information.g2o", 2, "not positive definite"),
     ("indefinite_block.g2o", 2, "translation block"),
-    ("zero_kappa.g2o", 2, "rotation block"),
+    ("zero_information.g2o", 2, "nothing is measured"),
     ("duplicate_vertex.g2o", 3, "node 5 appears twice"),
     ("letter_id.g2o", 2, "ids must be integers"),
     ("fractional_id.g2o", 2, "ids must be integers"),
@@ -88,7 +88,7 @@ def test_dimensions_must_agree_across_chunks(monkeypatch, file):
 def test_unit_weights_ignore_bad_information():
     graph = io.read(BAD / "negative_information.g2o", unit_weights=True).graph
     np.testing.assert_array_equal(graph.rotation.kappa, 1.0)
-    graph = io.read(BAD / "zero_kappa.g2o", kappa=2.0, tau=3.0).graph
+    graph = io.read(BAD / "zero_information.g2o", kappa=2.0, tau=3.0).graph
     assert (graph.rotation.kappa[0], graph.tau[0]) == (2.0, 3.0)
 
 

@@ -3,6 +3,9 @@
 The frames are checked against what the files' definitions say: x_cam = R x_world + t.
 """
 
+import struct
+from contextlib import suppress
+
 import numpy as np
 import pytest
 from strategies import rotation_graph
@@ -98,7 +101,7 @@ def test_the_graphs_own_names_come_first(file):
         (LINE.format(id=1, name="a.png") + "1 2\n", 4, "POINT3D_ID"),
         ((LINE.format(id=1, name="a.png") + "\n") * 2, 5, "image 1 appears twice"),
         (LINE.format(id=2**70, name="a.png"), 3, "64-bit"),
-        ("\n", None, "no lines of IMAGE_ID"),
+        ("\n", None, "no images (IMAGE_ID"),
     ],
 )
 def test_malformed_images(file, text, line, expected):
@@ -183,3 +186,51 @@ def test_names_are_one_a_node():
     graph, _ = rotation_graph(np.random.default_rng(1), 3, 3)
     with pytest.raises(GraphError, match="3 distinct strings"):
         Instance("scene", graph, np.arange(3), names=("a", "b", "a"))
+
+
+def images_binary(R, t, ids, names, points=0):
+    q = to_write(R)[:, [3, 0, 1, 2]]
+    out = struct.pack("<Q", len(ids))
+    for k, turn, step, name in zip(ids, q, t, names, strict=True):
+        out += struct.pack("<I7dI", k, *turn, *step, 1) + name.encode() + b"\0"
+        out += struct.pack("<Q", points) + struct.pack("<ddq", 1.5, 2.5, -1) * points
+    return out
+
+
+def test_models_are_read_from_their_folder_and_from_their_binary(tmp_path):
+    R, t, centres = cameras(3)
+    ids, names = [7, 3, 5], ["b.png", "a/\u00e9.png", "c.png"]
+    (tmp_path / "images.txt").write_text(images_text(R, t, ids, names))
+    text = io.read_estimate(tmp_path)
+    (tmp_path / "images.bin").write_bytes(images_binary(R, t, ids, names, points=2))
+    for path in (tmp_path, tmp_path / "images.bin"):
+        found = io.read_estimate(path)
+        assert found.keys.ids.tolist() == [3, 5, 7]
+        assert found.keys.names == ("a/\u00e9.png", "c.png", "b.png")
+        np.testing.assert_array_equal(found.rotations, text.rotations)
+        np.testing.assert_allclose(found.translations, centres[[1, 2, 0]], atol=1e-12)
+
+
+def test_damaged_binaries(tmp_path):
+    R, t, _ = cameras(2)
+    whole = images_binary(R, t, [1, 2], ["a.png", "b.png"], points=1)
+    path = tmp_path / "images.bin"
+    wrong = [
+        (whole[:-1], "ends early"),
+        (whole + b"x", "nothing after them"),
+        (struct.pack("<Q", 2**63), "ends early"),
+        (struct.pack("<Q", 0), "no images"),
+        (images_binary(R, t, [1, 1], ["a", "b"]), "image 1 appears twice"),
+        (images_binary(R, np.full((2, 3), np.nan), [1, 2], ["a", "b"]), "QW QX"),
+    ]
+    for content, said in wrong:
+        path.write_bytes(content)
+        with pytest.raises(FormatError, match=said):
+            io.read_estimate(path)
+    rng = np.random.default_rng(2)
+    for _ in range(200):
+        damaged = bytearray(whole)
+        damaged[rng.integers(0, len(damaged))] = rng.integers(256)
+        path.write_bytes(bytes(damaged))
+        with suppress(FormatError):
+            io.read_estimate(path)

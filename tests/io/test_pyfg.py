@@ -193,7 +193,7 @@ def with_line(text, old, new):
 
 
 WRONG = [
-    ("EDGE_SE2_XY 10.5", "EDGE_SE2_XYZ 10.5", "pyfg has no tag 'EDGE_SE2_XYZ'; known: VERTEX_SE2"),
+    ("EDGE_SE2_XY 10.5", "EDGE_SE2_XYZ 10.5", "pyfg has no tag 'EDGE_SE2_XYZ' (--skip"),
     ("EDGE_SE2 10.5 A0 B7", "EDGE_SE2 10.5 A0 B8", "B8 is unknown: no VERTEX line names it"),
     ("RANGE 10.5 L0 A0", "RANGE 10.5 L1 A0", "L1 is unknown"),
     ("PRIOR 0 L0", "PRIOR 0 L1", "L1 is unknown"),

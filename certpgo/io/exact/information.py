@@ -7,7 +7,8 @@ between machines). With Omega_t the leading and Omega_R the trailing block,
     3D   tau = 3 / tr(Omega_t^-1)    kappa = 3 / (2 tr(Omega_R^-1))
     2D   tau = 2 / tr(Omega_t^-1)    kappa = Omega_theta
 
-as in SE-Sync (Rosen et al. 2019, Section 5).
+as in SE-Sync (Rosen et al. 2019, Section 5). A direction of which a matrix states nothing, by a row
+and a column of zeros, is left out of these means; a block without any has the weight 0.
 """
 
 from __future__ import annotations
@@ -78,7 +79,8 @@ def weights(text: str, layout: InformationLayout) -> tuple[float, float]:
     Raises
     ------
     InputError
-        A number is missing, malformed or out of range; a diagonal block is not positive definite.
+        A number is missing, malformed or out of range; both blocks are zero, or one of them is not
+        positive definite where it is not zero.
     """
     tokens = text.lower().split()
     if len(tokens) != layout.size:
@@ -90,6 +92,8 @@ def weights(text: str, layout: InformationLayout) -> tuple[float, float]:
     (rotation, rotation_exponent), (translation, translation_exponent) = (
         _integers([tokens[k] for k in block]) for block in blocks
     )
+    if not any(rotation) and not any(translation):
+        raise InputError("the information is zero: nothing is measured")
     n_R, d_R = _harmonic_mean(rotation, "the rotation block of the information")
     n_t, d_t = _harmonic_mean(translation, "the translation block of the information")
     kappa = _rounded(n_R, d_R if d == 2 else 2 * d_R, rotation_exponent)
@@ -110,6 +114,8 @@ def position_weight(text: str, layout: InformationLayout) -> float:
     """
     tokens = text.lower().split()
     upper, exponent = _integers([tokens[k] for k in layout.upper(0, len(layout.positions))])
+    if not any(upper):
+        raise InputError("the information of a position is zero: nothing is measured")
     return _rounded(*_harmonic_mean(upper, "the information of a position"), exponent)
 
 
@@ -132,8 +138,14 @@ def _decimal(token: str) -> tuple[int, int]:
 
 
 def _harmonic_mean(upper: list[int], what: str) -> tuple[int, int]:
-    """The fraction size / tr(A^-1) of a symmetric matrix A, from adjugate and determinant."""
+    """The fraction size / tr(A^-1) of a symmetric matrix A without the rows that are zero.
+
+    From adjugate and determinant; 0 for a zero matrix.
+    """
     minors: tuple[int, ...]
+    upper = _stated(upper)
+    if not upper:
+        return 0, 1
     if len(upper) == 1:
         minors, numerator, denominator = (upper[0],), upper[0], 1
     elif len(upper) == 3:
@@ -147,10 +159,19 @@ def _harmonic_mean(upper: list[int], what: str) -> tuple[int, int]:
         minors, numerator, denominator = (a, zz, determinant), 3 * determinant, xx + yy + zz
     if min(minors) <= 0:
         raise InputError(
-            f"{what} is not positive definite "
-            "(--unit-weights, or unit_weights=True, ignores the information)"
+            f"{what} is not positive definite; a direction that is not measured has a row and a "
+            "column of zeros"
         )
     return numerator, denominator
+
+
+def _stated(upper: list[int]) -> list[int]:
+    """The upper triangle of a matrix without the rows and columns that are zero."""
+    size = {1: 1, 3: 2, 6: 3}[len(upper)]
+    rows, columns = (axis.tolist() for axis in np.triu_indices(size))
+    entries = list(zip(rows, columns, upper, strict=True))
+    known = {axis for i, j, value in entries if value for axis in (i, j)}
+    return [value for i, j, value in entries if i in known and j in known]
 
 
 def _rounded(numerator: int, denominator: int, exponent: int) -> float:
@@ -162,19 +183,20 @@ def _rounded(numerator: int, denominator: int, exponent: int) -> float:
         )
     except OverflowError:
         value = 0.0
-    if value == 0.0:
+    if value == 0.0 and numerator:
         raise InputError("the information is out of a double's range")
     return value
 
 
 def indefinite(values: FloatArray, layout: InformationLayout) -> BoolArray:
-    """Which full matrices, given as numbers (k, size), are not positive definite.
+    """Which full matrices, given as numbers (k, size), are not positive definite without zero rows.
 
     By elimination in doubles: only for a notice, no weight depends on it.
     """
     positions = np.array(layout.positions)
     coupled = np.flatnonzero(values[:, positions[: layout.d, layout.d :].ravel()].any(axis=1))
     A = values[coupled][:, positions]
+    A += np.asarray(~np.any(A, axis=1))[:, None, :] * np.eye(A.shape[-1])
     positive = np.ones(len(A), dtype=np.bool_)
     with np.errstate(all="ignore"):
         for k in range(A.shape[-1]):

@@ -47,8 +47,8 @@ class Weighed(NamedTuple):
 
     Attributes
     ----------
-    kappa, tau : (k,) weights
-    indefinite : number of full matrices that are not positive definite
+    kappa, tau : (k,) weights; 0 for a block of zeros
+    indefinite : number of full matrices that are not positive definite, without zero rows
     distinct : (l, size) different matrices, as numbers in the order of the text
     which : (k,) which of them each one is
     """
@@ -65,7 +65,8 @@ def weigh(texts: list[bytes], layout: InformationLayout) -> Weighed:
     number: dict[bytes, int] = {}
     index = np.array([number.setdefault(text, len(number)) for text in texts], dtype=np.intp)
     kappa, tau, flags, values = _distinct(list(number), layout)
-    if not (in_range(kappa) & in_range(tau)).all():
+    weighty = in_range(kappa) | (kappa == 0.0), in_range(tau) | (tau == 0.0)
+    if not (weighty[0] & weighty[1]).all():
         raise InputError(f"information must give weights between {1.0 / FAR:.2g} and {FAR:.2g}")
     return Weighed(kappa[index], tau[index], int(np.count_nonzero(flags[index])), values, index)
 

@@ -10,8 +10,9 @@ The pose maps world to camera; our R_i is its transpose, and the camera's centre
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -45,31 +46,51 @@ def _is_number(word: bytes) -> bool:
     return True
 
 
+class Image(NamedTuple):
+    """An image: where it is in its file, its id, QW QX QY QZ TX TY TZ, and its name."""
+
+    place: int
+    id: int
+    pose: list[float]
+    name: str
+
+
 def _read_poses(path: Path) -> LabelledPoses:
+    return poses_of_images(path, _parsed(path))
+
+
+def poses_of_images(path: Path, images: Iterable[Image]) -> LabelledPoses:
+    """The poses of images, camera to world; a FormatError for what is no pose or there twice."""
     ids: dict[int, int] = {}
     rows, names = [], []
-    for line, text in _images(path):
-        words = text.split(None, 9)
-        try:
-            image, row = int(words[0]), [float(word) for word in words[1:8]]
-            int(words[8])
-        except (ValueError, IndexError):
-            raise FormatError(path, line, f"{_IMAGE} expected") from None
-        if len(words) < 10 or not np.isfinite(row).all() or not any(row[:4]):
-            raise FormatError(path, line, f"{_IMAGE} expected, the quaternion not zero")
+    for place, image, pose, name in images:
+        if not np.isfinite(pose).all() or not any(pose[:4]):
+            raise FormatError(path, place, f"{_IMAGE} expected, the quaternion not zero")
         if not 0 <= image < 2**63:
-            raise FormatError(path, line, "image ids must fit 64-bit signed integers")
+            raise FormatError(path, place, "image ids must fit 64-bit signed integers")
         if image in ids:
-            raise FormatError(path, line, f"image {image} appears twice")
-        ids[image] = line
-        rows.append(row)
-        names.append(words[9].strip().decode("utf-8", "replace"))
+            raise FormatError(path, place, f"image {image} appears twice")
+        ids[image] = place
+        rows.append(pose)
+        names.append(name)
     if not rows:
-        raise FormatError(path, None, f"no lines of {_IMAGE}")
+        raise FormatError(path, None, f"no images ({_IMAGE})")
     numbers = np.array(rows)
     R = np.swapaxes(quaternion.rotations(numbers[:, [1, 2, 3, 0]]), 1, 2)
     t = -np.einsum("nab,nb->na", R, numbers[:, 4:])
     return LabelledPoses(R, t, ids=np.array(list(ids), dtype=np.intp), names=tuple(names))
+
+
+def _parsed(path: Path) -> Iterator[Image]:
+    for line, text in _images(path):
+        words = text.split(None, 9)
+        try:
+            image, pose = int(words[0]), [float(word) for word in words[1:8]]
+            int(words[8])
+            name = words[9].strip().decode("utf-8", "replace")
+        except (ValueError, IndexError):
+            raise FormatError(path, line, f"{_IMAGE} expected") from None
+        yield Image(line, image, pose, name)
 
 
 def _images(path: Path) -> Iterator[tuple[int, bytes]]:

@@ -10,12 +10,8 @@ inliers. COLMAP stores the pose only if it is told to; otherwise it is missing, 
 
 from __future__ import annotations
 
-import sqlite3
 from collections import Counter
-from contextlib import closing
 from pathlib import Path
-from typing import Any
-from urllib.parse import quote
 
 import numpy as np
 
@@ -25,9 +21,10 @@ from certpgo.graph.phrases import counted
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Format, ReadOptions
 from certpgo.io.nodes import distinct
-from certpgo.linalg.arrays import FloatArray, numbered
+from certpgo.io.sqlite import MAGIC, columns_of, found_rows, numbers_of
+from certpgo.linalg.arrays import numbered
 
-_MAGIC = b"SQLite format 3\0"
+_PROGRAM = "COLMAP"
 _MAX_IMAGES = 2**31 - 1
 #: Configurations without a geometry: undefined, degenerate, a watermark, several at once.
 _NO_GEOMETRY = (0, 1, 7, 8)
@@ -40,42 +37,27 @@ _HOW = (
 
 
 def _recognises(path: Path, head: bytes) -> bool:
-    if not head.startswith(_MAGIC):
+    if not head.startswith(MAGIC):
         return False
     try:
-        return _columns(path, "two_view_geometries") != ()
+        return columns_of(path, "two_view_geometries", _PROGRAM) != ()
     except FormatError:
         return path.suffix == ".db"
-
-
-def _rows(path: Path, query: str) -> list[tuple[Any, ...]]:
-    """The rows that a query finds; the database is not written to."""
-    place = f"file:{quote(str(path.resolve()))}?mode=ro"
-    try:
-        with closing(sqlite3.connect(place, uri=True)) as database:
-            return database.execute(query).fetchall()
-    except sqlite3.Error as error:
-        raise FormatError(path, None, f"a database of COLMAP expected: {error}") from None
-
-
-def _columns(path: Path, table: str) -> tuple[str, ...]:
-    """The names of a table's columns; none if it is not there."""
-    return tuple(row[1] for row in _rows(path, f"PRAGMA table_info({table})"))
 
 
 def _read_graph(path: Path, options: ReadOptions) -> Instance:
     expected = {"images": ("image_id", "name"), "two_view_geometries": ("pair_id", "rows")}
     for table, needed in expected.items():
-        if not {*needed} <= {*_columns(path, table)}:
+        if not {*needed} <= {*columns_of(path, table, _PROGRAM)}:
             said = f"a database of COLMAP expected, with {' and '.join(needed)} in table {table}"
             raise FormatError(path, None, said)
-    if "qvec" not in _columns(path, "two_view_geometries"):
+    if "qvec" not in columns_of(path, "two_view_geometries", _PROGRAM):
         raise FormatError(path, None, f"two_view_geometries: no column qvec: {_HOW}")
-    names = dict(_rows(path, "SELECT image_id, name FROM images"))
+    names = dict(found_rows(path, "SELECT image_id, name FROM images", _PROGRAM))
     query = "SELECT pair_id, rows, config, qvec, tvec FROM two_view_geometries ORDER BY pair_id"
     pairs, inliers, q = [], [], []
     left_out: Counter[str] = Counter()
-    for pair, count, config, qvec, tvec in _rows(path, query):
+    for pair, count, config, qvec, tvec in found_rows(path, query, _PROGRAM):
         i, j = divmod(int(pair), _MAX_IMAGES)
         place = f"two_view_geometries: images {i} and {j}"
         if i not in names or j not in names:
@@ -83,7 +65,8 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
         if config in _NO_GEOMETRY or not count:
             left_out["pair{s} without a verified geometry left out"] += 1
             continue
-        turn, step = _doubles(path, place, "qvec", qvec, 4), _doubles(path, place, "tvec", tvec, 3)
+        turn = numbers_of(path, f"{place}: qvec", qvec, 4, "<f8")
+        step = numbers_of(path, f"{place}: tvec", tvec, 3, "<f8")
         if turn is None or step is None or (tuple(turn) == _IDENTITY and not step.any()):
             left_out[_NOT_STORED] += 1
             continue
@@ -113,18 +96,6 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
         notices=("translation directions are ignored", *notices),
         names=tuple(names[k] for k in ids.tolist()),
     )
-
-
-def _doubles(path: Path, place: str, column: str, blob: Any, size: int) -> FloatArray | None:
-    """The numbers of a blob; None if it is null or empty."""
-    if blob is None or blob == b"":
-        return None
-    if not isinstance(blob, bytes) or len(blob) != 8 * size:
-        raise FormatError(path, None, f"{place}: {column}: {size} doubles expected")
-    found = np.frombuffer(blob, dtype="<f8").astype(np.float64)
-    if not np.isfinite(found).all():
-        raise FormatError(path, None, f"{place}: {column}: finite numbers expected")
-    return found
 
 
 FORMAT = Format(

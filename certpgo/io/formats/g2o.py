@@ -9,13 +9,19 @@
     EDGE_PRIOR_SE2_XY id x y [3 numbers]
     EDGE_SE3_PRIOR id sensor x y z qx qy qz qw [21 numbers]
     EDGE_SE3_XYZPRIOR id sensor x y z [6 numbers]
+    EDGE_POINTXYZ_PRIOR id x y z [6 numbers]
     VERTEX_XY id x y
     EDGE_SE2_XY pose point x y [3 numbers]
     LANDMARK2 pose point x y [3 numbers]
     VERTEX_TRACKXYZ id x y z
     EDGE_SE3_TRACKXYZ pose point sensor x y z [6 numbers]
     PARAMS_SE3OFFSET sensor x y z qx qy qz qw
+    EDGE_SE2_SWITCHABLE i j switch x y theta [6 numbers]
+    EDGE_SE3_SWITCHABLE i j switch x y z qx qy qz qw [21 numbers]
 
+The last two are of Vertigo (https://openslam-org.github.io/vertigo.html), loop closures that its
+optimizer can switch off, read as ordinary ones. rtabmap (corelib/src/optimizer/OptimizerG2O.cpp)
+writes them, and EDGE_POINTXYZ_PRIOR for GPS.
 A point is where its pose sees it, or a sensor on its body. In LANDMARK2 points are numbered apart.
 The information is its upper triangle, row by row, translation before rotation. In g2o's own code
 the rotational part of 3D edges refers to the quaternion's vector part
@@ -42,10 +48,17 @@ from certpgo.linalg.arrays import BoolArray, IntArray
 _SKIPPED = ("VERTEX_POINT_XYZ", "EDGE_BEARING_SE2_XY", "EDGE_POINT_XYZ", "LANDMARK3")
 #: Of poses and of positions, in the plane and in space. Those that are written come first.
 _PRIORS = {2: ("EDGE_PRIOR_SE2", "EDGE_SE2_PRIOR"), 3: ("EDGE_SE3_PRIOR",)}
-_POSITIONS = {2: ("EDGE_PRIOR_SE2_XY", "EDGE_SE2_GPS"), 3: ("EDGE_SE3_XYZPRIOR",)}
+_POSITIONS = {
+    2: ("EDGE_PRIOR_SE2_XY", "EDGE_SE2_GPS"),
+    3: ("EDGE_SE3_XYZPRIOR", "EDGE_POINTXYZ_PRIOR"),
+}
+#: Without the id of a sensor.
+_OF_BODIES = ("EDGE_POINTXYZ_PRIOR",)
 #: Of poses and points, and what is seen of points.
 _VERTICES = {2: ("VERTEX_SE2", "VERTEX_XY"), 3: ("VERTEX_SE3:QUAT", "VERTEX_TRACKXYZ")}
 _SIGHTINGS = {2: "EDGE_SE2_XY", 3: "EDGE_SE3_TRACKXYZ"}
+_SWITCHED = "loop closure{s} with a switch, read without: certpgo solve --robust rejects outliers"
+_SWITCHES = ("VERTEX_SWITCH", "EDGE_SWITCH_PRIOR")
 _PARAMETERS = ("PARAMS_SE2OFFSET", "PARAMS_CAMERACALIB")
 
 
@@ -69,10 +82,14 @@ DIALECT = Dialect(
             for name in _PRIORS[d]
         },
         **{
-            name.encode(): Tag("prior", d, d, "priors", sensor=d == 3)
+            name.encode(): Tag("prior", d, d, "priors", sensor=d == 3 and name not in _OF_BODIES)
             for d in (2, 3)
             for name in _POSITIONS[d]
         },
+        b"EDGE_SE2_SWITCHABLE": Tag("edge", 2, 3, _SWITCHED, sensor=True),
+        b"EDGE_SE3_SWITCHABLE": Tag("edge", 3, 7, _SWITCHED, sensor=True),
+        b"EDGE_SE3:QUAT_SWITCHABLE": Tag("edge", 3, 7, _SWITCHED, sensor=True),
+        **{name.encode(): Tag("skip", what="switches") for name in _SWITCHES},
         b"PARAMS_SE3OFFSET": Tag("sensor", 3, 7, "sensor parameters"),
         **{name.encode(): Tag("skip", what="sensor parameters") for name in _PARAMETERS},
     },

@@ -56,6 +56,7 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
     weighing = weighed(
         path,
         information[:, _ORDER][:, :, _ORDER],
+        R,
         options,
         lambda k: f"edges[{k}].information",
     )

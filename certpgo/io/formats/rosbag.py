@@ -20,12 +20,12 @@ import numpy as np
 from certpgo.errors import FormatError, NoMeasurements
 from certpgo.graph import Instance, PoseGraph, RotationGraph
 from certpgo.graph.keys import SECOND
-from certpgo.graph.phrases import counted
 from certpgo.io.bags import Bag, opened_bag
 from certpgo.io.edge_weights import weighed
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Format, LabelledPoses, ReadOptions, estimate_at
 from certpgo.io.nodes import distinct
+from certpgo.io.rtabmap_links import BETWEEN, skipped_links
 from certpgo.io.timestamps import times_and_ids
 from certpgo.linalg.arrays import FloatArray, numbered
 
@@ -37,11 +37,6 @@ _POSES = (
 )
 #: The package's name was another until 2023.
 _GRAPHS = ("rtabmap_msgs/msg/MapGraph", "rtabmap_ros/msg/MapGraph")
-#: rtabmap's types of links between poses, from neighbours to merged ones.
-_BETWEEN = range(7)
-#: And of those that are skipped.
-_SKIPPED = {7: "prior{s} of poses", 8: "sighting{s} of landmarks", 9: "measurement{s} of gravity"}
-
 _SQLITE, _BAG, _MCAP = b"SQLite format 3\0", b"#ROSBAG V", b"\x89MCAP"
 _METADATA = "metadata.yaml"
 
@@ -82,7 +77,7 @@ def _last(bag: Bag, topic: str) -> Any:
 def _instance(path: Path, topic: str, message: Any, options: ReadOptions) -> Instance:
     """The instance in rtabmap's message."""
     kinds = np.array([link.type for link in message.links], dtype=np.intp)
-    links = [link for link in message.links if link.type in _BETWEEN]
+    links = [link for link in message.links if link.type in BETWEEN]
     if not links:
         raise NoMeasurements(path, None, f"{topic}: no links between poses")
     # The fields of ROS 1, and of ROS 2.
@@ -104,16 +99,12 @@ def _instance(path: Path, topic: str, message: Any, options: ReadOptions) -> Ins
     matrices = np.array([link.information for link in links], dtype=np.float64).reshape(-1, 6, 6)
     if not (options.ignore_information or np.isfinite(matrices).all()):
         raise FormatError(path, None, f"{topic}: finite information expected")
-    weighing = weighed(path, matrices, options, name)
+    weighing = weighed(path, matrices, R, options, name)
     poses = _graph_poses(path, topic, message)
     known = poses.ids if poses.ids is not None else np.empty(0, dtype=np.intp)
     ids = distinct(np.concatenate([known, edges.ravel()]))
     notices = list(weighing.notices)
-    for kind, what in _SKIPPED.items():
-        if count := int(np.sum(kinds == kind)):
-            notices.append(counted(count, f"{what} skipped"))
-    if others := int(np.sum(~np.isin(kinds, [*_BETWEEN, *_SKIPPED]))):
-        notices.append(counted(others, "link{s} of unknown type skipped"))
+    notices += skipped_links(kinds)
     rotation = RotationGraph(len(ids), numbered(ids, edges), R, weighing.kappa)
     return Instance(
         name=path.stem,

@@ -8,11 +8,11 @@ import numpy as np
 
 from certpgo.graph import Estimate
 from certpgo.graph.keys import Keys
-from certpgo.io.chunks import first_row, read_rows, text_lines, whole, without_comments
+from certpgo.io.chunks import first_row, lines_of_rows, read_rows, whole
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Chart, Format, LabelledPoses
 from certpgo.io.nodes import refuse_duplicates
-from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.linalg.arrays import FloatArray
 
 
 def _recognises(path: Path, head: bytes) -> bool:
@@ -23,14 +23,8 @@ def _recognises(path: Path, head: bytes) -> bool:
 def _read_poses(path: Path) -> LabelledPoses:
     numbers, R = read_rows(path, 10, "an id and 9 numbers of R row by row", _convert)
     ids = numbers.astype(np.intp)
-    refuse_duplicates(path, ids, _lines(path))
+    refuse_duplicates(path, ids, lines_of_rows(path))
     return LabelledPoses(R, None, ids=ids)
-
-
-def _lines(path: Path) -> IntArray:
-    """The number of each line that is not blank."""
-    lines = text_lines(path)
-    return np.array([number for number, line in lines if without_comments(line).split()])
 
 
 def _convert(rows: FloatArray) -> tuple[FloatArray, ...]:

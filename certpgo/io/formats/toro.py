@@ -31,6 +31,7 @@ DIALECT = Dialect(
     },
     layouts={2: TORO_2D, 3: ROW_MAJOR_3D},
     poses=rpy_poses,
+    residual="g2o",  # as of the same data in a g2o file
 )
 
 

@@ -1,0 +1,104 @@
+"""Information matrices with rows and columns of zeros: directions that are not measured."""
+
+import numpy as np
+import pytest
+
+import certpgo
+from certpgo import FormatError, InputError, io
+from certpgo.graph.kinds import Kind
+from certpgo.linalg import rotations as so
+
+FULL = "100 0 0 0 0 0 100 0 0 0 0 100 0 0 0 400 0 0 400 0 400"
+#: Of x, y and the heading; of a turn alone; of a step alone.
+PLANE = "100 0 0 0 0 0 100 0 0 0 0 0 0 0 0 0 0 0 0 0 400"
+TURN = "0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 400 0 0 400 0 400"
+STEP = "100 0 0 0 0 0 100 0 0 0 0 50 0 0 0 0 0 0 0 0 0"
+QUARTER = "0 0 0.7071067811865476 0.7071067811865476"
+
+
+def edge(i, j, pose, information):
+    return f"EDGE_SE3:QUAT {i} {j} {pose} {information}\n"
+
+
+def read(file, *edges, **options):
+    return io.read(file("".join(edge(*given) for given in edges)), quiet=True, **options)
+
+
+def test_planar_robots_in_space(file):
+    """g2o345: three steps of 1, 1 and 2.1 m leave 3 (100 / 30^2); z, roll and pitch are open."""
+    steps = [(0, 1, f"1 0 0 {TO}", PLANE), (1, 2, f"1 0 0 {TO}", PLANE)]
+    instance = read(file, *steps, (0, 2, f"2.1 0 0 {TO}", PLANE))
+    assert instance.graph.rotation.kappa.tolist() == [200.0] * 3
+    assert instance.graph.tau.tolist() == [100.0] * 3
+    assert any("3 measurements with information on some axes" in s for s in instance.notices)
+    answer = certpgo.solve(instance)
+    assert answer.cost == pytest.approx(1 / 3, rel=1e-9)
+    assert answer.certificate.objective.startswith("g2o")
+    assert answer.certificate.lower_bound <= 1 / 3
+
+
+TO = "0 0 0 1"
+CHAIN = [(0, 1, f"1 0 0 {QUARTER}", FULL), (1, 2, f"1 0 0 {QUARTER}", FULL)]
+
+
+def test_rotations_alone_are_certified(file):
+    """The chain keeps its steps, and a turn of 180 + 6 degrees is shared by three."""
+    half = np.radians(186.0) / 2
+    turn = f"9 9 9 0 0 {float(np.sin(half))!r} {float(np.cos(half))!r}"
+    instance = read(file, *CHAIN, (0, 2, turn, TURN))
+    assert instance.graph.kinds.tolist() == [Kind.BETWEEN, Kind.BETWEEN, Kind.ROTATION]
+    for cost, share in (("g2o", np.sin(np.radians(1.0)) ** 2), ("gtsam", np.radians(2.0) ** 2)):
+        answer = certpgo.solve(instance, cost=cost)
+        assert answer.verdict.value == "CERTIFIED", cost
+        assert answer.cost == pytest.approx(3 * 400 * share, rel=1e-6)
+    chordal = certpgo.solve(instance, cost="chordal")
+    assert chordal.verdict.value == "CERTIFIED"
+    # kappa |R - R'|_F^2 = 8 kappa sin^2(angle/2), three times; kappa = 200.
+    assert chordal.cost == pytest.approx(3 * 1600 * np.sin(np.radians(1.0)) ** 2, rel=1e-6)
+
+
+def test_steps_alone_are_weighed_in_the_measured_frame(file):
+    """An edge of a quarter turn has its x across: what is off by 0.3 m there weighs 50."""
+    step = "50 0 0 0 0 0 100 0 0 0 0 100 0 0 0 0 0 0 0 0 0"
+    instance = read(file, *CHAIN, (0, 2, f"1 1 0 {QUARTER}", step), (0, 2, f"1 1.3 0 {TO}", STEP))
+    assert instance.graph.kinds[2:].tolist() == [Kind.TRANSLATION] * 2
+    first = instance.information.matrices[2][:3, :3]
+    np.testing.assert_allclose(first, np.diag([100.0, 50, 100]), atol=1e-12)
+    answer = certpgo.solve(instance)
+    assert answer.verdict.value == "CERTIFIED"
+    assert answer.certificate.objective.startswith("g2o")
+    poses = answer.estimate
+    turns = np.swapaxes(poses.rotations[[0, 1, 0]], 1, 2)
+    t = poses.translations
+    seen = (turns @ (t[[1, 2, 2]] - t[[0, 1, 0]])[:, :, None])[:, :, 0]
+    relative = so.log(np.swapaxes(turns[:2], 1, 2).swapaxes(1, 2) @ poses.rotations[[1, 2]])[:, 2]
+    half = np.sin((relative - np.pi / 2) / 2)
+    chain = 100 * ((seen[:2] - [1, 0, 0]) ** 2).sum() + 400 * (half**2).sum()
+    along = seen[2] - [[1, 1, 0], [1, 1.3, 0]]
+    steps = (along**2 * [[100, 50, 100], [100, 100, 50]]).sum()
+    assert answer.cost == pytest.approx(chain + steps, rel=1e-9)
+    with pytest.raises(InputError, match="gtsam needs rotations with its 2 relative translations"):
+        certpgo.solve(instance, cost="gtsam")
+
+
+def test_flat_landmarks(file):
+    """Points without a height are seen by poses that have one."""
+    seen = "EDGE_SE3_TRACKXYZ {} 9 0 {} 0 30 0 0 20 0 0\n"
+    text = edge(0, 1, f"1 0 0 {TO}", FULL) + seen.format(0, "1 2") + seen.format(1, "0 2.1")
+    instance = io.read(file("PARAMS_SE3OFFSET 0 0 0 0 0 0 0 1\n" + text), quiet=True)
+    assert instance.graph.tau[1:].tolist() == [24.0, 24.0]  # 2 / (1/30 + 1/20)
+    problem = certpgo.solve(instance).problem
+    assert problem.edge_cost.weights[1][:3, :3].tolist() == np.diag([30.0, 20, 0]).tolist()
+
+
+@pytest.mark.parametrize(
+    ("information", "said"),
+    [
+        (" ".join(["0"] * 21), "information is zero: nothing is measured"),
+        (PLANE.replace("0 400", "1 400"), "a row and a column of zeros"),
+        (PLANE.replace("400", "-400"), "rotation block of the information is not positive"),
+    ],
+)
+def test_what_is_no_information(file, information, said):
+    with pytest.raises(FormatError, match=said):
+        read(file, (0, 1, f"1 0 0 {TO}", information))
