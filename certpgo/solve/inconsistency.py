@@ -22,7 +22,7 @@ from certpgo.certify.rises import rises
 from certpgo.certify.tolerances import ATOL, RTOL
 from certpgo.certify.truncated_case import TruncatedCase
 from certpgo.errors import GraphError
-from certpgo.graph import Estimate, Graph
+from certpgo.graph import Estimate, Graph, PoseGraph
 from certpgo.graph.trees import tree_initialization
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
@@ -60,9 +60,12 @@ def proven_rises(problem: TruncatedProblem, estimate: Estimate, stop: Stop) -> F
 
 
 def odometry(graph: Graph) -> BoolArray:
-    """(m,) the first whole measurements from each node to the next one."""
+    """(m,) the first whole measurements from each node to the next one, not from a world."""
     chosen = np.zeros(graph.num_edges, dtype=bool)
-    steps = np.flatnonzero((np.abs(graph.edges[:, 1] - graph.edges[:, 0]) == 1) & _whole(graph))
+    next_to = _whole(graph) & (np.abs(graph.edges[:, 1] - graph.edges[:, 0]) == 1)
+    if isinstance(graph, PoseGraph) and graph.absolute is not None:
+        next_to &= ~graph.absolute
+    steps = np.flatnonzero(next_to)
     _, first = np.unique(graph.edges[steps].min(axis=1), return_index=True)
     chosen[steps[first]] = True
     return chosen

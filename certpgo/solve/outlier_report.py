@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -108,7 +108,8 @@ class OutlierReport(Brief):
         yield "wrong at least", wrong
         odometry = len(self.cores_over_odometry)
         yield "", f"{odometry}, if those from each node to the next are right"
-        yield "level", f"{self.level:.3g}: probability that noise as stated refutes a right one"
+        noise = self.rejection.noise
+        yield "level", f"{self.level:.3g}: probability that {noise} refutes a right one"
 
 
 def outlier_report(
@@ -123,8 +124,13 @@ def outlier_report(
     Parameters
     ----------
     answer : of `certpgo.solve_robustly`
+<<<<<<< HEAD
     level : probability with which noise as the weights state it refutes a right measurement
     time_limit : seconds after which nothing more is proven; rises are then zero
+=======
+    level : probability with which noise as the weights state it, or as estimated, refutes a right
+        measurement
+>>>>>>> attack
     monitor : may stop the search for proofs
 
     Raises
@@ -189,7 +195,7 @@ def outlier_report(
     return OutlierReport(found, ordered, tuple(sets), tuple(shared), level, complete)
 
 
-def write_report(path: Path, report: OutlierReport) -> None:
+def write_report(path: Path, edges: Sequence[RejectedEdge]) -> None:
     """Write the rejected measurements as CSV in full precision.
 
     Raises
@@ -201,7 +207,7 @@ def write_report(path: Path, report: OutlierReport) -> None:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([*names, "refuted", "refuted_by_odometry"])
-    for edge in report.edges:
+    for edge in edges:
         cells = [getattr(edge, name) for name in names]
         flags = [edge.ambiguous, edge.is_refuted, edge.is_refuted_by_odometry]
         cells[names.index("ambiguous")] = int(flags[0])

@@ -180,9 +180,14 @@ def test_rejections_that_cannot_be_are_refused():
         ([0.5], None, "by their indices"),
         ([m - 1], 1.0, "between 0 and 1"),
         ([], None, "no measurement is rejected"),
+        (range(m), None, "none is kept"),
     ):
         with pytest.raises(InputError, match=said):
             rejecting(problem, np.array(rejected, dtype=None if rejected else int), quantile)
+    with pytest.raises(InputError, match="none are given"):
+        certify(graph, solve(graph), quantile=0.9)
+    with pytest.raises(InputError, match="between 0 and 1"):
+        solve_robustly(graph, quantile=2.0)
 
 
 @pytest.mark.parametrize(("weight", "angle", "price"), [(1e14, 0.5, 20.0), (1.0, 1e-3, 5e-5)])
