@@ -16,7 +16,7 @@ import re
 import sys
 import zipfile
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from decimal import Decimal
 from fractions import Fraction
 from functools import cache
@@ -640,13 +640,25 @@ class Packing:
         return total
 
 
+def quotients(S: list[int], spare: int) -> list[int]:
+    """A column of a Cholesky factor, from a row of what is left; none if it fails. A hint."""
+    top = isqrt(max(S[0] - spare, 0))
+    return [top, *((2 * x + top) // (2 * top) for x in S[1:])] if top else []
+
+
 def is_positive_semidefinite(
-    rows: list[dict[int, int]], error: int, tree: list[Front], v: list[int], precision: int
+    rows: list[dict[int, int]],
+    error: int,
+    tree: list[Front],
+    v: list[int],
+    precision: int,
+    hint: Callable[[list[int], int], list[int]] = quotients,
 ) -> bool:
     """Whether A = sum l l^T + E is found, with E diagonally dominant under the weights v.
 
     Entries of A are no less than those of ``rows`` and no more than ``error`` above, in units of
-    2^-(2 precision). The pivots of all fronts in ``tree`` are the rows, in order.
+    2^-(2 precision). The pivots of all fronts in ``tree`` are the rows, in order. Nothing is
+    assumed about the columns l, which ``hint`` proposes.
     """
     one, packing, n = 1 << 2 * precision, Packing(2 * precision + 8), len(rows)
     norms, own, others, reach = [0] * n, [0] * n, [0] * n, [0] * n
@@ -674,19 +686,17 @@ def is_positive_semidefinite(
             for k, x in enumerate(passed_on):
                 packed[places[k]] += packing.spread(x, places[k:])
         for k, r in enumerate(pivots):
-            S, *column = packing.unpacked(packed[k], len(here) - k)
-            pivot = S - (reach[r] << precision) // v[r] - 1
-            if pivot <= 0:
+            S = packing.unpacked(packed[k], len(here) - k)
+            column, tail = hint(S, (reach[r] << precision) // v[r] + 1), 0
+            if not column:
                 return False
-            top, tail = isqrt(pivot), 0
-            own[r] = S - top * top
+            own[r] = S[0] - column[0] * column[0]
             for a in range(len(here) - 1, k, -1):
-                s, x = here[a], column[a - k - 1]
-                y = (2 * x + top) // (2 * top)
+                s, y = here[a], column[a - k]
                 tail = (tail << packing.width) + y
                 packed[a] -= y * tail
                 norms[s] += y * y
-                rest = abs(x - y * top)
+                rest = abs(S[a - k] - y * column[0])
                 others[r] += rest * v[s]
                 others[s] += rest * v[r]
                 if norms[s] > one:

@@ -1,6 +1,5 @@
 """The integer checker: its numbers, its proofs, and that it agrees with the first checker."""
 
-import math
 import os
 import subprocess
 import sys
@@ -330,12 +329,14 @@ def sparse(rng, n, precision, slack):
     return A
 
 
-def eliminated(A, order, error=0, v=None, precision=12):
+def eliminated(A, order, error=0, v=None, precision=12, hint=exact.quotients):
     """What the checker says about a matrix, eliminated in some order."""
     n = len(A)
     found = exact.fronts({(i, j) for i, j in combinations(range(n), 2) if A[i, j]}, order, 2)
     row = {node: k for k, node in enumerate(node for front in found for node in front[0])}
-    rows = [{} for _ in range(n)]
+    rows, weights = [{} for _ in range(n)], [1] * n
+    for node, k in row.items():
+        weights[k] = v[node] if v else 1
     for i, j in zip(*np.nonzero(A), strict=True):
         if row[int(i)] <= row[int(j)]:
             rows[row[int(i)]][row[int(j)]] = A[i, j]
@@ -343,7 +344,8 @@ def eliminated(A, order, error=0, v=None, precision=12):
         ([row[k] for k in pivots], sorted(row[k] for k in boundary), parent)
         for pivots, boundary, parent in found
     ]
-    return exact.is_positive_semidefinite(rows, error, tree, v or [1] * n, precision), rows, tree
+    passed = exact.is_positive_semidefinite(rows, error, tree, weights, precision, hint)
+    return passed, rows, tree
 
 
 @given(seeds, st.integers(2, 9), st.integers(-40, 4000))
@@ -370,19 +372,25 @@ def test_enough_slack_passes_in_any_order(seed, n):
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_roots_are_hints(seed, monkeypatch):
-    # Whatever is taken for a square root, in units in which every rounding matters.
+def test_factors_are_hints(seed):
+    # Of any columns, in units in which every rounding matters; entries may be raised by the error.
     rng, passed = rng_of(seed), 0
-    monkeypatch.setattr(exact, "isqrt", lambda x: math.isqrt(x) + int(rng.integers(0, 7)))
-    for _ in range(400):
-        n = int(rng.integers(2, 4))
-        B = rng.integers(-14, 15, (n, n)).astype(object)
-        A = B @ B.T // 4 + np.diag(rng.integers(0, 60, n).astype(object))
+
+    def hint(S, _):
+        column = exact.quotients(S, int(rng.integers(0, 25)))
+        return [y + int(rng.integers(-2, 3)) * (rng.random() < 0.3) for y in column]
+
+    for _ in range(500):
+        n, error = int(rng.integers(2, 4)), int(rng.integers(0, 3))
+        B = rng.integers(-14, 15, (n, n - 1)).astype(object)
+        A = B @ B.T // 4 + np.diag(rng.integers(0, 40, n).astype(object))
         v = [int(x) for x in rng.integers(1, 3, n)]
-        if eliminated(A, rng.permutation(n).tolist(), v=v, precision=4)[0]:
+        if eliminated(A, rng.permutation(n).tolist(), error, v, 4, hint)[0]:
             passed += 1
-            minors = leading_minors_are_positive((10**6 * A + np.eye(n, dtype=object)).tolist())
-            assert minors, A
+            for _ in range(8):
+                raised = np.triu(rng.integers(0, error + 1, (n, n)).astype(object))
+                whole = A + raised + np.triu(raised, 1).T
+                assert not (np.linalg.eigvalsh(whole.astype(float)) < -1e-9).any(), A
     assert passed > 20
 
 
@@ -432,11 +440,11 @@ def test_numbers_that_do_not_fit_are_refused():
 @settings(max_examples=50)
 def test_entries_are_below_the_truth_by_less_than_said(seed, parallel):
     rng, bits = rng_of(seed), 6
-    A = {(r, s): int(rng.integers(-(2**20), 2**20)) for r in range(4) for s in range(r, 4)}
-    scale, unit = [int(x) for x in rng.integers(-3, 4, 4)], 14
+    A = {(r, s): int(rng.integers(-(2**20), 2**20)) for r in range(6) for s in range(r, 6)}
+    scale, unit = [int(x) for x in rng.integers(-3, 4, 6)], 14
     blocks = []
     for k in range(parallel + 1):
-        ends = (0, 2) if k < parallel else (2, 0)
+        ends = [(2, 0), (0, 2), (4, 2)][1 if 0 < k < parallel else 2 * (k == parallel)]
         N = rng.integers(-(2**20), 2**20, (2, 2)).tolist()
         blocks.append((*ends, N, int(rng.integers(1, 99))))
     rows, error = exact.scaled(A, blocks, unit, scale, bits)
@@ -447,7 +455,7 @@ def test_entries_are_below_the_truth_by_less_than_said(seed, parallel):
     for (r, s), x in truth.items():
         below = x * Fraction(2) ** (scale[r] + scale[s] + bits - unit) - rows[r][s]
         assert 0 <= below < error
-    assert error == parallel + 2
+    assert error == parallel + 1
 
 
 # --- Both checkers

@@ -36,6 +36,8 @@ from certpgo.optimize.solution import Solution, Status
 
 #: Descents, each with the measurements that the last one takes back.
 ROUNDS = 20
+#: Share of the smallest price that a tolerated gap may be; a larger one says nothing about choices.
+OF_PRICE = 0.01
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -55,6 +57,18 @@ class TruncatedCase(Case):
     """A `Case` whose cost is truncated; ``problem`` is a `TruncatedProblem`."""
 
     problem: TruncatedProblem  # type: ignore[assignment]
+
+    def tolerance(self, cost: float) -> float:
+        """As of any cost, but never more than a small share of a price."""
+        return min(super().tolerance(cost), self._most)
+
+    def difference(self, cost: float) -> float:
+        """As of any cost, but never more than a small share of a price."""
+        return min(super().difference(cost), self._most)
+
+    @property
+    def _most(self) -> float:
+        return OF_PRICE * float(self.problem.prices.min())
 
     def completed(self, estimate: Estimate) -> Estimate:
         """The estimate with the best translations for the measurements that count there."""
@@ -186,6 +200,9 @@ class TruncatedCase(Case):
         found = super().certificate(estimate, own, other, bounds)
         angle = float(self.problem.kept.residual_angles(estimate).max())
         found = replace(found, rejected=len(self.problem.rejected), max_residual_angle=angle)
+        if found.tolerance > (allowed := self.unit * self._most):
+            share = allowed / found.tolerance
+            found = replace(found, rtol=share * found.rtol, atol=share * found.atol)
         best = other if other is not None and other.value > own.value else own
         unproven = found.verdict in (Verdict.BOUNDED, Verdict.UNDECIDED)
         if not unproven or not isinstance(best.bound, RejectionBound):

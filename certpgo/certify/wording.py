@@ -20,13 +20,13 @@ from certpgo.graph.phrases import (
 from certpgo.objective.base import CHORDAL
 
 _MEANINGS = {
-    "REFUTED": "A better estimate is known. Local descent from yours does not reach it",
+    "REFUTED": "A better estimate is known. Local descent from this one does not reach it",
     "UNDECIDED": "Nothing useful could be proven, for or against this estimate",
 }
-_GIVEN_UP = "A better estimate is known. Local descent from yours was given up far from it"
+_GIVEN_UP = "A better estimate is known. Local descent from this one was given up far from it"
 _LOWER = "No bound could be proven. An estimate of lower cost is known"
-_RIGHT_BASIN = "Right basin. Local descent from your estimate reaches the proven optimum"
-_RIGHT_ROTATIONS = "Right rotations. With its best translations your estimate is the proven optimum"
+_RIGHT_BASIN = "Right basin. Local descent from this estimate reaches the proven optimum"
+_RIGHT_ROTATIONS = "Right rotations. With its best translations this estimate is the proven optimum"
 _TRUSTS = {
     "screen": "a factorization whose rounding errors are not bounded: a hint, not a proof",
     "standard": (

@@ -234,6 +234,6 @@ def _piped(every: int, reading: Reading) -> Iterator[tuple[Instance, Sequence[La
             kind = sentence.lstrip("0123456789 ")
             if kind not in said:
                 said.add(kind)
-                notice(f"standard input: {sentence}, and further ones")
+                notice(f"standard input: {sentence} (said once)")
         piece = rotations_alone(part) if reading.rotations else part
         yield piece, piece.labels

@@ -106,6 +106,15 @@ def refuse_with_distances(instance: Instance, **options: Any) -> None:
             raise InputError(f"{instance.name}: --{name} is not for graphs with distances")
 
 
+def note_distances_uncounted(instance: Instance) -> None:
+    """Print a notice that connectivity does not count distances, if there are any."""
+    from certpgo.graph.phrases import counted
+
+    if instance.ranges is not None:
+        distances = counted(instance.ranges.num_edges, "distance{s}")
+        notice(f"{instance.name}: connectivity is that of relative poses, without {distances}")
+
+
 def chosen_cost(cost: str | None, instance: Instance, **options: Any) -> str:
     """The cost that was asked for; else chordal with options that exist for it only, else the own.
 

@@ -10,7 +10,7 @@ import typer
 
 from certpgo.cli import _verdict
 from certpgo.cli._interrupting import tells_unwritten
-from certpgo.cli._options import GraphName, Json
+from certpgo.cli._options import GraphName, Json, note_distances_uncounted
 from certpgo.cli._outputs import Outputs, Result, emit
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import working
@@ -62,6 +62,7 @@ def command(
     source = reading.resolve(graph)
     outputs.refuse_overwriting(source)
     instance = reading.open(source, distances=True)
+    note_distances_uncounted(instance)
     with working(f"sparsifying {instance.name}"):
         found = sparsify(instance, keep)
     return emit([_Sparsified(found.answer.certificate, instance, found)], [outputs])

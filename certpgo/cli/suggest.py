@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from certpgo.cli._options import GraphName, Json
+from certpgo.cli._options import GraphName, Json, note_distances_uncounted
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, table, working
 
@@ -37,6 +37,7 @@ def command(
     from certpgo.solve.sparsifying import suggest_loops
 
     instance = reading.open(reading.resolve(graph), distances=True)
+    note_distances_uncounted(instance)
     with working(f"connectivity of {instance.name}"):
         found = suggest_loops(instance, count, within=within)
     pairs, values = found.named.tolist(), found.connectivity.tolist()

@@ -91,6 +91,28 @@ def hessian(
     upper: FloatArray,
     /,
 ) -> None: ...
+def slopes(
+    edges: tuple[Any, ...],
+    d: int,
+    weights: FloatArray,
+    series: FloatArray | None,
+    R: FloatArray,
+    t: FloatArray,
+    terms: FloatArray,
+    gradient: FloatArray,
+    /,
+) -> None: ...
+def curvatures(
+    edges: tuple[Any, ...],
+    d: int,
+    weights: FloatArray,
+    series: FloatArray | None,
+    R: FloatArray,
+    t: FloatArray,
+    diagonal: FloatArray,
+    upper: FloatArray,
+    /,
+) -> None: ...
 def turn(R: FloatArray, v: FloatArray, d: int, left: bool, out: FloatArray, /) -> None: ...
 def assemble(
     places: tuple[IntArray, ...],
@@ -141,6 +163,28 @@ def blocks(pairs: IntArray, indptr: IntArray, indices: IntArray, slots: IntArray
 def worst_defect(R: FloatArray, d: int, /) -> tuple[int, float]: ...
 def expand(indptr: IntArray, indices: IntArray, b: int, rows: IntArray, /) -> None: ...
 def diagonal_places(indptr: IntArray, indices: IntArray, places: IntArray, /) -> None: ...
+def combine(
+    operation: str,
+    unit: float,
+    a: FloatArray,
+    a_radius: FloatArray,
+    b: FloatArray,
+    b_radius: FloatArray,
+    mid: FloatArray,
+    radius: FloatArray,
+    /,
+) -> None: ...
+def eliminate(
+    A: FloatArray,
+    radii: FloatArray,
+    p: int,
+    count: int,
+    unit: float,
+    mid: FloatArray,
+    radius: FloatArray,
+    proven: IntArray,
+    /,
+) -> None: ...
 def multiply(
     fronts: tuple[Any, ...], data: FloatArray, x: FloatArray, y: FloatArray, /
 ) -> None: ...

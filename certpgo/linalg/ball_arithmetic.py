@@ -15,6 +15,7 @@ from typing import Any, Union, cast
 
 import numpy as np
 
+from certpgo.linalg import compiled
 from certpgo.linalg.arrays import BoolArray, FloatArray
 
 U = float(np.finfo(float).eps) / 2
@@ -24,6 +25,9 @@ ULPS = 4.0
 TINY = 2.0**-1070
 #: Rounding of the radius itself.
 _UP = 1.0 + 16.0 * U
+
+#: Rows of the matrices that the compiled kernel eliminates, at most.
+LARGEST_ELIMINATED = 8
 
 # Extended precision where the machine has it as an IEEE format: x86 has 64 bits. PowerPC's pair of
 # doubles does not round as IEEE formats do.
@@ -86,8 +90,8 @@ class Ball:
 
     @property
     def size(self) -> FloatArray:
-        """Numbers not below the absolute value of any number of the ball."""
-        return np.asarray(np.abs(self.mid) + self.radius) * _UP
+        """Doubles not below the absolute value of any number of the ball."""
+        return np.asarray(_doubles(np.abs(self.mid)) + self.radius) * _UP
 
     @property
     def nearest(self) -> FloatArray:
@@ -106,25 +110,16 @@ class Ball:
         return Ball(-self.mid, self.radius)
 
     def __add__(self, other: Number) -> Ball:
-        b = _ball(other)
-        mid = self.mid + b.mid
-        return _rounded(mid, self.radius + b.radius)
+        return _combined("+", self, _ball(other))
 
     def __sub__(self, other: Number) -> Ball:
         return self + (-_ball(other))
 
     def __mul__(self, other: Number) -> Ball:
-        b = _ball(other)
-        mid = self.mid * b.mid
-        return _rounded(mid, np.abs(self.mid) * b.radius + self.radius * b.size)
+        return _combined("*", self, _ball(other))
 
     def __truediv__(self, other: Number) -> Ball:
-        b = _ball(other)
-        least = np.abs(b.mid) - b.radius * _UP
-        with np.errstate(all="ignore"):
-            mid = self.mid / b.mid
-            error = (self.radius + np.abs(mid) * b.radius) / (least * (1.0 - 4.0 * U))
-        return _rounded(mid, np.where(least > 0.0, error, np.inf))
+        return _combined("/", self, _ball(other))
 
     __radd__ = __add__
     __rmul__ = __mul__
@@ -137,12 +132,7 @@ class Ball:
 
     def __matmul__(self, other: Number) -> Ball:
         """Products of matrices (..., p, q) and (..., q, r)."""
-        b = _ball(other)
-        q = self.mid.shape[-1]
-        mid = self.mid @ b.mid
-        error = np.abs(self.mid) @ b.radius + self.radius @ b.size
-        rounding = (q + 2.0) * _unit(mid) * (np.abs(self.mid) @ np.abs(b.mid))
-        return _rounded(mid, (error + rounding) * (1.0 + 2.0 * q * U) + q * TINY)
+        return _combined("@", self, _ball(other))
 
     def dot(self, other: Number) -> Ball:
         """Inner products of vectors (..., p)."""
@@ -256,6 +246,17 @@ def eliminated(A: Ball, count: int) -> tuple[Ball, BoolArray]:
     Returns the complements (m, p - count, p - count), and (m,) whether all leading blocks
     (count, count) are proven positive definite. They are if the pivots of elimination are positive.
     """
+    m, p, _ = A.mid.shape
+    if not compiled.AVAILABLE or p > LARGEST_ELIMINATED:
+        return _eliminated_in_numpy(A, count)
+    shape = (m, p - count, p - count)
+    mid, radius, proven = np.empty(shape, A.mid.dtype), np.empty(shape), np.empty(m, np.int64)
+    arrays = np.ascontiguousarray(A.mid), np.ascontiguousarray(A.radius)
+    compiled.kernel.eliminate(*arrays, p, count, _unit(mid), mid, radius, proven)
+    return Ball(mid, radius), proven != 0
+
+
+def _eliminated_in_numpy(A: Ball, count: int) -> tuple[Ball, BoolArray]:
     proven = np.ones(len(A.mid), dtype=np.bool_)
     with np.errstate(all="ignore"):
         for _ in range(count):
@@ -293,9 +294,58 @@ def _unit(mid: FloatArray) -> float:
     return _UNITS[np.asarray(mid).dtype]
 
 
+def _doubles(sizes: FloatArray) -> FloatArray:
+    """Sizes as radii are stored: rounded, for which `_UP` makes up."""
+    with np.errstate(over="ignore"):
+        return np.asarray(sizes).astype(np.float64, copy=False)
+
+
 def _rounded(mid: FloatArray, radius: FloatArray) -> Ball:
-    return Ball(mid, (radius + _unit(mid) * np.abs(mid) + TINY) * _UP)
+    size = _doubles(np.abs(mid))
+    return Ball(mid, (_doubles(radius) + _unit(mid) * size + TINY) * _UP)
 
 
 def _elementary(mid: FloatArray, radius: FloatArray) -> Ball:
-    return Ball(mid, (radius + 2.0 * ULPS * _unit(mid) * np.abs(mid) + TINY) * _UP)
+    size = _doubles(np.abs(mid))
+    return Ball(mid, (_doubles(radius) + 2.0 * ULPS * _unit(mid) * size + TINY) * _UP)
+
+
+def _sum(a: Ball, b: Ball) -> Ball:
+    return _rounded(a.mid + b.mid, a.radius + b.radius)
+
+
+def _product(a: Ball, b: Ball) -> Ball:
+    return _rounded(a.mid * b.mid, _doubles(np.abs(a.mid)) * b.radius + a.radius * b.size)
+
+
+def _quotient(a: Ball, b: Ball) -> Ball:
+    least = _doubles(np.abs(b.mid)) * (1.0 - 4.0 * U) - b.radius * _UP
+    with np.errstate(all="ignore"):
+        mid = a.mid / b.mid
+        error = (a.radius + _doubles(np.abs(mid)) * b.radius) / (least * (1.0 - 4.0 * U))
+    return _rounded(mid, np.where(least > 0.0, error, np.inf))
+
+
+def _matrix_product(a: Ball, b: Ball) -> Ball:
+    q, mid = a.mid.shape[-1], a.mid @ b.mid
+    left, right = _doubles(np.abs(a.mid)), _doubles(np.abs(b.mid))
+    error = left @ b.radius + a.radius @ b.size + (q + 2.0) * _unit(mid) * (left @ right)
+    return _rounded(mid, error * (1.0 + 2.0 * q * U) + q * TINY)
+
+
+#: Operations in NumPy, which the compiled kernel has in one pass each.
+FORMULAS = {"+": _sum, "*": _product, "/": _quotient, "@": _matrix_product}
+
+
+def _combined(operation: str, a: Ball, b: Ball) -> Ball:
+    if not compiled.AVAILABLE:
+        return FORMULAS[operation](a, b)
+    left, right = a.mid.shape, b.mid.shape
+    if operation == "@":
+        shape = (*np.broadcast_shapes(left[:-2], right[:-2]), left[-2], right[-1])
+    else:
+        shape = left if left == right else np.broadcast_shapes(left, right)
+    mid, radius = np.empty(shape, np.result_type(a.mid, b.mid)), np.empty(shape)
+    operands = a.mid, a.radius, b.mid, b.radius
+    compiled.kernel.combine(operation, _unit(mid), *operands, mid, radius)
+    return Ball(mid, radius)

@@ -42,12 +42,16 @@ HEAVY = 4e9
 DISTRIBUTED_FROM = 3e10
 
 
-class Factor(Protocol):
-    """A Cholesky factorization A[p][:, p] = L L^T."""
+class LinearSolver(Protocol):
+    """What solves with a matrix A."""
 
     def solve(self, B: FloatArray) -> FloatArray:
-        """A^-1 B for B (N,) or (N, k)."""
+        """A^-1 B for B (N,); factors take (N, k), too."""
         ...
+
+
+class Factor(LinearSolver, Protocol):
+    """A Cholesky factorization A[p][:, p] = L L^T."""
 
     def lower(self) -> tuple[CSC, IntArray]:
         """L with positive diagonal, and the permutation p."""

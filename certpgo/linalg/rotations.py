@@ -261,9 +261,9 @@ def nearest_to_rounding(R: FloatArray) -> FloatArray:
 
     Others stay the same, bit for bit.
     """
-    off = _defects(R) > ROUNDING_DEFECT
-    if not off.any():
+    if worst_defect(R)[1] <= ROUNDING_DEFECT:
         return R
+    off = _defects(R) > ROUNDING_DEFECT
     out = R.copy()
     out[off] = project(R[off])
     return out

@@ -35,11 +35,7 @@ class Minorants(Brief):
 
     Attributes
     ----------
-<<<<<<< HEAD
-    tau : (m,) weights, positive but for truncated costs
-=======
-    tau : (m,) weights; positive, or 0 for rotations alone
->>>>>>> files
+    tau : (m,) weights: positive, 0 for rotations alone, negative for truncated costs
     a, b : (m, d) arms at the edge's second and first pose, metres
     N : (m, d, d) couplings of the rotations
     constant : (m,) rounded down; -inf where there is no minorant
@@ -108,6 +104,8 @@ class EdgeCost(ABC):
     name: ClassVar[str]
     #: Whether the checker knows it.
     provable: ClassVar[bool] = False
+    #: What its residual is called in the compiled kernel, for this class alone; "" if it has none.
+    compiled_residual: ClassVar[str] = ""
     #: Whether residuals of translations do not depend on what is known of the rotation.
     decoupled: ClassVar[bool] = False
 

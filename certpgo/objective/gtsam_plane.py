@@ -40,7 +40,7 @@ import numpy as np
 from certpgo.graph.information import InformationGraph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray
-from certpgo.linalg.ball_arithmetic import Ball, is_positive_definite, near_rotations
+from certpgo.linalg.ball_arithmetic import Ball, is_positive_definite
 from certpgo.objective.angle_functions import AngleFunctions, clipped
 from certpgo.objective.edge_cost import Minorants
 
@@ -62,7 +62,9 @@ class _Expansion:
     at: AngleFunctions
 
 
-def minorants_in_the_plane(graph: InformationGraph, y: FloatArray, E: FloatArray) -> Minorants:
+def minorants_in_the_plane(
+    graph: InformationGraph, measured: Ball, y: FloatArray, E: FloatArray
+) -> Minorants:
     """Minorants that touch at translations y (m, 2) and rotations E (m, 2, 2), up to rounding.
 
     None where the information is not positive definite.
@@ -97,26 +99,29 @@ def minorants_in_the_plane(graph: InformationGraph, y: FloatArray, E: FloatArray
     x = (share * psi)[:, None] * z2
     about = _Expansion(tau, least, r, x, share, at)
     found = Minorants(tau, a, b, N, np.zeros(len(tau)))
-    return _with_constants(graph, found, about, sound)
+    return _with_constants(graph, measured, found, about, sound)
 
 
 def _with_constants(
-    graph: InformationGraph, found: Minorants, about: _Expansion, sound: BoolArray
+    graph: InformationGraph,
+    measured: Ball,
+    found: Minorants,
+    about: _Expansion,
+    sound: BoolArray,
 ) -> Minorants:
     """The minorants with their constants, and none where they are not sound."""
     keep = sound[:, None]
     tau, a = np.where(sound, found.tau, 1.0), np.where(keep, found.a, 0.0)
     b, N = np.where(keep, found.b, 0.0), np.where(keep[:, :, None], found.N, 0.0)
     with np.errstate(all="ignore"):
-        constant = _constants(graph, Minorants(tau, a, b, N, found.constant), about)
+        constant = _constants(graph, measured, Minorants(tau, a, b, N, found.constant), about)
     return Minorants(tau, a, b, N, np.where(sound & np.isfinite(constant), constant, -np.inf))
 
 
-def _constants(graph: InformationGraph, found: Minorants, about: _Expansion) -> FloatArray:
+def _constants(graph: InformationGraph, R: Ball, found: Minorants, about: _Expansion) -> FloatArray:
     """Lower bounds (m,) on f less the minorants with constant zero."""
     T, p, w = (Ball.exact(block).widened for block in _blocks(graph.information))
     tau, a, at = Ball.exact(found.tau).widened, Ball.exact(found.a).widened, about.at
-    R = near_rotations(graph.rotations)
     b = R.T.apply(Ball.exact(found.b).widened - graph.translations)
     N = R.T @ found.N + tau[:, None, None] * b[:, :, None] * a[:, None, :]
     rest = T - tau[:, None, None] * np.eye(2)

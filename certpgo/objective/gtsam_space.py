@@ -75,170 +75,138 @@ import numpy as np
 from certpgo.graph.information import InformationGraph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray
-from certpgo.linalg.ball_arithmetic import Ball, crossed, is_positive_definite, near_rotations, sums
-from certpgo.objective.angle_functions import (
-    AngleFunctions,
-    clipped,
-    exponential,
-    half_cotangent,
-    half_cotangents,
-)
+from certpgo.linalg.ball_arithmetic import Ball, crossed, is_positive_definite, sums
+from certpgo.objective.angle_functions import clipped, exponential, half_cotangent
 from certpgo.objective.edge_cost import Minorants
-from certpgo.objective.marginalized import blocks, is_isotropic
-
-#: Shares of the largest t for which W' is positive semidefinite.
-SHARES = (0.99, 0.9, 0.75, 0.5, 0.25, 0.1)
-#: The share without cross terms, and the share of t that tau is where k = 0: nothing is lost.
-WHOLE, NEARLY = 1.0 - 2.0**-20, 1.0 - 2.0**-30
-#: Shares of q^T T' q that may be touched, in order.
-TOUCHED = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1, 0.05, 0.02, 0.0)
-#: What of the least rotational information must be left after paying for the touched share.
-KEPT = 0.1
-#: eta is such that both lose alike if this share of the least rotational information were there,
-#: and at most this share of t.
-BALANCE, MOST = 0.25, 0.8
-#: Bounds of the docstring: on zeta, on D, and the angle up to which they stand.
-CURVED, SWEPT, TURNED = 0.34, 0.1867, 0.9
-#: X may be at most this times rho; 5 would do.
-ROOM = 4.0
+from certpgo.objective.gtsam_terms import (
+    CURVED,
+    SWEPT,
+    TURNED,
+    SpatialTerms,
+    dots,
+    inverse_jacobians,
+    slopes,
+    smallest_eigenvalue,
+    taken_apart,
+    times,
+    transposed,
+)
+from certpgo.objective.marginalized import blocks
 
 
-@dataclass(frozen=True, eq=False)
-class _Terms:
-    """How the cost is taken apart, and where it is touched; none of these needs be accurate."""
-
-    y: FloatArray  # (m, 3)
-    omega: FloatArray  # (m, 3) omega0
-    at: AngleFunctions
-    t: FloatArray  # (m,)
-    scalar: BoolArray  # (m,) whether T = t I and P = 0
-    rest: FloatArray  # (m, 3, 3) T'
-    r: FloatArray  # (m, 3, 3) T'^-1 P
-    left: FloatArray  # (m, 3, 3) W'
-    share: FloatArray  # (m,)
-    x: FloatArray  # (m, 3) k = T' x
-    p: FloatArray  # (m, 3)
-    mu: FloatArray  # (m,)
-    eta: FloatArray  # (m,)
-    remains: FloatArray  # O, (m, 3, 3)
-    rho: FloatArray  # (m,)
-
-    @property
-    def k(self) -> FloatArray:
-        """(m, 3) the slope of the touched share of q^T T' q."""
-        return _times(self.rest, self.x)
-
-    @property
-    def e(self) -> FloatArray:
-        """(m, 3) psi0 e0."""
-        return self.omega / self.at.sinc.nearest[:, None]
-
-    @property
-    def part(self) -> FloatArray:
-        """(m,) of O - rho I that is touched."""
-        X = np.einsum("ma,mab,mb->m", self.e, self.remains, self.e) - self.rho * _dots(
-            self.e, self.e
-        )
-        return np.asarray(np.minimum(1.0, ROOM * self.rho / np.maximum(X, 1e-300)))
-
-
-def minorants_in_space(graph: InformationGraph, y: FloatArray, E: FloatArray) -> Minorants:
+def minorants_in_space(
+    graph: InformationGraph, measured: Ball, y: FloatArray, E: FloatArray
+) -> Minorants:
     """Minorants that touch at translations y (m, 3) and rotations E (m, 3, 3), up to rounding.
 
     None where the information is not positive definite.
     """
     with np.errstate(all="ignore"):
-        terms = _taken_apart(graph, y, clipped(so.log(E)))
+        terms = taken_apart(graph, y, clipped(so.log(E)))
         tau, a, b, N = _edges(graph, terms)
         sound = (terms.rho > 0.0) & (tau > 0.0) & np.isfinite(N).all(axis=(1, 2))
         sound &= np.isfinite(a + b).all(axis=1)
         tau, a, b, N = np.where(sound, tau, 1.0), _kept(a, sound), _kept(b, sound), _kept(N, sound)
-        constant = _constants(graph, Minorants(tau, a, b, N, np.zeros_like(tau)), terms)
+        found = Minorants(tau, a, b, N, np.zeros_like(tau))
+        constant = _constants(graph, measured, found, terms)
     return Minorants(tau, a, b, N, np.where(sound & np.isfinite(constant), constant, -np.inf))
 
 
-def _taken_apart(graph: InformationGraph, y: FloatArray, omega: FloatArray) -> _Terms:
-    """The largest share of T' touched for which enough rotational information remains."""
-    T, P, W = blocks(graph.information, 3)
-    t, scalar, r, left = _split(T, P, W)
-    rest = np.where(scalar[:, None, None], 0.0, T - t[:, None, None] * np.eye(3))
-    at = AngleFunctions.of(np.linalg.norm(omega, axis=1))
-    inverse = _inverse_jacobians(omega)
-    q = _times(inverse, y) + _times(r, omega)
-    smallest, steep = _smallest(left), at.theta > TURNED
-    enough, left_over = KEPT * smallest, BALANCE * smallest
-    m = len(t)
-    done, share, mu, eta = np.zeros(m, dtype=np.bool_), np.zeros(m), np.zeros(m), np.zeros(m)
-    remains, rho = np.empty((m, 3, 3)), np.empty(m)
-    for tried in TOUCHED:
-        k = tried * _times(rest, q)
-        size = np.linalg.norm(k, axis=1)
-        slope = _slopes(k, tried * _times(_transposed(P), q), y, omega)
-        swept = (SWEPT * (np.pi + at.theta) * size) ** 2
-        pays = np.where(size > 0.0, np.clip(np.sqrt(swept * t / left_over), t / 1024, MOST * t), t)
-        eta_now = np.where(size > 0.0, pays, (1.0 - NEARLY) * t)
-        needed = CURVED * size * np.linalg.norm(y, axis=1) + swept / eta_now
-        needed += 0.5 * np.linalg.norm(_times(inverse, slope), axis=1)
-        mu_now = 1.0001 * needed / (1.0 - at.theta)
-        mu_now = np.where(needed > 0.0, mu_now, 0.0)
-        remains_now = left + _bilinear(k, y) / 6.0 - mu_now[:, None, None] * np.eye(3)
-        least = _smallest(remains_now) - 1e-12 * np.abs(remains_now).sum(axis=(1, 2))
-        fits = ~done & ((tried == 0.0) | (least >= enough) & ~(steep & (needed > 0.0)))
-        share[fits], mu[fits], eta[fits] = tried, mu_now[fits], eta_now[fits]
-        remains[fits], rho[fits] = remains_now[fits], least[fits]
-        done |= fits
-    x = share[:, None] * q
-    p = _times(_transposed(P), x)
-    return _Terms(y, omega, at, t, scalar, rest, r, left, share, x, p, mu, eta, remains, rho)
-
-
 def _edges(
-    graph: InformationGraph, of: _Terms
+    graph: InformationGraph, of: SpatialTerms
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Weights (m,), arms a and b (m, 3) and couplings (m, 3, 3) of the minorants."""
     at, k, part = of.at, of.k, of.part
     tau, E = of.t - of.eta, so.exp(of.omega)
-    inverse = _inverse_jacobians(of.omega)
-    swept = _times(_transposed(inverse), k) - 0.5 * (k + _times(E, k))
+    inverse = inverse_jacobians(of.omega)
+    swept = times(transposed(inverse), k) - 0.5 * (k + times(E, k))
     over = of.remains - of.rho[:, None, None] * np.eye(3)
-    c_e = 2.0 * part[:, None] * _times(over, of.e)
-    c_z = 2.0 * (of.t / at.h.nearest)[:, None] * (of.y - _times(_transposed(E), of.y))
-    c_s = of.rho * at.dg.nearest - _dots(c_z, c_z) / (4.0 * of.t) * at.dh.nearest
-    c_s -= 0.5 * _dots(c_e, of.e) * at.dchi.nearest
+    c_e = 2.0 * part[:, None] * times(over, of.e)
+    c_z = 2.0 * (of.t / at.h.nearest)[:, None] * (of.y - times(transposed(E), of.y))
+    c_s = of.rho * at.dg.nearest - dots(c_z, c_z) / (4.0 * of.t) * at.dh.nearest
+    c_s -= 0.5 * dots(c_e, of.e) * at.dchi.nearest
     a = (k - c_z) / (2.0 * tau)[:, None]
     b = a - (k + swept + of.eta[:, None] * of.y) / tau[:, None]
     free = (1.0 - part)[:, None, None] * over
-    slope = 2.0 * of.mu[:, None] * of.omega + _slopes(k, of.p, of.y, of.omega)
+    slope = 2.0 * of.mu[:, None] * of.omega + slopes(k, of.p, of.y, of.omega)
     coupled = c_s[:, None, None] * np.eye(3) - 0.5 * so.hat(c_e)
     coupled += np.trace(free, axis1=1, axis2=2)[:, None, None] * np.eye(3) - 2.0 * free
-    coupled += of.y[:, :, None] * k[:, None, :] - 0.5 * E @ so.hat(_times(inverse, slope))
+    coupled += of.y[:, :, None] * k[:, None, :] - 0.5 * E @ so.hat(times(inverse, slope))
     coupled = 0.5 * coupled - tau[:, None, None] * b[:, :, None] * a[:, None, :]
     R = graph.rotations
-    return tau, a, graph.translations + _times(R, b), R @ coupled
+    return tau, a, graph.translations + times(R, b), R @ coupled
 
 
-def _constants(graph: InformationGraph, found: Minorants, of: _Terms) -> FloatArray:
+def _constants(graph: InformationGraph, R: Ball, found: Minorants, of: SpatialTerms) -> FloatArray:
     """Lower bounds (m,) on f less the minorants with constant zero."""
     T, P, W = (Ball.exact(block).widened for block in blocks(graph.information, 3))
-    t, tau, mu, rho = (Ball.exact(x).widened for x in (of.t, found.tau, of.mu, of.rho))
-    a, omega, x, e = (Ball.exact(x).widened for x in (found.a, of.omega, of.x, of.e))
-    share, part = np.where(of.share > 0.0, of.share, 1.0), Ball.exact(of.part)
-    R, at = near_rotations(graph.rotations), of.at
+    t, tau, rho = (Ball.exact(x).widened for x in (of.t, found.tau, of.rho))
+    a, e, at, part = Ball.exact(found.a).widened, Ball.exact(of.e).widened, of.at, of.part
     b = R.T.apply(Ball.exact(found.b).widened - graph.translations)
     N = R.T @ found.N + _scaled(tau, b[:, :, None] * a[:, None, :])
     rest, eta = T - _scaled(t), t - tau
-    k, p = rest.apply(x), P.T.apply(x)
-    least = 0.5 * _smallest(np.where(of.scalar[:, None, None], np.eye(3), of.rest))
-    definite = of.scalar | is_positive_definite(rest - _scaled(Ball.exact(least)))
+    least, definite = np.full(len(of.t), 0.5), of.scalar
+    if not of.scalar.all():
+        of_rest = np.where(of.scalar[:, None, None], np.eye(3), of.rest)
+        least = 0.5 * smallest_eigenvalue(of_rest)
+        definite = definite | is_positive_definite(rest - _scaled(Ball.exact(least)))
+    touched = _touched(of, rest, P, tau, a, b) if of.x.any() else _untouched(of, tau, a, b)
 
+    # Rotations. P = T' r + off: P^T T'^-1 P is at most P^T r + r^T off + |off|^2 / least.
+    remains = W if touched.bent is None else W + touched.bent
+    if P.mid.any() or of.r.any():
+        off = P - rest @ of.r
+        remains = remains - _scaled(sums(sums(off * off)) / least)
+        remains = remains - P.T @ of.r - Ball.exact(of.r).T @ off
+    over = remains - _scaled(Ball.exact(of.mu) + rho)
+    over_e = over.apply(e)
+    X, c_e = part * e.dot(over_e), 2.0 * part[:, None] * over_e
+    couplings, free = 2.0 * N, None
+    if touched.linear is not None:
+        couplings = couplings - touched.linear
+    if (part != 1.0).any():
+        shared = _scaled(1.0 - Ball.exact(part), over)
+        free = _trace(shared)
+        couplings = couplings + 2.0 * shared - _scaled(free)
+    c_s, Z = _trace(couplings) / 3.0, touched.c_z.dot(touched.c_z) / (4.0 * t)
+    wrong = couplings - _scaled(c_s) + 0.5 * crossed(c_e)
+    value = rho * at.g - c_s * at.s - Z * at.h - X * at.chi
+    tilt = rho * at.dg - c_s - Z * at.dh - X * at.dchi
+    room = rho - 0.2 * X
+    lowest = value - 3.0 * tilt * tilt / room + 3.0 * c_s
+    total = touched.constant - tau * (a.dot(a) + b.dot(b)) + lowest - sums(sums(wrong.absolute))
+    total = total if free is None else total + free
+    proven = definite & touched.paid & is_positive_definite(over) & (room.lower > 0.0)
+    return np.where(proven & (eta.lower > 0.0), total.lower, -np.inf)
+
+
+@dataclass(frozen=True, eq=False)
+class _Touched:
+    """What the translations leave, minimised over; None stands for zeros."""
+
+    constant: Ball  # (m,)
+    c_z: Ball  # (m, 3) 2 tau a - k
+    paid: BoolArray  # (m,) whether mu is large enough
+    bent: Ball | None = None  # (m, 3, 3) M / 6
+    linear: Ball | None = None  # (m, 3, 3) what is linear in E
+
+
+def _untouched(of: SpatialTerms, tau: Ball, a: Ball, b: Ball) -> _Touched:
+    """With k, p and D zero."""
+    y = tau[:, None] * (a - b) / (of.t - tau)[:, None]
+    return _Touched((tau - of.t) * y.dot(y), 2.0 * tau[:, None] * a, of.mu == 0.0)
+
+
+def _touched(of: SpatialTerms, rest: Ball, P: Ball, tau: Ball, a: Ball, b: Ball) -> _Touched:
+    mu, omega, x = (Ball.exact(x).widened for x in (of.mu, of.omega, of.x))
+    share, eta = np.where(of.share > 0.0, of.share, 1.0), of.t - tau
+    k, p = rest.apply(x), P.T.apply(x)
     # Minimised over translations: y~ and what depends on omega, a constant but for D.
     hat, E = crossed(omega), exponential(omega)
     c, dc = (x[:, None] for x in half_cotangent(omega.dot(omega)))
     swept = _inverse_jacobian(-hat, c, k) - 0.5 * (k + E.apply(k))
     y = (tau[:, None] * (a - b) - k - swept) / eta[:, None]
-    c_z = 2.0 * tau[:, None] * a - k
     constant = k.dot(y) - eta * y.dot(y) - 2.0 * y.dot(swept) - x.dot(k) / share
-    constant = constant - tau * (a.dot(a) + b.dot(b))
 
     # Linear in E but for what mu pays.
     M = 0.5 * (k[:, :, None] * y[:, None, :] + y[:, :, None] * k[:, None, :]) - _scaled(k.dot(y))
@@ -247,82 +215,12 @@ def _constants(graph: InformationGraph, found: Minorants, of: _Terms) -> FloatAr
     slope = 2.0 * mu[:, None] * omega + linear + 4.0 * (dc * form * omega + bent * turned)
     g = _inverse_jacobian(hat, c, slope)
     constant = constant + mu * omega.dot(omega) + linear.dot(omega) + (2.0 * bent * form)[:, 0]
-    swing = (SWEPT * (1.0 + 1e-9)) * (at.theta + np.pi) * k.dot(k).sqrt()
+    swing = (SWEPT * (1.0 + 1e-9)) * (of.at.theta + np.pi) * k.dot(k).sqrt()
     price = CURVED * (k.dot(k) * y.dot(y)).sqrt() + swing * swing / eta + 0.5 * g.dot(g).sqrt()
     paid = (of.scalar | ~of.x.any(axis=1)) & (of.mu == 0.0)
-    paid |= ((mu - price * (1.0 + 1e-9)).lower >= 0.0) & (at.theta <= TURNED)
-
-    # Rotations. P = T' r + off: P^T T'^-1 P is at most P^T r + r^T off + |off|^2 / least.
-    off = P - rest @ of.r
-    square = sums(sums(off * off)) / least
-    remains = W + M / 6.0 - _scaled(mu + square) - P.T @ of.r - Ball.exact(of.r).T @ off
-    over = remains - _scaled(rho)
-    over_e, free = over.apply(e), _scaled(1.0 - part, over)
-    X, c_e = part * e.dot(over_e), 2.0 * part[:, None] * over_e
-    couplings = 2.0 * N - y[:, :, None] * k[:, None, :] + 0.5 * (E @ crossed(g))
-    couplings = couplings + 2.0 * free - _scaled(_trace(free))
-    c_s, Z = _trace(couplings) / 3.0, c_z.dot(c_z) / (4.0 * t)
-    wrong = couplings - _scaled(c_s) + 0.5 * crossed(c_e)
-    value = rho * at.g - c_s * at.s - Z * at.h - X * at.chi
-    tilt = rho * at.dg - c_s - Z * at.dh - X * at.dchi
-    room = rho - 0.2 * X
-    lowest = value - 3.0 * tilt * tilt / room + 3.0 * c_s + _trace(free)
-    total = constant + lowest - sums(sums(wrong.absolute))
-    proven = definite & paid & is_positive_definite(over) & (room.lower > 0.0)
-    return np.where(proven & (eta.lower > 0.0), total.lower, -np.inf)
-
-
-def _split(
-    T: FloatArray, P: FloatArray, W: FloatArray
-) -> tuple[FloatArray, BoolArray, FloatArray, FloatArray]:
-    """Weights t (m,), whether T = t I and P = 0 (m,), T'^-1 P and W' (m, 3, 3).
-
-    They are nan where the information is not definite. Of the shares tried, the one with the
-    largest t^3 det W'.
-    """
-    m, least = len(T), _smallest(T)
-    crossless = np.asarray(~P.any(axis=(1, 2)))
-    scalar = is_isotropic(T) & crossless
-    t = np.where(scalar, T[:, 0, 0], np.where(crossless, WHOLE * least, np.nan))
-    # W' is positive definite exactly for t below the inverse of the largest translational variance.
-    both = ~crossless & (_smallest(W) > 0.0)
-    least[both] = _smallest(T[both] - P[both] @ np.linalg.solve(W[both], _transposed(P[both])))
-    r, left, best = np.zeros((m, 3, 3)), W.copy(), np.full(m, -np.inf)
-    left[~crossless] = np.nan
-    for share in SHARES:
-        tried = np.flatnonzero(both & (least > 0.0))
-        rest = T[tried] - (share * least[tried])[:, None, None] * np.eye(3)
-        solved = np.linalg.solve(rest, P[tried])
-        remaining = W[tried] - _transposed(P[tried]) @ solved
-        remaining = 0.5 * (remaining + _transposed(remaining))
-        values = np.linalg.eigvalsh(remaining)
-        worth = np.where(values[:, 0] > 0.0, share**3 * values.prod(axis=1), -np.inf)
-        better = worth > best[tried]
-        place = tried[better]
-        t[place], r[place] = share * least[place], solved[better]
-        left[place], best[place] = remaining[better], worth[better]
-    return t, scalar, r, left
-
-
-def _slopes(k: FloatArray, p: FloatArray, y: FloatArray, omega: FloatArray) -> FloatArray:
-    """(m, 3) 2 p + k x y + zeta'(omega0)."""
-    c, slope = half_cotangents(_dots(omega, omega))
-    turned = _times(_bilinear(k, y), omega)
-    bent = (slope * _dots(omega, turned))[:, None] * omega + (c - 1.0 / 12.0)[:, None] * turned
-    return np.asarray(2.0 * p + np.cross(k, y) + 4.0 * bent)
-
-
-def _bilinear(k: FloatArray, y: FloatArray) -> FloatArray:
-    """The matrices M (m, 3, 3)."""
-    outer = k[:, :, None] * y[:, None, :]
-    return np.asarray(0.5 * (outer + _transposed(outer)) - _dots(k, y)[:, None, None] * np.eye(3))
-
-
-def _inverse_jacobians(omega: FloatArray) -> FloatArray:
-    """V^-1 (m, 3, 3)."""
-    c, _ = half_cotangents(_dots(omega, omega))
-    hat = so.hat(omega)
-    return np.asarray(np.eye(3) - 0.5 * hat + c[:, None, None] * (hat @ hat))
+    paid |= ((mu - price * (1.0 + 1e-9)).lower >= 0.0) & (of.at.theta <= TURNED)
+    coupled = y[:, :, None] * k[:, None, :] - 0.5 * (E @ crossed(g))
+    return _Touched(constant, 2.0 * tau[:, None] * a - k, paid, M / 6.0, coupled)
 
 
 def _inverse_jacobian(hat: Ball, c: Ball, x: Ball) -> Ball:
@@ -339,25 +237,6 @@ def _scaled(weights: Ball, matrices: Ball | None = None) -> Ball:
 
 def _trace(A: Ball) -> Ball:
     return A[:, 0, 0] + A[:, 1, 1] + A[:, 2, 2]
-
-
-def _smallest(A: FloatArray) -> FloatArray:
-    """Smallest eigenvalues (m,) of symmetric matrices; nan where they are not finite."""
-    finite = np.isfinite(A).all(axis=(1, 2), keepdims=True)
-    values = np.linalg.eigvalsh(np.where(finite, A, 0.0))[:, 0]
-    return np.where(np.ravel(finite), values, np.nan)
-
-
-def _times(A: FloatArray, x: FloatArray) -> FloatArray:
-    return np.asarray((A @ x[:, :, None])[:, :, 0])
-
-
-def _dots(x: FloatArray, y: FloatArray) -> FloatArray:
-    return np.asarray(np.einsum("ma,ma->m", x, y))
-
-
-def _transposed(A: FloatArray) -> FloatArray:
-    return np.swapaxes(A, 1, 2)
 
 
 def _kept(x: FloatArray, sound: BoolArray) -> FloatArray:

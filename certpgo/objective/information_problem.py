@@ -18,10 +18,11 @@ from certpgo.graph.priors import require_determined
 from certpgo.graph.relaxed_point import Point, translations_of
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import CSC, FloatArray
-from certpgo.linalg.blocks import Layout, scatter_sum
-from certpgo.linalg.factor import Factor, Symbolic, default_engine
+from certpgo.linalg.blocks import Layout
+from certpgo.linalg.factor import LinearSolver, Symbolic, default_engine
+from certpgo.linalg.refined import SingleFirst
 from certpgo.objective.edge_cost import EdgeCost, Minorants
-from certpgo.objective.operators import lever
+from certpgo.objective.edge_equations import EdgeEquations, relative
 from certpgo.objective.problem import PoseProblem
 from certpgo.objective.quadratic_model import ROUNDING, largest_step
 
@@ -37,27 +38,18 @@ class NormalEquations:
     ----------
     cost : the cost there
     gradient : (N,) half its gradient
-    at_i, at_j : (m, k, d + p) derivatives of the residuals by the first and the second pose
     """
 
     problem: InformationProblem
     point: Estimate
     cost: float
     gradient: FloatArray
-    at_i: FloatArray
-    at_j: FloatArray
 
     @cached_property
     def gauss_newton(self) -> CSC:
         """The Gauss-Newton matrix of half the cost."""
-        graph, n = self.problem.graph, self.problem.n
-        i, j = graph.edges.T
-        W = self.problem.edge_cost.weights
-        heavy_i, heavy_j = W @ self.at_i, W @ self.at_j
-        diagonal = scatter_sum(i, np.swapaxes(self.at_i, 1, 2) @ heavy_i, n)
-        diagonal += scatter_sum(j, np.swapaxes(self.at_j, 1, 2) @ heavy_j, n)
-        upper = np.swapaxes(self.at_i, 1, 2) @ heavy_j
-        return self.problem.chordal.pattern.assemble(diagonal, upper, graph.d)
+        problem = self.problem
+        return problem.chordal.pattern.assemble(*problem.equations.second(self.point), problem.d)
 
     @property
     def hessian(self) -> CSC:
@@ -88,14 +80,14 @@ class NormalEquations:
         length = self.problem.length
         return largest_step(unpack(self.gradient), unpack(scale), self.problem.d, length)
 
-    def factor(self, A: CSC) -> Factor | None:
-        """The factor of a matrix with the same pattern."""
-        return self.problem.symbolic(A).factor(A)
+    def factor(self, A: CSC) -> LinearSolver | None:
+        """The factor of a matrix with the same pattern, in single precision where that suffices."""
+        return self.problem.factors.factor(self.problem.symbolic(A), A)
 
     def moved(self, x: FloatArray) -> NormalEquations:
         """The normal equations after a step x (N,)."""
         moves, d = self.problem.tangent_layout.unpack(x), self.problem.d
-        turned = so.project(so.turned(self.point.rotations, moves[:, d:]))
+        turned = so.nearest_to_rounding(so.turned(self.point.rotations, moves[:, d:]))
         t = translations_of(self.point) + moves[:, :d]
         return self.problem.linearized(Estimate.trusted(turned, t))
 
@@ -212,10 +204,7 @@ class InformationProblem(Speaking):
 
     def relative(self, point: Point) -> tuple[FloatArray, FloatArray]:
         """(m, d) vectors v = R_i^T (t_j - t_i) and (m, d, d) rotations Q = R_i^T R_j."""
-        i, j = self.graph.edges.T
-        R, t = point.rotations, translations_of(point)
-        back = np.swapaxes(R[i], 1, 2)
-        return (back @ (t[j] - t[i])[:, :, None])[:, :, 0], back @ R[j]
+        return relative(self.graph.edges, point)
 
     def bend(self, v: FloatArray, weights: FloatArray) -> float:
         """What translations v (m, d) add to the cost over minorants with these weights (m,)."""
@@ -259,20 +248,13 @@ class InformationProblem(Speaking):
 
         Poses move by world-frame translations, then body-frame rotations.
         """
-        i, j = self.graph.edges.T
-        v, Q = self.relative(estimate)
-        e, in_v, in_w = self.edge_cost.linearized(v, Q)
-        # v moves by R_i^T (dt_j - dt_i) + v x w_i, and Q by Q exp(w_j - Q^T w_i).
-        by_t = in_v @ np.swapaxes(estimate.rotations[i], 1, 2)
-        turned = in_w if self.d == 2 else in_w @ np.swapaxes(Q, 1, 2)
-        at_i = np.concatenate([-by_t, in_v @ lever(v) - turned], axis=2)
-        at_j = np.concatenate([by_t, in_w], axis=2)
-        weighted = self.edge_cost.weights @ e[:, :, None]
-        gradient = scatter_sum(i, (np.swapaxes(at_i, 1, 2) @ weighted)[:, :, 0], self.n)
-        gradient += scatter_sum(j, (np.swapaxes(at_j, 1, 2) @ weighted)[:, :, 0], self.n)
-        cost = float((e[:, None, :] @ weighted).sum())
-        packed = self.tangent_layout.pack(gradient)
-        return NormalEquations(self, estimate, cost, packed, at_i, at_j)
+        cost, gradient = self.equations.first(estimate)
+        return NormalEquations(self, estimate, cost, self.tangent_layout.pack(gradient))
+
+    @cached_property
+    def equations(self) -> EdgeEquations:
+        """The sums over edges that make up its derivatives."""
+        return EdgeEquations(self.edge_cost, self.n)
 
     @property
     def tangent_layout(self) -> Layout:
@@ -286,6 +268,11 @@ class InformationProblem(Speaking):
     def symbolic(self, A: CSC) -> Symbolic:
         """The symbolic analysis of a block matrix of this graph."""
         return self.chordal.symbolic(A)
+
+    @cached_property
+    def factors(self) -> SingleFirst:
+        """How its Gauss-Newton matrices are factorized."""
+        return SingleFirst()
 
     def stationarity(self, estimate: Estimate) -> float:
         """Largest gradient of a pose over its curvature, radians and relative translations."""

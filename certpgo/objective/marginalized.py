@@ -15,12 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-<<<<<<< HEAD
 from certpgo.graph import PoseGraph
-from certpgo.graph.information import InformationGraph
-=======
 from certpgo.graph.information import InformationGraph, unmeasured
->>>>>>> files
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.linalg.ball_arithmetic import Ball, eliminated, is_positive_definite
 
@@ -68,16 +64,17 @@ def set_aside(
     """
     d = graph.d
     T, P, W = blocks(graph.information, d)
-    m, q = len(W), W.shape[-1]
+    m = len(W)
     x, slope = e[:, d:], 2.0 * (graph.information @ e[:, :, None])[:, :, 0]
     # For a smaller lam, S is positive definite.
     definite = graph.is_definite & ~unmeasured(graph.information).any(axis=1)
-    covariance = np.linalg.inv(np.where(definite[:, None, None], graph.information, np.eye(d + q)))
-    largest = np.where(definite, 1.0 / np.linalg.eigvalsh(covariance[:, :d, :d])[:, -1], 0.0)
     scalar = is_isotropic(T) & ~P.any(axis=(1, 2))
+    largest = np.where(scalar, T[:, 0, 0], 0.0)
+    tried = np.flatnonzero(definite & ~scalar)
+    covariance = np.linalg.inv(graph.information[tried])
+    largest[tried] = 1.0 / np.linalg.eigvalsh(covariance[:, :d, :d])[:, -1]
     lam = np.where(scalar & definite, WHOLE * largest, np.nan)
     schur, best = np.where(scalar[:, None, None], W, np.nan), np.full(m, -np.inf)
-    tried = np.flatnonzero(definite & ~scalar)
     for share in SHARES if len(tried) else ():
         weight = share * largest[tried]
         rest = T[tried] - weight[:, None, None] * np.eye(d)
@@ -105,6 +102,15 @@ def remainder(
     d, information = graph.d, graph.information
     p = information.shape[1]
     y = measured.T.apply(Ball.exact(b) - graph.translations)
+    T, P, W = blocks(information, d)
+    if not P.any() and is_isotropic(T).all():
+        # The least of t |y|^2 - lam |y - y'|^2 is -t lam |y'|^2 / (t - lam).
+        t, apart = T[:, 0, 0], Ball.exact(T[:, 0, 0]) - lam
+        with np.errstate(all="ignore"):
+            constant = -(Ball.exact(t) * lam / apart * y.dot(y))
+        radius = np.where(apart.lower > 0.0, constant.radius, np.inf)
+        none = Ball.exact(np.zeros(W.shape[:2]))
+        return Ball.exact(W), none, Ball(constant.mid, radius)
     # Of (y, x, 1), the difference is a quadratic form; its first columns are eliminated.
     weights = Ball.exact(lam)
     pull = (weights[:, None] * y).padded(((0, 0), (0, p + 1 - d)))

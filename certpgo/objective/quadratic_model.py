@@ -8,7 +8,7 @@ import numpy as np
 
 from certpgo.graph.relaxed_point import Point
 from certpgo.linalg.arrays import CSC, FloatArray
-from certpgo.linalg.factor import Factor
+from certpgo.linalg.factor import LinearSolver
 
 #: Relative decrease of a cost that is lost in rounding.
 ROUNDING = 16 * np.finfo(float).eps
@@ -54,7 +54,7 @@ class QuadraticModel(Protocol):
     def stationarity(self, scale: FloatArray) -> float:
         """The largest entry of g over ``scale``: radians, and relative translations."""
 
-    def factor(self, A: CSC) -> Factor | None:
+    def factor(self, A: CSC) -> LinearSolver | None:
         """The factor of a matrix with the pattern of H; None if it is not positive definite."""
 
     def moved(self, x: FloatArray) -> Self:

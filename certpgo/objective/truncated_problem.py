@@ -116,7 +116,7 @@ class TruncatedProblem(Brief):
 
     def counted(self, estimate: Estimate) -> BoolArray:
         """(m,) the measurements whose terms are not truncated: all kept ones, for instance."""
-        return np.asarray(self.terms(estimate) < self.prices)
+        return np.asarray((self.terms(estimate) < self.prices) | ~self.is_rejected)
 
     def counting(self, counted: BoolArray) -> Problem | InformationProblem:
         """The problem of some measurements."""

@@ -12,6 +12,7 @@ from typing import NamedTuple, Protocol, TypeVar
 import numpy as np
 
 from certpgo.graph import Estimate
+from certpgo.linalg import rotations as so
 from certpgo.linalg.blocks import add_to_diagonal
 from certpgo.objective.quadratic_model import QuadraticModel
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
@@ -79,7 +80,9 @@ def descend(
     problem.check(start)
     progress = Progress(monitor, tolerance, max_iterations, watch or Stopwatch())
     end = minimise(problem.linearized(start), progress)
-    return progress.solution(Estimate(end.point.rotations, end.point.translations), end.cost)
+    # Steps leave some rounding, which would widen the enclosure of the cost.
+    rotations = so.project(end.point.rotations)
+    return progress.solution(Estimate(rotations, end.point.translations), end.cost)
 
 
 def minimise(here: AnyModel, progress: Progress) -> AnyModel:
@@ -104,6 +107,10 @@ def minimise(here: AnyModel, progress: Progress) -> AnyModel:
                 damping, exact, last = here.raised(damping), False, _REJECTED
                 continue
             step = -factor.solve(here.gradient)
+            if not np.isfinite(step).all():
+                factor, last = None, _REJECTED
+                damping = damping if reused else here.raised(damping)
+                continue
             there = here.moved(step)
         predicted = float(step @ (damped * step - here.gradient))
         # Where the decrease is below rounding of the cost, the gradient may still show progress.

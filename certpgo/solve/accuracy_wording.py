@@ -97,7 +97,9 @@ def distances(a: Assessment, instance: Instance) -> Iterable[tuple[str, str]]:
     degrees = f"{d.mean_deg:.3g} degrees on average and {d.worst_deg:.3g} degrees at most"
     poses = " (landmarks are left out)" if instance.graph.is_point.any() else ""
     yield "distance", f"to {which}: {degrees}{metres}{poses}"
-    share = f" ({part(a.excess / c.cost_upper)})" if math.isfinite(c.cost_upper) else ""
+    # A cost that is nearly all lost would be 100 % less.
+    shown = math.isfinite(c.cost_upper) and a.excess < 0.995 * c.cost_upper
+    share = f" ({part(a.excess / c.cost_upper)})" if shown else ""
     yield "", f"{which} costs {a.excess:.4g}{share} less"
 
 

@@ -12,10 +12,10 @@ from certpgo.solve.comparison import OF_THE_FILE, MethodResult
 
 TITLE = "Methods side by side, every estimate certified by the same procedure"
 _ON_COSTS = (
-    "{cost}, f_ML the thesis' log-likelihood with unit weights. The gap is proven: no estimate of "
-    "the graph costs less than this one by more than the gap. If a method rejects measurements "
-    "(see the share kept), {name}, gap and verdict refer to the kept ones, f_ML to all. "
-    "CERTIFIED: the gap is at most {tolerance}. BOUNDED: it is larger. REFUTED: a lower-cost "
+    "{cost}, f_ML the log-likelihood of Moreira's thesis, with unit weights. The gap is proven: no "
+    "estimate of the graph costs less than this one by more than the gap. If a method rejects "
+    "measurements (see the share kept), {name}, gap and verdict refer to the kept ones, f_ML to "
+    "all. CERTIFIED: the gap is at most {tolerance}. BOUNDED: it is larger. REFUTED: a lower-cost "
     "estimate is known that local descent from this one does not reach, or was given up far from."
 )
 #: Notes printed below the tables; see `notes`.

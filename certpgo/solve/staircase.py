@@ -251,7 +251,7 @@ class Staircase(Search):
     def is_of_all(self, bound: DualBound, point: Point) -> bool:
         """Whether a tight bound leaves out no part of the graph, as one by parts may."""
         cost = self.problem.cost(point)
-        return not self.case.parts or cost - bound.value <= self.case.tolerance(cost)
+        return cost - bound.value <= self.case.tolerance(cost) or not self.case.parts
 
     def settle_for_less(self, point: Point) -> None:
         """Bounds weakened by a negative eigenvalue, if there is no other."""

@@ -301,11 +301,10 @@ def _spectrum_in_words(
             "The matrix is that of the surrogate, a pose graph whose cost plus a constant is never "
             f"above F, and equal to it {where}: {cost_shown(matrix.touches)}. "
         )
-    gauge = (
-        f"the {matrix.problem.d} nearest to zero belong to the gauge, a rotation of the whole world"
-    )
+    d, whole = matrix.problem.d, "the gauge, a rotation of the whole world"
+    gauge = f"the {d} nearest to zero belong to {whole}"
     if not is_stationary:
-        gauge = "none is zero, as none belongs to the gauge where the point is not stationary"
+        gauge = f"fewer than {d} are zero; at stationary points {d} are, those of {whole}"
     return (
         f"{source}Translations are eliminated. If none is negative, {claim}; {gauge}. "
         f"Computed eigenvalues only illustrate{proof}."

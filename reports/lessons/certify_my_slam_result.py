@@ -164,7 +164,7 @@ print(certificate.reason)
 # |---|---|
 # | CERTIFIED | $F$ is proven to be within $10^{-5} F + 10^{-12} W$ of $F^*$ |
 # | BOUNDED | a gap is proven, but it is larger |
-# | REFUTED | a lower-cost estimate exists that local descent from this one does not reach |
+# | REFUTED | local descent from this one does not reach a known better one, or was given up |
 # | UNDECIDED | no useful bound was found |
 #
 # ($W = \sum \kappa_{ij} + \sum \tau_{ij} \|t_{ij}\|^2$ is the magnitude of $F$'s terms; it matters

@@ -1,10 +1,15 @@
 """Comparisons under the costs of other programs, and the notes below their tables."""
 
+import inspect
+import re
+
 import numpy as np
 import pytest
 
 from certpgo import read, solve
 from certpgo.certify import certify
+from certpgo.certify.tolerances import ATOL, RTOL
+from certpgo.cli.certify import command
 from certpgo.errors import InputError
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.objective.choose_cost import information_problem
@@ -108,3 +113,9 @@ def test_graphs_without_the_cost_are_refused(uneven):
         next(compare(cycle, cost="g2o"))
     [row] = compare(uneven, [Competitor("newton", cost="g2o")], cost="g2o")
     assert row.error == "newton does not minimise the cost g2o"
+
+
+def test_the_tolerances_that_are_printed_are_those_of_verdicts():
+    defaults = inspect.signature(command).parameters
+    assert (defaults["rtol"].default, defaults["atol"].default) == (RTOL, ATOL)
+    assert [float(number) for number in re.findall(r"\d+e-\d+", NOTES[0])] == [RTOL, ATOL]

@@ -2,12 +2,13 @@
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from strategies import rng_of
+from strategies import point_graph, rng_of
 
 from certpgo import certify, solve, solve_robustly
 from certpgo.certify.certificate import Verdict
@@ -156,6 +157,20 @@ def test_the_unit_of_weights_decides_nothing(unit):
     assert other.lower_bound == unit * one.lower_bound
 
 
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_sighting_of_a_point_is_rejected(d):
+    graph, *_ = point_graph(rng_of(1), 30, 12, d, noise=0.01)
+    kappa, tau = np.where(graph.measures_rotation, 5e3, 0.0), np.where(graph.tau > 0.0, 1e4, 0.0)
+    sighting = np.flatnonzero(~graph.measures_rotation)[-1]
+    t = np.array(graph.translations)
+    t[sighting] += 5.0
+    wrong = replace(graph.with_weights(kappa, tau), translations=t)
+    answer = solve_robustly(wrong)
+    assert answer.solution.rejected.tolist() == [sighting]
+    assert answer.rejection.verdict is Verdict.CERTIFIED
+    assert "neither taking the rejected measurement back nor" in answer.rejection.sentence
+
+
 def test_rejections_that_cannot_be_are_refused():
     graph, _ = doubtful_graph(rng_of(0), 2, poses=True)
     problem, m = problem_of(graph), graph.num_edges
@@ -168,6 +183,20 @@ def test_rejections_that_cannot_be_are_refused():
     ):
         with pytest.raises(InputError, match=said):
             rejecting(problem, np.array(rejected, dtype=None if rejected else int), quantile)
+
+
+@pytest.mark.parametrize(("weight", "angle", "price"), [(1e14, 0.5, 20.0), (1.0, 1e-3, 5e-5)])
+def test_what_is_tolerated_is_small_against_a_price(weight, angle, price):
+    # Taking the last measurement back costs a fraction of its price, which is less than a share
+    # 1e-12 of the total weight, or 1e-5 of the cost of two measurements half a turn apart.
+    half = math.pi if weight == 1.0 else 0.0
+    turns = so.exp(np.array([[0.0], [0.0], [0.0], [half], [angle]]))
+    edges, kappa = [(1, 2), (0, 1), (2, 3), (2, 3), (0, 1)], [weight, 1.0, weight, weight, 100.0]
+    graph = RotationGraph(4, edges, turns, kappa)
+    problem = TruncatedProblem(RotationProblem(graph), [np.inf] * 4 + [price])
+    certificate = certify(problem, solve(problem.kept.graph).estimate)
+    assert certificate.verdict is not Verdict.CERTIFIED
+    assert certificate.tolerance < price
 
 
 @pytest.mark.parametrize("poses", [True, False])

@@ -647,7 +647,7 @@ def test_certify_polishes_to_the_better_answer(certpgo, tmp_path):
     package.write(estimate, wound)
     done = certpgo("certify", graph, estimate, "--best", best)
     assert done.code == 4
-    assert "Local descent from yours does not reach it" in done.out
+    assert "Local descent from this one does not reach it" in done.out
     assert certpgo("certify", graph, best).code == 0
 
 

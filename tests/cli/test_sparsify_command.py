@@ -58,3 +58,13 @@ def test_suggestions_name_the_nodes(certpgo, path):
     assert f"{i}-{j}" in done.out
     assert "3 loop closures would raise the connectivity" in done.out
     assert certpgo("suggest", path, "--within", "1e-9").code == 1
+
+
+def test_distances_are_said_not_to_count(certpgo, tmp_path):
+    graph = tmp_path / "beacon.pyfg"
+    poses = [f"VERTEX_SE2 {i} A{i} {6 * i} 0 0" for i in range(4)]
+    steps = [f"EDGE_SE2 {i} A{i} A{i + 1} 6 0 0 1 0 0 1 0 1" for i in range(3)]
+    graph.write_text("\n".join([*poses, *steps, "EDGE_RANGE 1 A0 A3 16 1"]) + "\n")
+    done = certpgo("suggest", graph, "-n", 1)
+    assert done.code == 0
+    assert "connectivity is that of relative poses, without 1 distance\n" in done.err

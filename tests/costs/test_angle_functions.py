@@ -10,7 +10,7 @@ from flint import arb, fmpq
 from certpgo.linalg.ball_arithmetic import Ball
 from certpgo.objective import angle_functions as functions
 from certpgo.objective.angle_functions import AngleFunctions
-from certpgo.objective.gtsam_space import CURVED, SWEPT, TURNED
+from certpgo.objective.gtsam_terms import CURVED, SWEPT, TURNED
 
 ANGLES = np.r_[
     functions.SMALL, 10.0 ** np.arange(-9, 0), np.linspace(0.2, 3.1, 40), np.pi - functions.EDGE

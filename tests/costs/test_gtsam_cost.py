@@ -11,7 +11,7 @@ from certpgo import PoseGraph, RotationGraph
 from certpgo.graph.information import InformationGraph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.ball_arithmetic import Ball, near_rotations
-from certpgo.objective import gtsam_plane, gtsam_space
+from certpgo.objective import gtsam_plane, gtsam_space, gtsam_terms
 from certpgo.objective.costs.gtsam import GtsamCost
 from certpgo.objective.edge_cost import Minorants
 
@@ -206,13 +206,13 @@ def test_what_has_no_minorant():
 def test_a_coupling_that_is_not_paid_for_has_no_minorant(kind):
     cost = cost_of(np.random.default_rng(1), 40, kind, 10.0)
     y, w = 0.1 * np.ones((40, 3)), turns(np.random.default_rng(2), 40, 3, -1.0, 1e-3)
-    enough = gtsam_space._taken_apart(cost.graph, y, w)
+    enough = gtsam_terms.taken_apart(cost.graph, y, w)
     assert (enough.share == 1.0).all()
     less = replace(enough, mu=0.99 * enough.mu)
     for terms, exist in ((enough, True), (less, False)):
         tau, a, b, N = gtsam_space._edges(cost.graph, terms)
         found = Minorants(tau, a, b, N, np.zeros(40))
-        constants = gtsam_space._constants(cost.graph, found, terms)
+        constants = gtsam_space._constants(cost.graph, cost.measured, found, terms)
         assert (np.isfinite(constants) == exist).all()
 
 
@@ -223,6 +223,6 @@ def test_a_term_that_is_not_convex_has_no_minorant(kind, monkeypatch):
     d = cost.graph.d
     where = at(cost, np.ones((40, d)), turns(np.random.default_rng(2), 40, d, -0.01, 3.0))
     assert cost.minorants(*where).exist.all()
-    for module in (gtsam_plane, gtsam_space):
+    for module in (gtsam_plane, gtsam_terms):
         monkeypatch.setattr(module, "ROOM", 5.001)
     assert not cost.minorants(*where).exist.all()

@@ -7,6 +7,7 @@ from strategies import definite, dimensions, pose_graph, rng_of, seeds
 
 from certpgo.graph.information import InformationGraph
 from certpgo.linalg import rotations as so
+from certpgo.objective import marginalized
 from certpgo.objective.choose_cost import COSTS
 from certpgo.objective.costs.g2o import G2oCost
 from certpgo.objective.costs.gtsam import GtsamCost
@@ -66,6 +67,31 @@ def test_the_remainder_is_the_minimum_over_translations(seed, d):
     x = e[:, d:]
     left = forms(quadratic.mid, x) + (linear.mid * x).sum(axis=1) + constant.mid
     np.testing.assert_allclose(difference(e[:, :d], x), left, rtol=1e-7, atol=1e-9)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_isotropic_translations_have_the_same_remainder_in_closed_form(d, monkeypatch):
+    rng = rng_of(0)
+    graph = weighed(rng, d)
+    m = graph.num_edges
+    Omega = graph.information.copy()
+    Omega[:, :d, d:] = Omega[:, d:, :d] = 0.0
+    t = rng.uniform(1.0, 100.0, m)
+    Omega[:, :d, :d] = t[:, None, None] * np.eye(d)
+    graph = InformationGraph(graph.isotropic, Omega)
+    b = graph.translations + rng.standard_normal((m, d))
+    measured = G2oCost(graph).measured
+    for share in (0.3, 0.999, 1.0 - 2.0**-30):
+        closed = remainder(graph, measured, share * t, b)
+        with monkeypatch.context() as patched:
+            patched.setattr(marginalized, "is_isotropic", lambda T: np.zeros(len(T), dtype=bool))
+            eliminated = remainder(graph, measured, share * t, b)
+        for found, expected in zip(closed, eliminated, strict=True):
+            apart = np.abs(found.mid - expected.mid)
+            assert np.all(apart <= found.radius + expected.radius)
+            assert np.all(found.radius <= expected.radius)
+    *_, constant = remainder(graph, measured, t, b)
+    assert np.all(constant.lower == -np.inf)
 
 
 def test_more_than_there_is_leaves_no_bound():

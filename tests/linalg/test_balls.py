@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 from flint import arb
 
+from certpgo.linalg import compiled
 from certpgo.linalg import rotations as so
 from certpgo.linalg.ball_arithmetic import (
+    FORMULAS,
     WIDE,
     Ball,
     arctan2,
     crossed,
+    eliminated,
     is_positive_definite,
     joined,
     near_rotations,
@@ -33,6 +36,13 @@ def wide(request):
     return request.param
 
 
+@pytest.fixture(params=[False, True], ids=["numpy", "compiled"])
+def compiled_form(request, monkeypatch):
+    if request.param and not compiled.AVAILABLE:
+        pytest.skip("installed without a C compiler")
+    monkeypatch.setattr(compiled, "AVAILABLE", request.param)
+
+
 def balls(seed, shape, wide, *, exact=False):
     """Balls of all sizes, some of them single numbers."""
     rng = np.random.default_rng(seed)
@@ -40,6 +50,9 @@ def balls(seed, shape, wide, *, exact=False):
     radius = np.abs(mid) * 10.0 ** rng.uniform(-18, 0, shape) * (rng.random(shape) < 0.7)
     ball = Ball(mid, 0.0 * radius if exact else radius)
     return ball.widened if wide else ball
+
+
+operators = {"+": operator.add, "*": operator.mul, "/": operator.truediv, "@": operator.matmul}
 
 
 def rational(x):
@@ -58,7 +71,7 @@ def holds(ball, index, value):
 
 
 @pytest.mark.parametrize("name", ["add", "sub", "mul", "truediv"])
-def test_arithmetic(name, wide):
+def test_arithmetic(name, wide, compiled_form):
     operation = getattr(operator, name)
     x, y = balls(1, 200, wide), balls(2, 200, False)
     found = operation(x, y)
@@ -74,6 +87,42 @@ def test_arithmetic(name, wide):
             for k in range(200):
                 pair = (rational(x.mid[k]), rational(np.float64(values[k])))
                 assert holds(one, k, operation(*(pair[::-1] if two else pair)))
+
+
+needs_the_kernel = pytest.mark.skipif(not compiled.AVAILABLE, reason="without a C compiler")
+
+
+@needs_the_kernel
+@pytest.mark.parametrize("operation", "+*/")
+@pytest.mark.parametrize("one", [(5, 3, 3), (5, 3, 1), (4, 5, 1, 3), (3,), ()], ids=str)
+@pytest.mark.parametrize("other", [(5, 3, 3), (5, 1, 3), (1, 1, 3), (1,)], ids=str)
+def test_compiled_operations_are_those_in_numpy(operation, one, other, wide):
+    x, y = balls(1, one, wide), balls(2, other, False)
+    for a, b in ((x, y), (y, x), (y[..., ::-1], y), (y[:0], y[:0])):
+        found, expected = operators[operation](a, b), FORMULAS[operation](a, b)
+        assert found.mid.dtype == expected.mid.dtype
+        np.testing.assert_array_equal(found.mid, expected.mid, strict=True)
+        np.testing.assert_array_equal(found.radius, expected.radius, strict=True)
+
+
+@needs_the_kernel
+@pytest.mark.parametrize("one", [(5, 2, 3), (1, 2, 3), (3, 3), (4, 5, 3, 3), (0, 3, 3)], ids=str)
+def test_compiled_products_of_matrices_are_those_in_numpy(one, wide):
+    x, y = balls(1, one, wide), balls(2, (1 if 0 in one else 5, 4, 3), False).T
+    found, expected = x @ y, FORMULAS["@"](x, y)
+    assert found.mid.shape == expected.mid.shape
+    assert found.mid.dtype == expected.mid.dtype
+    # Sums in another order.
+    assert np.all(np.abs(found.mid - expected.mid) <= found.radius)
+    np.testing.assert_allclose(found.radius, expected.radius, rtol=1e-14, strict=True)
+
+
+def test_what_is_not_a_number_bounds_nothing(compiled_form):
+    odd = Ball(np.array([np.nan, 1.0, np.inf]), np.array([0.0, np.nan, 0.0]))
+    with np.errstate(invalid="ignore"):
+        all_found = odd + 1.0, odd * 2.0, odd / 3.0, odd[:, None, None] @ np.ones((3, 1, 1))
+    for found in all_found:
+        assert not np.isfinite(found.lower).any()
 
 
 def test_a_quotient_by_what_may_be_zero_is_anything():
@@ -98,7 +147,7 @@ def test_bounds_are_doubles_beyond_the_ends(wide):
     assert (single.upper - single.lower <= 4.0 * np.spacing(np.abs(single.nearest))).all()
 
 
-def test_products_of_matrices_and_sums(wide):
+def test_products_of_matrices_and_sums(wide, compiled_form):
     A, B = balls(4, (20, 3, 5), wide), balls(5, (20, 5, 2), False)
     product, total, vectors = A @ B, sums(A), B[:, :, 0]
     applied, dotted = A.apply(vectors), A[:, 0].dot(vectors)
@@ -200,6 +249,24 @@ def test_positive_definite_matrices(d):
     assert proven.any()
     assert (least[proven] > 0.1).all()
     assert not is_positive_definite(Ball.exact(np.full((1, d, d), np.nan)))[0]
+
+
+@needs_the_kernel
+@pytest.mark.parametrize("count", [0, 2, 5])
+def test_compiled_elimination_is_that_in_numpy(count, wide, monkeypatch):
+    rng = np.random.default_rng(0)
+    A = rng.standard_normal((100, 5, 5))
+    A = A + np.swapaxes(A, 1, 2) + rng.uniform(0, 6, (100, 1, 1)) * np.eye(5)
+    A[:2, 2, 2] = np.nan, np.inf
+    ball = Ball.within(A, 10.0 ** rng.uniform(-20, -1, A.shape))
+    ball = ball.widened if wide else ball
+    found, proven = eliminated(ball, count)
+    monkeypatch.setattr(compiled, "AVAILABLE", False)
+    expected, expected_proven = eliminated(ball, count)
+    np.testing.assert_array_equal(found.mid, expected.mid, strict=True)
+    np.testing.assert_array_equal(found.radius, expected.radius, strict=True)
+    np.testing.assert_array_equal(proven, expected_proven, strict=True)
+    assert count == 0 or 10 < np.count_nonzero(proven) < 90
 
 
 def test_padding_keeps_the_balls():

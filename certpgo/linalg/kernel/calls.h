@@ -8,7 +8,7 @@ typedef struct {
 } Held;
 
 /* What arrays consist of. */
-typedef enum { INTS, SHORT_INTS, DOUBLES, FLOATS, REALS } Kind;
+typedef enum { INTS, SHORT_INTS, DOUBLES, FLOATS, WIDES, REALS, NUMBERS } Kind;
 enum { READ = 0, WRITTEN = 1, OPTIONAL = 2 };
 
 /* A contiguous array; no memory if it is optional and None. */
@@ -57,9 +57,10 @@ static void *memory(Held *held, Int count, size_t size)
 
 static int is_of(const Py_buffer *view, Kind kind)
 {
-    static const char *const letters[] = {"lq", "il", "d", "f"};
-    static const Py_ssize_t sizes[] = {8, 4, 8, 4};
+    static const char *const letters[] = {"lq", "il", "d", "f", "g"};
+    static const Py_ssize_t sizes[] = {8, 4, 8, 4, sizeof(long double)};
     if (kind == REALS) return is_of(view, DOUBLES) || is_of(view, FLOATS);
+    if (kind == NUMBERS) return is_of(view, DOUBLES) || is_of(view, WIDES);
     const char *format = view->format ? view->format : "B";
     return view->itemsize == sizes[kind] && format[0] && !format[1] &&
            strchr(letters[kind], format[0]) != NULL;
@@ -68,7 +69,8 @@ static int is_of(const Py_buffer *view, Kind kind)
 /* Converts an argument to the `Array` at an address: for PyArg_ParseTuple's O&. */
 static int array(PyObject *object, void *address)
 {
-    static const char *const names[] = {"int64", "int32", "float64", "float32", "floats"};
+    static const char *const names[] = {"int64",   "int32",      "float64", "float32",
+                                        "longdouble", "floats", "numbers"};
     Array *a = address;
     Held *held = a->held;
     if ((a->use & OPTIONAL) && object == Py_None) return 1;

@@ -471,6 +471,11 @@ CALL(lower)
 
 #include "matrices.h"
 #include "graphs.h"
+#include "equations.h"
+
+#undef REAL
+#undef IN
+#include "balls.h"
 
 static PyMethodDef methods[] = {
     {"central_tree", central_tree, METH_VARARGS, "Parents in the tree of a central node."},
@@ -491,6 +496,10 @@ static PyMethodDef methods[] = {
     {"pin", pin, METH_VARARGS, "Rows and columns of a matrix set to zero."},
     {"lever_sums", lever_sums, METH_VARARGS, "Sizes of levers summed by nodes."},
     {"scatter_sum", scatter_sum, METH_VARARGS, "Rows summed by an index."},
+    {"eliminate", eliminate, METH_VARARGS, "Schur complements of balls."},
+    {"slopes", slopes, METH_VARARGS, "Terms and half the gradient of a cost."},
+    {"curvatures", curvatures, METH_VARARGS, "Blocks of a Gauss-Newton matrix."},
+    {"combine", combine, METH_VARARGS, "An operation on balls."},
     {"multiply", multiply, METH_VARARGS, "A x."},
     {"lower", lower, METH_VARARGS, "L by columns."},
     {"order", order, METH_VARARGS, "A fill-reducing order of a pattern."},

@@ -45,6 +45,7 @@ class G2oCost(EdgeCost):
     """
 
     name: ClassVar[str] = "g2o"
+    compiled_residual: ClassVar[str] = "quaternion"
     provable: ClassVar[bool] = True
     decoupled: ClassVar[bool] = True
 

@@ -12,6 +12,7 @@ as of GTSAM 4.3 (other builds may use other charts). The cost e^T Omega e is twi
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -46,6 +47,7 @@ class GtsamCost(EdgeCost):
     """
 
     name: ClassVar[str] = "gtsam"
+    compiled_residual: ClassVar[str] = "logarithm"
 
     @property
     def turned_share(self) -> float:
@@ -59,6 +61,11 @@ class GtsamCost(EdgeCost):
             f"twice GTSAM's error of BetweenFactorPose{self.graph.d} (full logarithm) "
             "with full information"
         )
+
+    @cached_property
+    def measured(self) -> Ball:
+        """(m, d, d) the rotations nearest to the measured matrices, in wide balls."""
+        return near_rotations(self.graph.rotations)
 
     def residuals(self, v: FloatArray, Q: FloatArray) -> FloatArray:
         """(m, p) residuals: u in metres, then a rotation vector."""
@@ -93,8 +100,8 @@ class GtsamCost(EdgeCost):
         at most phi times the largest norm (theta/2) / sin(theta/2) of the logarithm's derivative,
         which is below 1.6 up to pi + 0.05. What passes pi is continued, and turned back by 2 pi.
         """
-        measured = near_rotations(self.graph.rotations)
-        y, E = measured.T.apply(v - self.graph.translations), measured.T @ Q
+        back = self.measured.T
+        y, E = back.apply(v - self.graph.translations), back @ Q
         log = so.log(so.project(E.nearest))
         apart = E - exponential(Ball.exact(log).widened)
         distance = np.sqrt(np.sum(apart.size**2, axis=(1, 2)).astype(np.float64))
@@ -113,9 +120,8 @@ class GtsamCost(EdgeCost):
 
     def minorants(self, v: FloatArray, Q: FloatArray) -> Minorants:
         """Minorants that touch the costs at (v, Q), up to rounding."""
-        if self.graph.d == 2:
-            return minorants_in_the_plane(self.graph, *self.unexplained(v, Q))
-        return minorants_in_space(self.graph, *self.unexplained(v, Q))
+        minorants = minorants_in_the_plane if self.graph.d == 2 else minorants_in_space
+        return minorants(self.graph, self.measured, *self.unexplained(v, Q))
 
     def relaxed(self) -> GtsamCost | None:
         """In space, without cross terms and with isotropic translations.
