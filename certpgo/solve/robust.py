@@ -86,8 +86,8 @@ def solve_robustly(
     """
     given = measured(graph)
     source = given if isinstance(given, Instance) else None
+    posed = problem_under(given, CHORDAL if cost is None else cost)
     problem = problem_of(given if source is None else source.graph)
-    posed = problem if cost in (None, CHORDAL) else problem_under(given, cost)
     chosen = (settings or SolveSettings()).changed(options)
     limit = chosen.time_limit
     if initial is not None:
