@@ -69,17 +69,11 @@ def command(
         monitor = StatusLine(status)
         answer = solve_robustly(instance, quantile=quantile, time_limit=time_limit, monitor=monitor)
         if answer.rejection is None:
-<<<<<<< HEAD
-            notice(f"all {instance.graph.num_edges} measurements agree: none is rejected")
-            return EXIT_CODES[answer.verdict.value]
+            return _nothing_listed(instance, answer, csv, json=json)
         proofs = PROOFS if time_limit is None else time_limit
         report = outlier_report(answer, level=level, time_limit=proofs)
     if not report.is_complete:
         notice("the proofs were stopped; --time-limit lets them continue")
-=======
-            return _nothing_listed(instance, answer, csv, json=json)
-        report = outlier_report(answer, level=level)
->>>>>>> attack
     if csv is not None:
         write_report(csv, report.edges)
         notice(f"{len(report.edges)} rejected measurements written to {csv}")

@@ -124,13 +124,9 @@ def outlier_report(
     Parameters
     ----------
     answer : of `certpgo.solve_robustly`
-<<<<<<< HEAD
-    level : probability with which noise as the weights state it refutes a right measurement
-    time_limit : seconds after which nothing more is proven; rises are then zero
-=======
     level : probability with which noise as the weights state it, or as estimated, refutes a right
         measurement
->>>>>>> attack
+    time_limit : seconds after which nothing more is proven; rises are then zero
     monitor : may stop the search for proofs
 
     Raises

@@ -110,7 +110,6 @@ def test_wrong_loops_are_refuted_by_odometry_alone(dataset):
     assert not refuted[~wrong].any()
 
 
-<<<<<<< HEAD
 def test_a_report_that_is_stopped_says_so():
     rng = rng_of(5)
     graph = doubtful_graph(rng, 2, poses=False, n=12, doubtful=1)[0]
@@ -122,7 +121,8 @@ def test_a_report_that_is_stopped_says_so():
     assert whole.edges[-1].rise > 0.0
     assert not any(edge.rise for edge in stopped.edges)
     assert stopped.cores == ()
-=======
+
+
 def test_a_world_is_not_the_next_node():
     graph, _ = doubtful_graph(rng_of(0), 3, poses=True)
     rotation = np.eye(3)[None]
@@ -130,7 +130,6 @@ def test_a_world_is_not_the_next_node():
     known = with_priors(graph, last, rotation, origin, kappa=1.0, tau=1.0)
     assert not (odometry(known) & known.absolute).any()
     assert odometry(known).sum() == graph.num_nodes - 1
->>>>>>> attack
 
 
 def test_a_report_needs_rejections_and_a_level():
