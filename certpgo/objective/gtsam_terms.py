@@ -1,4 +1,5 @@
-"""How GTSAM's cost in space is taken apart, and where it is touched; see `gtsam_space`.
+"""How GTSAM's cost in space is taken apart, and where it is touched; see
+`certpgo.objective.gtsam_space`.
 
 None of this needs be accurate: constants are computed for the doubles that it gives.
 """
