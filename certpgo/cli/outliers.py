@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from certpgo.solve.result import CertifiedSolution
 
 
+#: Seconds for proofs about single measurements, without a limit of the user's.
+PROOFS = 60.0
+
+
 @takes_reading
 def command(
     graph: GraphName,
@@ -30,7 +34,10 @@ def command(
     ] = 1e-6,
     time_limit: Annotated[
         float | None,
-        time_limit_option("Stop the robust fit and its certificates.", "30 s after a first bound"),
+        time_limit_option(
+            "Stop the robust fit, and then what is proven about each measurement.",
+            "30 s after a first bound, and 60 s",
+        ),
     ] = None,
     csv: Annotated[
         Path | None,
@@ -63,7 +70,10 @@ def command(
         answer = solve_robustly(instance, quantile=quantile, time_limit=time_limit, monitor=monitor)
         if answer.rejection is None:
             return _nothing_listed(instance, answer, csv, json=json)
-        report = outlier_report(answer, level=level)
+        proofs = PROOFS if time_limit is None else time_limit
+        report = outlier_report(answer, level=level, time_limit=proofs)
+    if not report.is_complete:
+        notice("the proofs were stopped; --time-limit lets them continue")
     if csv is not None:
         write_report(csv, report.edges)
         notice(f"{len(report.edges)} rejected measurements written to {csv}")
@@ -124,6 +134,7 @@ def _as_json(name: str, report: OutlierReport) -> dict[str, Any]:
         "lower_bound": found.certificate.lower_bound,
         "quantile": found.quantile,
         "level": report.level,
+        "complete": report.is_complete,
         "wrong_at_least": len(report.cores),
         "wrong_at_least_over_odometry": len(report.cores_over_odometry),
         "cores": [members.tolist() for members in report.cores],

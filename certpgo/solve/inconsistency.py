@@ -120,12 +120,18 @@ def cores(
     free, waiting = kept & _whole(graph), doubtful.tolist()
     while waiting and not stop.should_stop():
         paths = _Paths(graph, free, np.where(shared, FAITH, 1.0))
-        ways = {e: way for e in waiting if (way := paths.between(*graph.edges[e])) is not None}
+        ways = {}
+        for e in waiting:
+            way = None if stop.should_stop() else paths.between(*graph.edges[e])
+            if way is not None:
+                ways[e] = way
         waiting = []
         for e in sorted(ways, key=lambda e: len(ways[e])):
             if not free[ways[e]].all():
                 waiting.append(e)  # another set has taken a part of it
-            elif _is_inconsistent(problem, ways[e], e, float(budget[e]), stop):
+            elif not stop.should_stop() and _is_inconsistent(
+                problem, ways[e], e, float(budget[e]), stop
+            ):
                 free[ways[e]] = shared[ways[e]]
                 found.append(np.r_[ways[e], e])
     return found

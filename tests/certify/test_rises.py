@@ -119,6 +119,19 @@ def test_a_world_is_not_the_next_node():
     assert odometry(known).sum() == graph.num_nodes - 1
 
 
+def test_a_report_that_is_stopped_says_so():
+    rng = rng_of(5)
+    graph = doubtful_graph(rng, 2, poses=False, n=12, doubtful=1)[0]
+    R = np.array(graph.rotations)
+    R[-1] = R[-1] @ so.exp(np.array([[2.5]]))[0]
+    answer = solve_robustly(RotationGraph(12, graph.edges, R, graph.kappa))
+    whole, stopped = outlier_report(answer), outlier_report(answer, time_limit=0.0)
+    assert (whole.is_complete, stopped.is_complete) == (True, False)
+    assert whole.edges[-1].rise > 0.0
+    assert not any(edge.rise for edge in stopped.edges)
+    assert stopped.cores == ()
+
+
 def test_a_report_needs_rejections_and_a_level():
     clean = synthetic.grid3d(2, rng_of(0)).graph
     answer = solve_robustly(clean)
