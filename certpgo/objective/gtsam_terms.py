@@ -1,7 +1,6 @@
-"""How GTSAM's cost in space is taken apart, and where it is touched; see
-`certpgo.objective.gtsam_space`.
+"""How GTSAM's cost in space is taken apart, and where it is touched.
 
-None of this needs be accurate: constants are computed for the doubles that it gives.
+`certpgo.objective.gtsam_space` has the mathematics. None of this needs be accurate: constants are computed for the doubles that it gives.
 """
 
 from __future__ import annotations
