@@ -12,7 +12,7 @@ from certpgo.certify.cases import case_of
 from certpgo.certify.certificate import Certificate, Tier
 from certpgo.certify.chordal_case import LocalMinimum
 from certpgo.certify.tolerances import ATOL, RTOL, refuse_time_limit
-from certpgo.errors import NumericalError
+from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.io.accept_paths import AnyPath, estimated, measured
 from certpgo.io.writing import AnyAnswer
@@ -64,7 +64,8 @@ def certify(
         min(f_e, c_e) of each of these: CERTIFIED if no other estimate costs less, whichever of them
         it takes back
     quantile : of chi^2, their prices c_e; by default that from which measurements are rejected,
-        1 - 0.01 / m
+        1 - 0.01 / m. It is of the noise that the weights state; where a robust answer has estimated
+        it, certify ``answer.rejection.problem``
     tier : ``"standard"``, ``"proof"``, which trusts no factorization, or ``"screen"``, which never
         yields CERTIFIED
     rtol, atol : CERTIFIED means gap <= rtol F + atol W
@@ -101,6 +102,8 @@ def certify(
         posed = certifiable(posed, CHORDAL if cost is None and rejected is not None else cost)
     if rejected is not None:
         posed = rejecting(posed, rejected, quantile)
+    elif quantile is not None:
+        raise InputError("a quantile is for rejected measurements, and none are given")
     judge = Judge(
         posed,
         tier=tier,

@@ -22,8 +22,8 @@ from certpgo.objective.truncated import largest
 
 #: Load of each measurement, and what those proven together may share.
 LOAD, SHARED = 0.8, 0.18
-#: Columns of measurements from which each is proven alone.
-MANY = 3000
+#: Columns of measurements that are grouped at once.
+MANY = 1500
 
 
 def rises(case: TruncatedCase, estimate: Estimate) -> FloatArray:
@@ -43,7 +43,9 @@ def rises(case: TruncatedCase, estimate: Estimate) -> FloatArray:
     uncut = case.problem.with_prices_of(point)
     own = replace(case, problem=uncut)
     W, _ = uncut.truncation(point).loaded(found.blocks, LOAD)
-    waiting = _together(found, W)
+    size = max(MANY // found.b, 1)
+    parts = [np.arange(at, min(at + size, len(W))) for at in range(0, len(W), size)]
+    waiting = [group for part in parts for group in _together(found, W, part)]
     while waiting and not case.stop.should_stop():
         group = waiting.pop()
         risen = _proven(own, point, W, group)
@@ -70,17 +72,15 @@ def _proven(
     return np.asarray(rest - 1e-15 * (len(group) + 8) * (np.abs(most).sum() + cost))
 
 
-def _together(found: Resistances, W: FloatArray) -> list[IntArray]:
-    """Groups of measurements whose weights may be taken off together, as far as is foreseen.
+def _together(found: Resistances, W: FloatArray, part: IntArray) -> list[IntArray]:
+    """Groups of some measurements whose weights may be taken off together, as far as is foreseen.
 
     S - sum B W B^T >= 0 if the blocks of W^1/2 B^T S^+ B W^1/2 have row sums of at most one.
     """
-    k = len(W)
-    if k * found.b > MANY:
-        return [np.array([e]) for e in range(k)]
-    values, U = np.linalg.eigh(W)
+    k = len(part)
+    values, U = np.linalg.eigh(W[part])
     half = U * np.sqrt(np.maximum(values, 0.0))[:, None, :]
-    G = found.products(np.arange(k))
+    G = found.products(part)
     G = np.einsum("eax,eafc,fcy->exfy", half, G, half, optimize=True)
     shared = np.sqrt((G**2).sum(axis=(1, 3)))
     np.fill_diagonal(shared, 0.0)
@@ -96,4 +96,4 @@ def _together(found: Resistances, W: FloatArray) -> list[IntArray]:
             sums.append(total)
         group.append(e)
         total += shared[e]
-    return [np.array(group) for group in groups]
+    return [part[group] for group in groups]

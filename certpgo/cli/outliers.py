@@ -12,9 +12,16 @@ from certpgo.cli._options import GraphName, Json, Quantile, time_limit_option
 from certpgo.cli._outputs import Outputs
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import StatusLine, document, facts, notice, table, working
+from certpgo.errors import InputError
 
 if TYPE_CHECKING:
+    from certpgo.graph import Instance
     from certpgo.solve.outlier_report import OutlierReport, RejectedEdge
+    from certpgo.solve.result import CertifiedSolution
+
+
+#: Seconds for proofs about single measurements, without a limit of the user's.
+PROOFS = 60.0
 
 
 @takes_reading
@@ -27,7 +34,10 @@ def command(
     ] = 1e-6,
     time_limit: Annotated[
         float | None,
-        time_limit_option("Stop the robust fit and its certificates.", "30 s after a first bound"),
+        time_limit_option(
+            "Stop the robust fit, and then what is proven about each measurement.",
+            "30 s after a first bound, and 60 s",
+        ),
     ] = None,
     csv: Annotated[
         Path | None,
@@ -52,15 +62,20 @@ def command(
     outputs.refuse_overwriting(source)
     instance = reading.open(source, distances=True)
     refuse_with_distances(instance, outliers=True)
+    instance, *others = reading.parts(instance)
+    if others:
+        raise InputError("measurements of one component are listed: --components largest")
     with working(f"rejecting measurements of {instance.name}") as status:
         monitor = StatusLine(status)
         answer = solve_robustly(instance, quantile=quantile, time_limit=time_limit, monitor=monitor)
         if answer.rejection is None:
-            notice(f"all {instance.graph.num_edges} measurements agree: none is rejected")
-            return EXIT_CODES[answer.verdict.value]
-        report = outlier_report(answer, level=level)
+            return _nothing_listed(instance, answer, csv, json=json)
+        proofs = PROOFS if time_limit is None else time_limit
+        report = outlier_report(answer, level=level, time_limit=proofs)
+    if not report.is_complete:
+        notice("the proofs were stopped; --time-limit lets them continue")
     if csv is not None:
-        write_report(csv, report)
+        write_report(csv, report.edges)
         notice(f"{len(report.edges)} rejected measurements written to {csv}")
     if json:
         document(_as_json(instance.name, report))
@@ -69,6 +84,26 @@ def command(
         facts([("graph", instance.name), *report.in_words()])
         table("Rejected measurements", _HEADER, map(_row, report.edges), optional=_OPTIONAL)
     return max(EXIT_CODES[verdict.value] for verdict in (answer.verdict, report.rejection.verdict))
+
+
+def _nothing_listed(
+    instance: Instance, answer: CertifiedSolution, csv: Path | None, *, json: bool
+) -> int:
+    """Say that no measurement is rejected, or refuse if nothing is known of those that are."""
+    from certpgo.cli._verdict import EXIT_CODES, warnings
+    from certpgo.solve.outlier_report import write_report
+
+    if len(answer.solution.rejected):
+        raise InputError(answer.solution.note.rpartition("; ")[2])
+    said = f"none of the {instance.graph.num_edges} measurements is rejected"
+    if csv is not None:
+        write_report(csv, ())
+    if json:
+        verdict = answer.verdict.value
+        document({"graph": instance.name, "verdict": verdict, "sentence": said, "rejected": []})
+    for sentence in (said, *warnings(answer.fit)):
+        notice(sentence)
+    return EXIT_CODES[answer.verdict.value]
 
 
 _HEADER = ("nodes", "degrees", "metres", "cost", "price", "accepting costs", "over odometry", "")
@@ -99,6 +134,7 @@ def _as_json(name: str, report: OutlierReport) -> dict[str, Any]:
         "lower_bound": found.certificate.lower_bound,
         "quantile": found.quantile,
         "level": report.level,
+        "complete": report.is_complete,
         "wrong_at_least": len(report.cores),
         "wrong_at_least_over_odometry": len(report.cores_over_odometry),
         "cores": [members.tolist() for members in report.cores],

@@ -39,6 +39,7 @@ class Tag:
     sensor : whether the id of a sensor, or of a switch, follows those of nodes
     apart : whether points may be numbered apart, so that poses have the same numbers
     timed : whether a time follows the tag
+    loose : whether more may follow, which is not read
     """
 
     kind: Kind
@@ -48,6 +49,7 @@ class Tag:
     sensor: bool = False
     apart: bool = False
     timed: bool = False
+    loose: bool = False
 
     @property
     def nodes(self) -> int:
@@ -81,6 +83,7 @@ class Dialect:
     precision : what the numbers are that every measurement has after its own; None if they may be
         missing, and are information unless the reader chooses otherwise
     named : whether nodes have names, each with a vertex, instead of ids
+    isotropic : whether information gives weights alone, and is not kept
     """
 
     name: str
@@ -94,6 +97,7 @@ class Dialect:
     residual: str | None = None
     precision: WeightsAre | None = None
     named: bool = False
+    isotropic: bool = False
 
     def precision_size(self, tag: Tag) -> int:
         """How many numbers a precision has."""

@@ -136,7 +136,7 @@ class _Parser:
                 raise InputError(self._miscounted(name, tag, len(values)))
             fields += values
         texts = fields[width :: width + 1]
-        if not self._complete(texts, self._dialect.precision_size(tag)):
+        if not (tag.loose or self._complete(texts, self._dialect.precision_size(tag))):
             found = max(len(body.split()) for body in bodies)
             raise InputError(self._miscounted(name, tag, found))
         return [fields[k :: width + 1] for k in range(width)], texts
@@ -237,7 +237,8 @@ class _Parser:
         if options.rotation_information == "quaternion":
             kappa[stated] *= 0.25  # half the angle, a quarter of the information; exact
         # Only small roll, pitch and yaw are tangent vectors.
-        if not stated.all() or (tag.d == 3 and dialect.rotation_information == "rpy"):
+        no_tangents = tag.d == 3 and dialect.rotation_information == "rpy"
+        if not stated.all() or no_tangents or dialect.isotropic:
             return kappa, tau, None
         matrices = weighed.distinct[:, np.array(layout.positions)]
         information = Information(matrices, weighed.which, dialect.residual)

@@ -7,6 +7,7 @@ import itertools
 import numpy as np
 from scipy import special
 
+from certpgo.graph.information import unmeasured
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.objective.information_problem import InformationProblem
@@ -31,8 +32,8 @@ def quantiles(problem: Problem | InformationProblem, probability: float) -> Floa
     other programs are chi^2 itself.
     """
     if isinstance(problem, InformationProblem):
-        m, numbers, _ = problem.edge_cost.weights.shape
-        return np.full(m, 2.0 * special.gammaincinv(0.5 * numbers, probability))
+        numbers = (~unmeasured(problem.edge_cost.weights)).sum(axis=1)
+        return np.asarray(2.0 * special.gammaincinv(0.5 * numbers, probability))
     turned, moved = measured(problem)
     axes = np.full(so.tangent_dim(problem.d), 2.0 if problem.d == 2 else 1.0)
     found = np.empty(len(turned))

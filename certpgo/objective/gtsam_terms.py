@@ -1,7 +1,7 @@
 """How GTSAM's cost in space is taken apart, and where it is touched.
 
-The letters are those of `certpgo.objective.gtsam_space`. None of this needs be accurate: constants
-are computed for the doubles that it gives.
+`certpgo.objective.gtsam_space` has the mathematics.
+None of this needs be accurate: constants are computed for the doubles that it gives.
 """
 
 from __future__ import annotations

@@ -203,7 +203,7 @@ def isotropic_below(graph: InformationGraph, turned_share: float) -> PoseGraph |
     None where some are not known or not proven.
     """
     d, P = graph.d, blocks(graph.information, graph.d)[1]
-    if not turned_share or graph.isotropic.is_partial:
+    if not turned_share or unmeasured(graph.information).any():
         return None
     with np.errstate(all="ignore"):
         marginal = np.linalg.eigvalsh(np.linalg.inv(graph.information)[:, :d, :d])[:, -1]

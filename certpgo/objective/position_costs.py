@@ -51,6 +51,11 @@ class WithPositions(EdgeCost):
         return self.between.provable
 
     @property
+    def turned_share(self) -> float:
+        """That of the cost of relative poses."""
+        return self._poses.turned_share
+
+    @property
     def title(self) -> str:
         """What it is, in the words of the program's users."""
         return f"{self.between(self.graph).title}, and of positions"

@@ -86,6 +86,8 @@ class TruncatedProblem(Brief):
             self.whole.refuse_indefinite()
         if not self.is_rejected.any():
             raise InputError("no measurement is rejected: all prices are infinite")
+        if self.is_rejected.all():
+            raise InputError("all measurements are rejected: none is kept")
         _ = self.kept, self.below  # refuse what is not determined, or not known
 
     @cached_property
@@ -317,9 +319,14 @@ def rejecting(
         raise InputError("rejected measurements are given by their indices, each once")
     if len(chosen) and not 0 <= chosen.min() <= chosen.max() < m:
         raise InputError(f"rejected measurements have indices from 0 to {m - 1}")
-    if quantile is not None and not 0.0 < quantile < 1.0:
-        raise InputError(f"a quantile lies between 0 and 1, not at {quantile}")
+    refuse_quantile(quantile)
     found = quantiles(problem, flagged_from(problem) if quantile is None else quantile)
     whole = np.full(m, np.inf)
     whole[chosen] = scale**2 * found[chosen] if prices is None else prices
     return TruncatedProblem(problem, whole)
+
+
+def refuse_quantile(quantile: float | None) -> None:
+    """Refuse a quantile out of its range by an InputError."""
+    if quantile is not None and not 0.0 < quantile < 1.0:
+        raise InputError(f"a quantile lies between 0 and 1, not at {quantile}")

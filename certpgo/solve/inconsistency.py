@@ -22,7 +22,7 @@ from certpgo.certify.rises import rises
 from certpgo.certify.tolerances import ATOL, RTOL
 from certpgo.certify.truncated_case import TruncatedCase
 from certpgo.errors import GraphError
-from certpgo.graph import Estimate, Graph
+from certpgo.graph import Estimate, Graph, PoseGraph
 from certpgo.graph.trees import tree_initialization
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
@@ -60,9 +60,12 @@ def proven_rises(problem: TruncatedProblem, estimate: Estimate, stop: Stop) -> F
 
 
 def odometry(graph: Graph) -> BoolArray:
-    """(m,) the first whole measurements from each node to the next one."""
+    """(m,) the first whole measurements from each node to the next one, not from a world."""
     chosen = np.zeros(graph.num_edges, dtype=bool)
-    steps = np.flatnonzero((np.abs(graph.edges[:, 1] - graph.edges[:, 0]) == 1) & _whole(graph))
+    next_to = _whole(graph) & (np.abs(graph.edges[:, 1] - graph.edges[:, 0]) == 1)
+    if isinstance(graph, PoseGraph) and graph.absolute is not None:
+        next_to &= ~graph.absolute
+    steps = np.flatnonzero(next_to)
     _, first = np.unique(graph.edges[steps].min(axis=1), return_index=True)
     chosen[steps[first]] = True
     return chosen
@@ -117,12 +120,18 @@ def cores(
     free, waiting = kept & _whole(graph), doubtful.tolist()
     while waiting and not stop.should_stop():
         paths = _Paths(graph, free, np.where(shared, FAITH, 1.0))
-        ways = {e: way for e in waiting if (way := paths.between(*graph.edges[e])) is not None}
+        ways = {}
+        for e in waiting:
+            way = None if stop.should_stop() else paths.between(*graph.edges[e])
+            if way is not None:
+                ways[e] = way
         waiting = []
         for e in sorted(ways, key=lambda e: len(ways[e])):
             if not free[ways[e]].all():
                 waiting.append(e)  # another set has taken a part of it
-            elif _is_inconsistent(problem, ways[e], e, float(budget[e]), stop):
+            elif not stop.should_stop() and _is_inconsistent(
+                problem, ways[e], e, float(budget[e]), stop
+            ):
                 free[ways[e]] = shared[ways[e]]
                 found.append(np.r_[ways[e], e])
     return found

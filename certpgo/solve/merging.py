@@ -85,7 +85,11 @@ class Merged(Speaking):
     @cached_property
     def fit(self) -> Fit | None:
         """chi^2 of the measurements that the answer is about, where all state their noise."""
-        return replace(self.answer, instance=self.instance).fit
+        judged = self.instance
+        if self.left_out:
+            rows = np.arange(judged.graph.num_edges)
+            judged = judged.with_edges(~np.isin(rows, self.disagreeing))
+        return replace(self.answer, instance=judged).fit
 
     @property
     def _headline(self) -> str:

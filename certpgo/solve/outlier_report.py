@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -85,6 +85,7 @@ class OutlierReport(Brief):
     cores : sets of measurements, by index, of which no two share one and none is right as a whole
     cores_over_odometry : the same, where they may share measurements from each node to the next
     level : probability that right measurements are called wrong
+    is_complete : whether the proofs were not stopped; else what is not proven may be provable
     """
 
     rejection: Rejection
@@ -92,6 +93,7 @@ class OutlierReport(Brief):
     cores: tuple[IntArray, ...]
     cores_over_odometry: tuple[IntArray, ...]
     level: float
+    is_complete: bool = True
 
     def in_words(self) -> Iterator[tuple[str, str]]:
         """The findings, as names and values."""
@@ -106,18 +108,25 @@ class OutlierReport(Brief):
         yield "wrong at least", wrong
         odometry = len(self.cores_over_odometry)
         yield "", f"{odometry}, if those from each node to the next are right"
-        yield "level", f"{self.level:.3g}: probability that noise as stated refutes a right one"
+        noise = self.rejection.noise
+        yield "level", f"{self.level:.3g}: probability that {noise} refutes a right one"
 
 
 def outlier_report(
-    answer: CertifiedSolution, *, level: float = LEVEL, monitor: Monitor = silent
+    answer: CertifiedSolution,
+    *,
+    level: float = LEVEL,
+    time_limit: float | None = None,
+    monitor: Monitor = silent,
 ) -> OutlierReport:
     """What is proven about each measurement that a robust answer rejects.
 
     Parameters
     ----------
     answer : of `certpgo.solve_robustly`
-    level : probability with which noise as the weights state it refutes a right measurement
+    level : probability with which noise as the weights state it, or as estimated, refutes a right
+        measurement
+    time_limit : seconds after which nothing more is proven; rises are then zero
     monitor : may stop the search for proofs
 
     Raises
@@ -147,10 +156,11 @@ def outlier_report(
         raise InputError("the report is about the chordal cost F alone")
     kept, trusted = ~found.problem.is_rejected, odometry(problem.graph)
     budget = budgets(problem, level, found.scale)
-    rise = proven_rises(found.problem, found.estimate, stop)
-    over = rises_over(problem, trusted & kept, rejected, stop)
-    sets = cores(problem, kept, rejected, budget, stop)
-    shared = cores(problem, kept, rejected, budget, stop, trusted & kept)
+    with stop.within(time_limit):
+        rise = proven_rises(found.problem, found.estimate, stop)
+        over = rises_over(problem, trusted & kept, rejected, stop)
+        sets = cores(problem, kept, rejected, budget, stop)
+        shared = cores(problem, kept, rejected, budget, stop, trusted & kept)
     core = {int(e): number for number, members in enumerate(sets) for e in members[-1:]}
     angles = problem.residual_angles(found.estimate)
     lengths = problem.residual_lengths(found.estimate)
@@ -177,10 +187,11 @@ def outlier_report(
         for k, e in enumerate(rejected.tolist())
     ]
     ordered = tuple(sorted(edges, key=lambda edge: edge.rise))
-    return OutlierReport(found, ordered, tuple(sets), tuple(shared), level)
+    complete = stop.ended_by is None
+    return OutlierReport(found, ordered, tuple(sets), tuple(shared), level, complete)
 
 
-def write_report(path: Path, report: OutlierReport) -> None:
+def write_report(path: Path, edges: Sequence[RejectedEdge]) -> None:
     """Write the rejected measurements as CSV in full precision.
 
     Raises
@@ -192,7 +203,7 @@ def write_report(path: Path, report: OutlierReport) -> None:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([*names, "refuted", "refuted_by_odometry"])
-    for edge in report.edges:
+    for edge in edges:
         cells = [getattr(edge, name) for name in names]
         flags = [edge.ambiguous, edge.is_refuted, edge.is_refuted_by_odometry]
         cells[names.index("ambiguous")] = int(flags[0])

@@ -71,6 +71,13 @@ class Rejection(Brief):
             said = reason_of(self.certificate)
         return f"{self.verdict}: {said.removeprefix('Proven: ')}"
 
+    @property
+    def noise(self) -> str:
+        """The noise that prices are of."""
+        return (
+            "noise as stated" if self.scale == 1.0 else f"{self.scale:.3g} times the stated noise"
+        )
+
     def in_words(self) -> Iterator[tuple[str, str]]:
         """The verdict and its numbers, as names and values."""
         c, low, high = self.certificate, self.prices.min(), self.prices.max()
@@ -81,7 +88,10 @@ class Rejection(Brief):
         yield "truncated cost", f"{cost_shown(c.cost_upper)}  ({whole})"
         yield "", f"not below {bound_shown(c.lower_bound)}"
         rare = f"{1.0 - self.quantile:.3g}"
-        yield "price", f"{each}, which a correct one exceeds with probability {rare} (chi^2)"
+        yield (
+            "price",
+            f"{each}, which a correct one exceeds with probability {rare} (chi^2, {self.noise})",
+        )
 
 
 def certify_rejection(

@@ -16,7 +16,7 @@ from certpgo.io.accept_paths import AnyPath, measured
 from certpgo.linalg.arrays import IntArray
 from certpgo.objective.choose_cost import CHORDAL, problem_under
 from certpgo.objective.problem import problem_of
-from certpgo.objective.truncated_problem import UncertifiableError
+from certpgo.objective.truncated_problem import UncertifiableError, refuse_quantile
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.progress import Stop
@@ -84,10 +84,11 @@ def solve_robustly(
     >>> result.verdict.value, bool(np.array_equal(result.solution.rejected, wrong))
     ('CERTIFIED', True)
     """
+    refuse_quantile(quantile)
     given = measured(graph)
     source = given if isinstance(given, Instance) else None
+    posed = problem_under(given, CHORDAL if cost is None else cost)
     problem = problem_of(given if source is None else source.graph)
-    posed = problem if cost in (None, CHORDAL) else problem_under(given, cost)
     chosen = (settings or SolveSettings()).changed(options)
     limit = chosen.time_limit
     if initial is not None:

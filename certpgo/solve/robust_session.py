@@ -89,7 +89,7 @@ class RobustSession(Session):
     def rejection(self, *, quantile: float | None = None) -> Rejection | None:
         """What is proven at the estimate about what is put aside; None if nothing is.
 
-        Its edges are places among all measurements that ever came, in that order.
+        Its edges are places among all measurements that came and were not removed, in that order.
 
         Parameters
         ----------

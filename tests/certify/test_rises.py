@@ -5,7 +5,7 @@ import pytest
 from strategies import rng_of
 from test_truncated import doubtful_graph
 
-from certpgo import solve, solve_robustly
+from certpgo import solve, solve_robustly, with_priors
 from certpgo.certify.rises import LOAD
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
@@ -108,6 +108,28 @@ def test_wrong_loops_are_refuted_by_odometry_alone(dataset):
     refuted = found > budgets(problem)[loops]
     assert refuted[wrong].sum() >= 18
     assert not refuted[~wrong].any()
+
+
+def test_a_report_that_is_stopped_says_so():
+    rng = rng_of(5)
+    graph = doubtful_graph(rng, 2, poses=False, n=12, doubtful=1)[0]
+    R = np.array(graph.rotations)
+    R[-1] = R[-1] @ so.exp(np.array([[2.5]]))[0]
+    answer = solve_robustly(RotationGraph(12, graph.edges, R, graph.kappa))
+    whole, stopped = outlier_report(answer), outlier_report(answer, time_limit=0.0)
+    assert (whole.is_complete, stopped.is_complete) == (True, False)
+    assert whole.edges[-1].rise > 0.0
+    assert not any(edge.rise for edge in stopped.edges)
+    assert stopped.cores == ()
+
+
+def test_a_world_is_not_the_next_node():
+    graph, _ = doubtful_graph(rng_of(0), 3, poses=True)
+    rotation = np.eye(3)[None]
+    last, origin = np.array([graph.num_nodes - 1]), np.zeros((1, 3))
+    known = with_priors(graph, last, rotation, origin, kappa=1.0, tau=1.0)
+    assert not (odometry(known) & known.absolute).any()
+    assert odometry(known).sum() == graph.num_nodes - 1
 
 
 def test_a_report_needs_rejections_and_a_level():

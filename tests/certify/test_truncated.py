@@ -68,6 +68,16 @@ def test_minorants_are_below_truncated_costs_and_touch_them(seed, d, decade, gen
         f = kappa * ((Q - R) ** 2).sum(axis=(1, 2)) + tau * ((v - t) ** 2).sum(axis=1)
         return np.minimum(f, prices)
 
+    # Where cost and minorant are closest: v is between t and b - Q a, and what is left is linear.
+    beta, y = -found.tau, t - found.b
+    both = (beta * tau / (beta + tau))[:, None, None]
+    linear = found.N - kappa[:, None, None] * R + both * (y[:, :, None] * found.a[:, None, :])
+    closest = so.project(-linear)
+    moved = found.b - (closest @ found.a[:, :, None])[:, :, 0]
+    between = (tau[:, None] * t + beta[:, None] * moved) / (tau + beta)[:, None]
+    below, size = values(between, closest)
+    assert (below <= truncated(between, closest) + 1e-13 * size).all()
+
     for step in (0.0, 1e-6, 1e-2, 1.0, 30.0):
         # Near the estimate, near the measurement, and between them, where minorants are closest.
         for w, P in ((v, Q), (t, R), (0.5 * (v + t), so.project(0.5 * (Q + R) + 1e-3))):
@@ -180,9 +190,14 @@ def test_rejections_that_cannot_be_are_refused():
         ([0.5], None, "by their indices"),
         ([m - 1], 1.0, "between 0 and 1"),
         ([], None, "no measurement is rejected"),
+        (range(m), None, "none is kept"),
     ):
         with pytest.raises(InputError, match=said):
             rejecting(problem, np.array(rejected, dtype=None if rejected else int), quantile)
+    with pytest.raises(InputError, match="none are given"):
+        certify(graph, solve(graph), quantile=0.9)
+    with pytest.raises(InputError, match="between 0 and 1"):
+        solve_robustly(graph, quantile=2.0)
 
 
 @pytest.mark.parametrize(("weight", "angle", "price"), [(1e14, 0.5, 20.0), (1.0, 1e-3, 5e-5)])

@@ -164,3 +164,24 @@ def test_a_quantile_is_for_rejections(certpgo, wrong):
     done = certpgo("solve", wrong, "--quantile", "0.99")
     assert done.code == 1
     assert "--quantile needs --robust" in flat(done.err)
+
+
+def test_lists_of_no_rejected_measurements_are_written(certpgo, tmp_path):
+    clean, csv = tmp_path / "clean.g2o", tmp_path / "rejected.csv"
+    write(clean, thesis.langevin_graph(12, 8.0, 1.0, np.random.default_rng(1)).graph)
+    csv.write_text("of another graph")
+    done = certpgo("outliers", clean, "--csv", csv, "--json")
+    assert done.json["rejected"] == []
+    assert "none of the" in done.json["sentence"]
+    [header] = csv.read_text().splitlines()
+    assert header.startswith("edge,i,j,")
+
+
+def test_rejected_measurements_of_one_component_are_listed(certpgo, wrong, tmp_path):
+    two = tmp_path / "two.g2o"
+    edge = next(line for line in wrong.read_text().splitlines() if line.startswith("EDGE")).split()
+    two.write_text(wrong.read_text() + " ".join([edge[0], "98", "99", *edge[3:]]) + "\n")
+    assert "--components largest" in flat(certpgo("outliers", two).err)
+    assert certpgo("outliers", two, "--components", "each").code != 0
+    report = certpgo("outliers", two, "--components", "largest", "--json").json
+    assert len(report["rejected"]) == 40

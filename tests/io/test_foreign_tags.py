@@ -1,9 +1,12 @@
 """g2o files of other programs: tags of rtabmap and Vertigo, and tags that are left out."""
 
+import numpy as np
 import pytest
 
 import certpgo
 from certpgo import FormatError, io
+from certpgo.io.dialect import pose_texts
+from certpgo.linalg import rotations as so
 
 INFORMATION = "100 0 0 0 0 0 100 0 0 0 0 100 0 0 0 400 0 0 400 0 400"
 STEP = f"{{}} {{}} {{}} 0 0 0 0 0 1 {INFORMATION}\n"
@@ -49,3 +52,28 @@ def test_lines_that_are_left_out_are_named(file):
 def test_decimal_commas_are_named(file):
     with pytest.raises(FormatError, match=r":1: .*'0,5' \(a decimal comma"):
         io.read(file("EDGE_SE2 1 2 0,5 0 0\n"))
+
+
+def test_poses_of_cameras(file):
+    """What g2o writes for world-to-camera poses T_i is T_i^-1, and T_i T_j^-1 between two."""
+    rng = np.random.default_rng(0)
+    T = so.random(rng, 3, 3), rng.standard_normal((3, 3))
+    X = np.swapaxes(T[0], 1, 2), -(np.swapaxes(T[0], 1, 2) @ T[1][:, :, None])[:, :, 0]
+    # Rotation before translation.
+    weights = "400 0 0 0 0 0 400 0 0 0 0 400 0 0 0 100 0 0 100 0 100"
+    poses = pose_texts(*X)
+    text = "".join(f"VERTEX_SE3:EXPMAP {k} {pose} 1 1 0 0 0.5 \n" for k, pose in enumerate(poses))
+    for i, j in ((0, 1), (1, 2), (0, 2)):
+        turn = T[0][i] @ X[0][j]
+        (measured,) = pose_texts(turn[None], (T[0][i] @ X[1][j] + T[1][i])[None])
+        text += f"EDGE_SE3:EXPMAP {i} {j} {measured} {weights}\n"
+    instance = io.read(file(text), quiet=True)
+    assert instance.graph.rotation.kappa.tolist() == [200.0] * 3
+    assert instance.graph.tau.tolist() == [100.0] * 3
+    assert instance.information is None
+    np.testing.assert_allclose(instance.initial.translations, X[1], atol=1e-15)
+    problem = certpgo.PoseProblem(instance.graph)
+    assert problem.cost(instance.initial) == pytest.approx(0.0, abs=1e-25)
+    short = text.replace(weights, "1 2 3")
+    with pytest.raises(FormatError, match="takes 2 ids and 7 numbers, then 21"):
+        io.read(file(short))

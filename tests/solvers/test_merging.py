@@ -240,3 +240,19 @@ def test_maps_whose_nodes_have_names_are_merged_by_these(tmp_path):
     assert merged.instance.names == ("A0", "A1", "B0", "B1")
     assert merged.answer.cost == pytest.approx(100 * 0.3**2 / 4, rel=1e-9)
     assert merged.named(3).startswith("A0-B1 ")
+
+
+def test_the_fit_of_maps_is_of_the_joints_that_are_kept(tmp_path):
+    def written(name, steps):
+        lines = (f"EDGE_SE2 {i} {j} {x} 0 0 100 0 0 200 0 300" for i, j, x in steps)
+        (tmp_path / name).write_text("\n".join([*lines, ""]))
+        return certpgo.read(tmp_path / name)
+
+    first = written("first.g2o", [(0, 1, 1.0), (1, 2, 1.0), (0, 2, 2.1)])
+    second = written("second.g2o", [(10, 11, 1.0), (11, 12, 1.0), (10, 12, 2.1)])
+    joints = written("joints.g2o", [(2, 10, 1.0), (1, 10, 2.0), (0, 10, 3.0), (0, 12, 50.0)])
+    merged = certpgo.merge([first, second], joints, robust=True)
+    assert merged.left_out
+    [wrong] = merged.disagreeing
+    assert wrong == merged.between[-1]
+    assert merged.fit.freedom == 3 * (merged.instance.graph.num_edges - 1 - 5)

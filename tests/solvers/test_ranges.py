@@ -559,3 +559,12 @@ def test_what_is_refused():
     with pytest.raises(InputError, match="only the cost F"):
         solve(instance, cost="g2o")
     assert solve(instance).cost == pytest.approx(solve(problem).cost)
+
+
+def test_robust_fits_refuse_distances():
+    problem, _, _ = measured(3, 2)
+    instance = certpgo.Instance(
+        "distances", problem.measured, np.arange(problem.n), ranges=problem.ranges
+    )
+    with pytest.raises(InputError, match="distances are for certpgo solve and certify alone"):
+        certpgo.solve_robustly(instance)

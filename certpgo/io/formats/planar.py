@@ -11,7 +11,7 @@ import numpy as np
 
 from certpgo.io.chunks import first_row, lines_of_rows, read_rows, whole
 from certpgo.io.exact import quaternion
-from certpgo.io.format import Format, LabelledPoses
+from certpgo.io.format import Chart, Format, LabelledPoses
 from certpgo.io.nodes import refuse_duplicates
 from certpgo.linalg.arrays import FloatArray
 
@@ -38,4 +38,5 @@ FORMAT = Format(
     recognises=_recognises,
     holds="a trajectory",
     read_poses=_read_poses,
+    chart=Chart("quaternion", lambda words: words[1:], planar_angle=True),
 )
