@@ -42,7 +42,8 @@ def _terms(graph: Graph, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
     """Bounds on the terms of rotations, then of translations, up to a few roundings."""
     weights, sizes, errors = _residuals(graph, estimate)
     least = np.maximum(sizes * (1.0 - 32.0 * U) - 2.0 * errors, 0.0)
-    return weights * least**2, weights * (sizes * (1.0 + 32.0 * U) + errors) ** 2
+    high = weights * (sizes * (1.0 + 32.0 * U) + errors) ** 2
+    return weights * least**2, high
 
 
 def _residuals(graph: Graph, estimate: Estimate) -> tuple[FloatArray, FloatArray, FloatArray]:
