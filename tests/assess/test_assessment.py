@@ -252,7 +252,9 @@ def test_no_rows_follow_an_interruption():
     problem, best = optimum(0, 12, 3)
     stopped = Judge(problem, monitor=lambda _: True)
     part = JudgedGraph(Instance("walk", problem.graph, np.arange(12)), problem, stopped)
-    rows = list(judge_all(["one", "two"], lambda _: [(part, best)]))
+    step = so.exp(0.01 * rng_of(0).standard_normal((12, 3)))  # a descent is needed
+    shaken = Estimate(best.rotations @ step, best.translations)
+    rows = list(judge_all(["one", "two"], lambda _: [(part, shaken)]))
     assert [row.estimate for row in rows] == ["one"]
 
 
@@ -287,7 +289,7 @@ def test_what_cannot_be_read_is_a_row(tmp_path):
     assert header.split(",")[:3] == ["estimate", "graph", "verdict"]
     assert header.split(",")[-1] == "reason"
     assert float(first.split(",")[3]) == rows[0].cost
-    assert second == "bad,,ERROR" + "," * 13 + "bad:3: numbers expected"
+    assert second == "bad,,ERROR" + "," * 14 + "bad:3: numbers expected"
     with pytest.raises(InputError, match="cannot be written"):
         write_rows(tmp_path / "nowhere" / "out.csv", rows)
 
