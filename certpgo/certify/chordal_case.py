@@ -142,15 +142,20 @@ class Case:
         refine: bool,
         known: LocalMinimum | None = None,
         monitor: Monitor | None = None,
+        *,
+        may_rest: bool = False,
     ) -> LocalMinimum:
         """The end of descent from an estimate, or the estimate with its best translations.
 
         The bound of a ``known`` basin is reused if it is good enough. Where a ``monitor`` of the
-        descent stops it, no bound is computed.
+        descent stops it, no bound is computed. One that ``may_rest`` does not descend from a
+        stationary point that its own multipliers prove optimal.
         """
         settled = True
         try:
             point = self.completed(start)
+            if may_rest and (found := self._at_rest(point)) is not None:
+                return found
             if refine:
                 solution = self.descent(point, monitor)
                 point = self.completed(solution.estimate)
@@ -167,10 +172,9 @@ class Case:
             return LocalMinimum(start, self.cost_upper(start), False, None, refine)
         return LocalMinimum(point, cost, settled, bound, refine)
 
-    def at_rest(self, estimate: Estimate) -> LocalMinimum | None:
+    def _at_rest(self, point: Estimate) -> LocalMinimum | None:
         """The basin of a stationary point that its own multipliers prove optimal, else None."""
         try:
-            point = self.completed(estimate)
             if self.stop.should_stop() or not self.problem.stationarity(point) <= SETTLED:
                 return None
             cost = self.cost_upper(point)

@@ -217,9 +217,7 @@ class Judge:
         def of_few(iteration: Iteration) -> bool:
             return case.stop(iteration) or iteration.number >= FEW
 
-        if self._best is None and (found := case.at_rest(estimate)) is not None:
-            return found
-        begun = case.basin(estimate, True, self._best, of_few)
+        begun = case.basin(estimate, True, self._best, of_few, may_rest=self._best is None)
         if begun.settled or case.stop.should_stop():
             return begun
         other, monitor = self._elsewhere(), None
