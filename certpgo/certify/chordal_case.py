@@ -283,8 +283,8 @@ class Case:
         return parts(self.problem)
 
     def cost_upper(self, estimate: Estimate) -> float:
-        """F of the estimate, rounded up."""
-        if self.tier is Tier.PROOF:
+        """The cost of the estimate, rounded up: F in exact arithmetic at the proof tier."""
+        if self.tier is Tier.PROOF and self.problem.is_chordal:
             return exact_cost(self.problem, self._exact, estimate)
         return self.problem.enclosure(estimate)[1]
 

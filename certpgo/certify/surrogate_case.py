@@ -237,7 +237,3 @@ class OwnCostCase(Case):
             return surrogate_at(self.problem, v, Q)
         except (NumericalError, GraphError):  # GraphError: weights beyond their range
             return None
-
-    def cost_upper(self, estimate: Estimate) -> float:
-        """The cost of the estimate, rounded up."""
-        return self.problem.enclosure(estimate)[1]

@@ -160,10 +160,6 @@ class TruncatedCase(Case):
         below, _ = self.problem.surrogate(point, np.zeros_like(at.plain()))
         return Resistances.of(below, below.certificate_matrix(below.multipliers(point)), at)
 
-    def cost_upper(self, estimate: Estimate) -> float:
-        """The cost of the estimate, rounded up."""
-        return self.problem.enclosure(estimate)[1]
-
     def bound_by(
         self, point: Estimate, cost: float, W: FloatArray, *, sharp: bool, tight: bool
     ) -> RejectionBound | None:

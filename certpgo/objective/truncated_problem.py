@@ -17,11 +17,12 @@ from certpgo.errors import InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.display import Brief
 from certpgo.graph.graph import has_matrix_weights
-from certpgo.graph.relaxed_point import Point, translations_of
+from certpgo.graph.relaxed_point import Point
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_floats
 from certpgo.linalg.ball_arithmetic import U
 from certpgo.objective.chi_squared import flagged_from, quantiles
 from certpgo.objective.edge_cost import Minorants
+from certpgo.objective.edge_equations import relative
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.marginalized import isotropic_below
 from certpgo.objective.problem import PoseProblem, Problem, RotationProblem
@@ -231,14 +232,12 @@ class TruncatedProblem(Brief):
     def truncation(self, point: Point) -> Truncation:
         """The rejected measurements at the relative poses of a point."""
         rejected, prices = self.below, self.prices[self.is_rejected]
-        i, j = rejected.edges.T
-        back = np.swapaxes(point.rotations[i], 1, 2)
-        v = np.zeros((len(i), self.d))
         if isinstance(rejected, PoseGraph):
-            t = translations_of(point)
-            v = (back @ (t[j] - t[i])[:, :, None])[:, :, 0]
-        exact = self.whole.is_chordal
-        return Truncation(rejected, prices, v, back @ point.rotations[j], exact)
+            v, Q = relative(rejected.edges, point)
+        else:
+            R, (i, j) = point.rotations, rejected.edges.T
+            v, Q = np.zeros((len(i), self.d)), np.swapaxes(R[i], 1, 2) @ R[j]
+        return Truncation(rejected, prices, v, Q, self.whole.is_chordal)
 
     def minorants(self, point: Point, W: FloatArray | None = None) -> Minorants:
         """Minorants of the terms of all measurements, see `surrogate`."""
