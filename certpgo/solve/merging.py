@@ -33,7 +33,7 @@ from certpgo.solve.fit import Fit, squares
 from certpgo.solve.outliers import outlying, select
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.search import search
-from certpgo.solve.settings import SolveSettings
+from certpgo.solve.settings import DEFAULT, SolveSettings
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -171,7 +171,7 @@ def merge(
     >>> merged.answer.verdict.value, f"{merged.answer.cost:.6f}", merged.instance.ids.tolist()
     ('CERTIFIED', '0.029994', [0, 1, 2, 10, 11, 12])
     """
-    chosen = (settings or SolveSettings()).changed(options)
+    chosen = (settings or DEFAULT).changed(options)
     instances = [_as_instance(one) for one in maps]
     whole, across = _joined(instances, _labelled(instances, offset), between)
     problem = problem_of(whole.graph) if whole.ranges is None else range_problem(whole)

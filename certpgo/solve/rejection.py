@@ -19,7 +19,7 @@ from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import Problem
 from certpgo.objective.truncated_problem import TruncatedProblem, rejecting
 from certpgo.optimize.monitor import Monitor, silent
-from certpgo.solve.settings import SolveSettings
+from certpgo.solve.settings import DEFAULT, SolveSettings
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -120,7 +120,7 @@ def certify_rejection(
     GraphError
         The measurements that are not rejected leave nodes free.
     """
-    chosen = settings or SolveSettings()
+    chosen = settings or DEFAULT
     tier = Tier.STANDARD if chosen.tier is None or problem.unprovable else chosen.tier
     truncated = rejecting(problem, rejected, quantile, scale=scale)
     case = TruncatedCase.of(truncated, tier, chosen.rtol, chosen.atol, monitor)

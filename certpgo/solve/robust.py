@@ -24,7 +24,7 @@ from certpgo.solve.outliers import select
 from certpgo.solve.rejection import certify_rejection
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.search import search
-from certpgo.solve.settings import SolveSettings
+from certpgo.solve.settings import DEFAULT, SolveSettings
 
 
 def solve_robustly(
@@ -89,7 +89,7 @@ def solve_robustly(
     source = given if isinstance(given, Instance) else None
     posed = problem_under(given, CHORDAL if cost is None else cost)
     problem = problem_of(given if source is None else source.graph)
-    chosen = (settings or SolveSettings()).changed(options)
+    chosen = (settings or DEFAULT).changed(options)
     limit = chosen.time_limit
     if initial is not None:
         problem.check(initial)

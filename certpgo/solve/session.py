@@ -37,7 +37,7 @@ from certpgo.solve.odometry import Track
 from certpgo.solve.result import GIVEN
 from certpgo.solve.session_outliers import Suspicion, suspicion
 from certpgo.solve.session_status import Standing
-from certpgo.solve.settings import SolveSettings
+from certpgo.solve.settings import DEFAULT, SolveSettings
 from certpgo.solve.terms import (
     Part,
     Terms,
@@ -101,7 +101,7 @@ class Session(Speaking):
     ) -> None:
         if every is not None and every < 1:
             raise InputError(f"certificates are refreshed every k measurements, not every {every}")
-        self.settings = (settings or SolveSettings()).changed(options)
+        self.settings = (settings or DEFAULT).changed(options)
         self.every = every
         self._asked, self._terms = cost, Terms.chosen(cost)
         self._tier = tier_called(self.settings.tier or Tier.STANDARD)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from certpgo.certify import Tier
@@ -17,6 +17,8 @@ from certpgo.optimize.riemannian_newton import NewtonSettings
 #: Patience, in seconds, with a graph of which many measurements disagree with the rest: the optimum
 #: of all of them is hardly worth more.
 OUTLIERS_PATIENCE = 2.0
+#: Of the descents at rank d: they end as close to the minimum as a certificate can tell.
+DESCENTS = NewtonSettings(tolerance=1e-11, max_iterations=200, enough=1e-13)
 
 
 @dataclass(frozen=True)
@@ -82,9 +84,7 @@ class SolveSettings:
     negligible: float = 0.1
     same_cost: float = 1e-9
     hope: float = 20.0
-    newton: NewtonSettings = field(
-        default_factory=lambda: NewtonSettings(tolerance=1e-11, max_iterations=200, enough=1e-13)
-    )
+    newton: NewtonSettings = DESCENTS
 
     def __post_init__(self) -> None:
         refuse_mistyped(self)
@@ -113,8 +113,14 @@ class SolveSettings:
         SpecError
             An unknown setting.
         """
+        if not options:
+            return self
         known = [f.name for f in fields(self)]
         for name in options:
             if name not in known:
                 raise SpecError.unknown("setting of solve", name, known)
-        return replace(self, **options) if options else self
+        return replace(self, **options)
+
+
+#: What `certpgo.solve` uses unless something else is asked for.
+DEFAULT = SolveSettings()

@@ -18,7 +18,7 @@ from certpgo.optimize.monitor import Monitor, silent
 from certpgo.solve.outliers import Disagreement, ignore
 from certpgo.solve.result import GIVEN, CertifiedSolution
 from certpgo.solve.search import search
-from certpgo.solve.settings import SolveSettings
+from certpgo.solve.settings import DEFAULT, SolveSettings
 
 #: Name of the initial values of an instance.
 STORED = "the initial values of the file"
@@ -85,7 +85,7 @@ def solve(
     >>> print(f"{result.cost:.6f}")  # 8 n sin^2(theta / (2 n)), the error distributed evenly
     0.029994
     """
-    chosen = (settings or SolveSettings()).changed(options)
+    chosen = (settings or DEFAULT).changed(options)
     posed: Any = measured(graph)
     start = None if initial is None else estimated(initial, posed)
     known = (Instance, InformationProblem, RangeProblem, PoseGraph, RotationGraph)

@@ -30,7 +30,7 @@ from certpgo.solve.fit import Fit
 from certpgo.solve.metrics import TrajectoryErrors, trajectory_errors
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.search import search
-from certpgo.solve.settings import SolveSettings
+from certpgo.solve.settings import DEFAULT, SolveSettings
 
 #: Pairs whose lambda_2 is computed, of those with the largest gain in first order.
 TRIED = 8
@@ -203,7 +203,7 @@ def sparsify(
     >>> len(sparse.chosen), sparse.instance.graph.num_edges == len(sparse.kept)
     (30, True)
     """
-    settings = (settings or SolveSettings()).changed(options)
+    settings = (settings or DEFAULT).changed(options)
     whole, rotations = _with_rotations(graph)
     loops = _loop_closures(rotations)
     count = _number(keep, int(loops.sum()))
@@ -365,7 +365,7 @@ def _near(
 ) -> IntArray:
     """(p, 2) pairs of these nodes, by place, at most this far apart, but not consecutive."""
     if estimate is None:
-        estimate = search(certifiable(instance, CHORDAL), SolveSettings()).estimate
+        estimate = search(certifiable(instance, CHORDAL), DEFAULT).estimate
     if estimate.translations is None:
         raise InputError(f"{instance.name}: nodes of a rotation graph have no distance")
     pairs = KDTree(estimate.translations[nodes]).query_pairs(within, output_type="ndarray")

@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -205,12 +206,14 @@ class Staircase(Search):
 
     def round(self, point: Point) -> None:
         """Descents from random roundings and perturbations of the best, while they improve it."""
-        rng = np.random.default_rng(0)
         # Looser relaxations have points of higher rank and need more rounds.
         more = self.levels[-1].rank - self.problem.d
         n = self.problem.n
         few, nodes, rounds = self.settings.few, self.settings.round_nodes, self.settings.rounds
         failures, limit = 0, max(1, min(more**2, n // few, max(2, nodes // n), rounds))
+        if self.has_reached_the_floor or self.ends():
+            return
+        rng = np.random.default_rng(0)
         while failures < limit and not (self.has_reached_the_floor or self.ends()):
             before = self.best
             with self.watch.phase("round"):
@@ -319,10 +322,15 @@ class Staircase(Search):
 
 def _as_close_as(case: Case, settings: SolveSettings) -> SolveSettings:
     """Settings whose descents end as close to the minimum as the certificate can tell."""
-    newton = settings.newton
     if case.tier is Tier.PROOF:
-        return replace(settings, newton=replace(newton, enough=0.0))
+        return replace(settings, newton=replace(settings.newton, enough=0.0))
     if isinstance(case.problem, PoseProblem):
         return settings
+    return _of_rotations(settings)
+
+
+@lru_cache
+def _of_rotations(settings: SolveSettings) -> SolveSettings:
     # A certificate of rotations alone compensates nothing but their rounding.
+    newton = settings.newton
     return replace(settings, newton=replace(newton, enough=0.1 * newton.enough))
