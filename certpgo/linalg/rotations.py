@@ -17,6 +17,8 @@ from certpgo.linalg.arrays import FloatArray
 #: Largest entry of R^T R - I of a rotation matrix: six decimals are enough.
 DEFECT_TOLERANCE = 1e-5
 
+#: Entries of R^T R - I up to which their squares are far below rounding.
+NEARLY = 1e-9
 #: Entries of R^T R - I up to this are rounding of doubles and kept.
 ROUNDING_DEFECT = 1e-14
 
@@ -121,9 +123,10 @@ def _log_near_pi(R: FloatArray, skew: FloatArray, theta: FloatArray) -> FloatArr
 def project(A: FloatArray) -> FloatArray:
     """The rotations nearest to matrices (n, d, d) in the Frobenius norm.
 
-    The polar factor by Newton's iteration (Higham, Functions of Matrices, 8.3) on the whole batch;
-    blocks with determinant near or below zero, where the nearest rotation is not the polar factor,
-    by singular value decomposition.
+    The polar factor by Newton's iteration (Higham, Functions of Matrices, 8.3) on the whole batch,
+    or near rotations by a step of Newton and Schulz (8.20), which squares the distance; blocks with
+    determinant near or below zero, where the nearest rotation is not the polar factor, by singular
+    value decomposition.
     """
     A = np.asarray(A, dtype=np.float64)
     if A.shape[-1] == 2:
@@ -133,6 +136,8 @@ def project(A: FloatArray) -> FloatArray:
         c, s = np.where(r > 0.0, a / safe, 1.0), np.where(r > 0.0, b / safe, 0.0)
         return np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], -2)
     flat = A.reshape(-1, 3, 3)
+    if worst_defect(flat)[1] < NEARLY:
+        return np.asarray(A + 0.5 * A @ (np.eye(3) - np.swapaxes(A, -1, -2) @ A))
     X = np.ascontiguousarray(np.moveaxis(flat, 0, -1))
     scale = np.sqrt(np.einsum("ijn,ijn->n", X, X))
     determinant = determinants(flat)
