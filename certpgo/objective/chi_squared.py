@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from functools import lru_cache
 
 import numpy as np
 from scipy import special
@@ -35,16 +36,21 @@ def quantiles(problem: Problem | InformationProblem, probability: float) -> Floa
         numbers = (~unmeasured(problem.edge_cost.weights)).sum(axis=1)
         return np.asarray(2.0 * special.gammaincinv(0.5 * numbers, probability))
     turned, moved = measured(problem)
-    axes = np.full(so.tangent_dim(problem.d), 2.0 if problem.d == 2 else 1.0)
-    found = np.empty(len(turned))
-    for whether in itertools.product((False, True), repeat=2):
-        chosen = (turned == whether[0]) & (moved == whether[1])
-        if chosen.any():
-            terms = np.r_[axes[: len(axes) * whether[0]], np.ones(problem.d * whether[1])]
-            unit = float((terms**2).sum() / terms.sum())
-            half = 0.5 * float(terms.sum()) / unit  # of the degrees of freedom
-            found[chosen] = unit * 2.0 * special.gammaincinv(half, probability)
-    return found
+    kinds = itertools.product((False, True), repeat=2)
+    of_kinds = np.array([_quantile(problem.d, *kind, probability) for kind in kinds])
+    return np.asarray(of_kinds[2 * turned + moved])
+
+
+@lru_cache
+def _quantile(d: int, turned: bool, moved: bool, probability: float) -> float:
+    """That of a measurement of a rotation, a translation, or both."""
+    axes = so.tangent_dim(d) * [2.0 if d == 2 else 1.0] if turned else []
+    terms = np.array(axes + d * [1.0] if moved else axes)
+    if not len(terms):
+        return 0.0
+    unit = float((terms**2).sum() / terms.sum())
+    half = 0.5 * float(terms.sum()) / unit  # of the degrees of freedom
+    return unit * 2.0 * float(special.gammaincinv(half, probability))
 
 
 def measured(problem: Problem) -> tuple[BoolArray, BoolArray]:

@@ -92,9 +92,9 @@ def problem_under(
         cost = own_cost(posed) if cost is None else cost
         if isinstance(posed.graph, PoseGraph) and posed.graph.is_partial:
             require_determined(posed.graph, posed.named)
-    if cost not in (None, CHORDAL, *COSTS):
-        raise SpecError.unknown("cost", str(cost), [CHORDAL, *COSTS])
     if cost not in (None, CHORDAL):
+        if cost not in COSTS:
+            raise SpecError.unknown("cost", str(cost), [CHORDAL, *COSTS])
         if not isinstance(posed, Instance):
             said = f"cost={cost!r} needs the instance that was read, with its information"
             raise InputError(said)

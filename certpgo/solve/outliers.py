@@ -168,8 +168,9 @@ def agrees(problem: Problem, estimate: Estimate) -> bool:
         return True  # cannot be decided
     if states_noise(problem):
         return not outlying(problem, costs, 1.0).any()
-    consistent = not outlying(problem, costs, _noise(problem, estimate)).any()
-    return consistent or bool(problem.residual_angles(estimate).max() <= UNREMARKABLE)
+    if problem.residual_angles(estimate).max() <= UNREMARKABLE:
+        return True
+    return not outlying(problem, costs, _noise(problem, estimate)).any()
 
 
 def states_noise(problem: Problem) -> bool:
