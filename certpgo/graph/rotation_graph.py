@@ -228,14 +228,18 @@ class RotationGraph(Speaking, Pairs):
     def reweighted(self, factors: FloatArray) -> RotationGraph:
         """Concentrations times factors (m,); an edge with factor 0 is removed."""
         kept = factors != 0.0
-        graph = self if kept.all() else self.with_edges(kept)
-        factors = factors[kept]
-        couplings = graph.couplings
+        if not kept.all():
+            return self.with_edges(kept).reweighted(factors[kept])
+        kappa = frozen_floats(factors * self.kappa)
+        check_weights("kappa", kappa, self.edges, or_none=True)
+        couplings = self.couplings
         if couplings is not None:
-            couplings = factors[:, None, None] * couplings
-        other = replace(graph, kappa=factors * graph.kappa, couplings=couplings)
-        if kept.all():
-            other.__dict__["components"] = self.components
+            couplings = frozen_floats(factors[:, None, None] * couplings)
+            check_matrices("couplings", couplings, self.rotations.shape, self.edges)
+        # The rest was checked before.
+        other: RotationGraph = object.__new__(RotationGraph)
+        same = {name: getattr(self, name) for name in ("num_nodes", "edges", "rotations")}
+        other.__dict__.update(same, kappa=kappa, couplings=couplings, components=self.components)
         return other
 
     def without_parallel_edges(self, keep: Keep) -> RotationGraph:

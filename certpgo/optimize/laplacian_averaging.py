@@ -85,5 +85,6 @@ def _stepped(factor: Factor, point: Estimate, tangent: FloatArray) -> tuple[Esti
 
 def _in_world(R: FloatArray, tangent: FloatArray) -> FloatArray:
     """Body-frame tangents (n, p) in the world frame; the first, of the fixed node, is zero."""
-    world = tangent if R.shape[-1] == 2 else (R @ tangent[:, :, None])[:, :, 0]
-    return np.concatenate([np.zeros_like(world[:1]), world[1:]])
+    world = tangent.copy() if R.shape[-1] == 2 else (R @ tangent[:, :, None])[:, :, 0]
+    world[0] = 0.0
+    return world
