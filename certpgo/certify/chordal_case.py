@@ -55,6 +55,11 @@ class LocalMinimum:
     bound: DualBound | None
     descended: bool = True
 
+    def is_at(self, estimate: Estimate) -> bool:
+        """Whether the point is this very estimate, in the same memory."""
+        point = self.point
+        return estimate.rotations is point.rotations and estimate.translations is point.translations
+
     @property
     def value(self) -> float:
         """A lower bound on F*, which is never negative."""
@@ -306,7 +311,7 @@ class Case:
     ) -> Certificate:
         """The certificate of an estimate, given its own basin and possibly another."""
         problem = self.problem
-        cost = own.cost if estimate is own.point else self.cost_upper(estimate)
+        cost = own.cost if own.is_at(estimate) else self.cost_upper(estimate)
         tolerance = self.tolerance(cost)
         best = other if other is not None and other.value > own.value else own
         gap = difference_up(cost, best.value)
@@ -327,6 +332,7 @@ class Case:
             verdict = Verdict.BOUNDED
         else:
             verdict = Verdict.UNDECIDED
+        closed = basin_is_global or verdict in (Verdict.CERTIFIED, Verdict.REFUTED)
         judged = Certificate(
             verdict=verdict,
             tier=self.tier,
@@ -351,13 +357,13 @@ class Case:
             descended=own.descended,
             settled=own.settled,
             support=best.bound.support if best.bound else None,
+            obstacle=Obstacle(self._limit(closed, best.bound), stopped=self.stop.cut),
         )
-        limit = self._limit(judged, best.bound)
-        return replace(in_units(self.unit, judged), obstacle=Obstacle(limit, stopped=self.stop.cut))
+        return in_units(self.unit, judged)
 
-    def _limit(self, judged: Certificate, bound: DualBound | None) -> LimitedBy:
-        """What keeps the gap open, as far as the bound of one point tells."""
-        if judged.basin_is_global or judged.verdict in (Verdict.CERTIFIED, Verdict.REFUTED):
+    def _limit(self, closed: bool, bound: DualBound | None) -> LimitedBy:
+        """What keeps the gap open, unless it is closed, as far as the bound of one point tells."""
+        if closed:
             return LimitedBy.TIGHT
         if self.stop.cut is not None:
             return LimitedBy.STOPPED

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from fractions import Fraction
 
 from certpgo.errors import InputError
 
@@ -20,10 +19,13 @@ SETTLED = 1e-6
 
 
 def difference_up(high: float, low: float) -> float:
-    """A double not below the difference."""
+    """A double not below the difference; its rounding is found exactly (Knuth's TwoSum)."""
     gap = high - low
-    short = math.isfinite(gap) and Fraction(gap) < Fraction(high) - Fraction(low)
-    return math.nextafter(gap, math.inf) if short else gap
+    if not math.isfinite(gap):
+        return gap
+    subtracted = gap - high
+    missing = (high - (gap - subtracted)) - (low + subtracted)
+    return gap if missing <= 0.0 else math.nextafter(gap, math.inf)
 
 
 def refuse_tolerances(rtol: float, atol: float) -> None:

@@ -68,6 +68,8 @@ def scaled_blocks(unit: float, blocks: FloatArray) -> FloatArray:
     """Symmetric blocks (n, d, d) such that ``unit`` times the given ones minus these are >= 0."""
     scaled = np.asarray(unit * blocks)
     inexact = (scaled / unit != blocks).any(axis=(1, 2))
+    if not inexact.any():
+        return scaled
     d = blocks.shape[1]
     rows = np.arange(d)
     diagonal = scaled[np.ix_(inexact, rows, rows)][:, rows, rows]

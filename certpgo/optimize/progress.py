@@ -72,7 +72,7 @@ class Progress:
         )
 
 
-@dataclass
+@dataclass(repr=False)  # Python's signals show their handlers, whose trace may be long
 class Stop:
     """A monitor shared by several phases: forwards iterations, and decides when to stop.
 
