@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from certpgo.registration.sequences import read_sequence
     from certpgo.registry import get_solver
     from certpgo.solve.assessment import certify_values
+    from certpgo.solve.many import certify_many, solve_many
     from certpgo.solve.merging import Merged, merge
     from certpgo.solve.outliers import Disagreement
     from certpgo.solve.result import CertifiedSolution
@@ -77,6 +78,7 @@ _HOMES = {
     "registration.sequences": ("read_sequence",),
     "registry": ("get_solver",),
     "solve.assessment": ("certify_values",),
+    "solve.many": ("certify_many", "solve_many"),
     "solve.merging": ("Merged", "merge"),
     "solve.outliers": ("Disagreement",),
     "solve.result": ("CertifiedSolution",),
@@ -134,8 +136,9 @@ __all__ = [
     "Tier",
     "Verdict",
     "certify",
-    "check",
+    "certify_many",
     "certify_values",
+    "check",
     "from_gtsam",
     "to_gtsam",
     "get_solver",
@@ -148,6 +151,7 @@ __all__ = [
     "scheduler",
     "show",
     "solve",
+    "solve_many",
     "solve_robustly",
     "sparsify",
     "suggest_loops",

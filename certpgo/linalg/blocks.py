@@ -96,7 +96,8 @@ class BlockPattern:
     def layout_of(self, A: CSC) -> Layout:
         """That of a matrix which this pattern assembled, or of one with equal blocks."""
         size = A.shape[0]
-        found = (known for known in self._layouts.values() if known.size == size)
+        # A copy, as another thread may add to them.
+        found = (known for known in list(self._layouts.values()) if known.size == size)
         return next(found, None) or self.layout(size // self.num_nodes)
 
     @cached_property
@@ -325,25 +326,19 @@ def scatter_sum(index: IntArray, values: FloatArray, n: int) -> FloatArray:
     return out.reshape(n, *values.shape[1:])
 
 
-#: Of another shape than all matrices of graphs.
 _NOTHING = CSC((1, 1))
 
 
 def sparse_of(n: int, data: FloatArray, indices: IntArray, indptr: IntArray) -> CSC:
-    """The (n, n) matrix of these arrays, which are right by construction.
-
-    SciPy's constructor checks them, which in small graphs takes longer than to assemble a matrix.
-    """
+    """The (n, n) matrix of these arrays, unchecked: that takes SciPy longer than assembly."""
     A = with_entries(_NOTHING, data)
     A.indices, A.indptr, A._shape = indices, indptr, (n, n)
     return A
 
 
 def with_entries(A: CSC, data: FloatArray) -> CSC:
-    """The matrix with the pattern of A and entries ``data``, in the order of ``A.data``.
-
-    As in `sparse_of`, without checks; `copy.copy` takes ten times as long.
-    """
+    """The matrix with the pattern of A and entries ``data``, in the order of ``A.data``."""
+    # `copy.copy` takes ten times as long.
     other: CSC = object.__new__(type(A))
     other.__dict__.update(A.__dict__, data=data)
     return other

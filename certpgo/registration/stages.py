@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from certpgo.io.writing import atomically, folder_to_write
+from certpgo.solve.many import by_threads
 
 #: Raised when what a stage computes changes: older results are not read.
 VERSION = 2
@@ -32,17 +31,12 @@ def each(
     stage: str, work: Callable[[Item], Result], items: Sequence[Item], progress: Progress
 ) -> list[Result]:
     """The results of ``work`` for all items, in their order, by threads; Ctrl-C ends it."""
+    results: list[Result] = []
     progress(stage, 0, len(items))
-    with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
-        futures = [pool.submit(work, item) for item in items]
-        try:
-            for done, future in enumerate(as_completed(futures), 1):
-                future.result()  # the first error ends the stage
-                progress(stage, done, len(items))
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-    return [future.result() for future in futures]
+    for result in by_threads(lambda item, _: work(item), items):
+        results.append(result)
+        progress(stage, len(results), len(items))
+    return results
 
 
 class Cache:

@@ -29,7 +29,9 @@ from certpgo.objective.chi_squared import FALSE_ALARMS
 from certpgo.objective.choose_cost import CHORDAL, certifiable, range_problem
 from certpgo.objective.problem import Problem, problem_of
 from certpgo.objective.range_problem import RangeProblem
+from certpgo.optimize.monitor import Monitor
 from certpgo.solve.fit import Fit, squares
+from certpgo.solve.many import by_threads
 from certpgo.solve.outliers import outlying, select
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.search import search
@@ -177,7 +179,11 @@ def merge(
     problem = problem_of(whole.graph) if whole.ranges is None else range_problem(whole)
     if robust and problem.is_lifted:
         raise InputError("robust fits are of poses: maps with distances are merged without")
-    parts = tuple(search(certifiable(one, CHORDAL), chosen) for one in instances)
+
+    def alone(one: Instance, ends: Monitor) -> CertifiedSolution:
+        return search(certifiable(one, CHORDAL), chosen, monitor=ends)
+
+    parts = tuple(by_threads(alone, instances))
     answer = search(problem, chosen)
     if isinstance(problem, RangeProblem):
         tails = _tails(problem, answer.estimate)
