@@ -10,6 +10,7 @@ from scipy.sparse import csgraph
 
 from certpgo.checker import FAR
 from certpgo.errors import GraphError
+from certpgo.linalg import compiled
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.blocks import adjacency
@@ -109,10 +110,14 @@ def broadcast(weights: FloatArray | float, m: int) -> FloatArray:
 
 def components_of(n: int, edges: IntArray) -> IntArray:
     """(n,) label of each node's connected component; labels count from 0."""
-    matrix = adjacency(n, edges[:, 0], edges[:, 1], np.ones(len(edges)))
-    labels = csgraph.connected_components(matrix, directed=False)[1].astype(np.intp)
+    labels: IntArray = np.empty(n, dtype=np.int64)
+    if compiled.AVAILABLE:
+        compiled.kernel.components(np.ascontiguousarray(edges, dtype=np.int64), labels)
+    else:
+        matrix = adjacency(n, edges[:, 0], edges[:, 1], np.ones(len(edges)))
+        labels = csgraph.connected_components(matrix, directed=False)[1].astype(np.int64)
     labels.flags.writeable = False
-    return np.asarray(labels)
+    return labels
 
 
 def simple_edges(n: int, edges: IntArray, keep: Keep) -> IntArray:

@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from strategies import dimensions, pose_graph, rng_of, seeds
 
 from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.graph.edges import components_of
 from certpgo.graph.trees import compose, spanning_tree
 from certpgo.linalg import compiled
 from certpgo.linalg import rotations as so
@@ -85,3 +88,21 @@ def test_the_kernel_refuses_what_is_no_tree():
             compiled.kernel.compose(*(x.copy() if isinstance(x, np.ndarray) else x for x in wrong))
     with pytest.raises(ValueError, match="pairs"):
         compiled.kernel.central_tree(np.array([[0, 3]]), np.empty(3, dtype=np.int64))
+    with pytest.raises(ValueError, match="pairs"):
+        compiled.kernel.components(np.array([[0, 3]]), np.empty(3, dtype=np.int64))
+
+
+@given(st.integers(1, 12), st.data())
+def test_components_are_those_of_scipy_counted_by_their_first_nodes(n, data):
+    nodes = st.integers(0, n - 1)
+    edges = np.array(data.draw(st.lists(st.tuples(nodes, nodes), max_size=12)), dtype=int)
+    edges = edges.reshape(-1, 2)
+    labels = components_of(n, edges)
+    matrix = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(n, n))
+    np.testing.assert_array_equal(labels, connected_components(matrix, directed=False)[1])
+    firsts = np.unique(labels, return_index=True)[1]
+    assert (np.diff(firsts) > 0).all()
+
+
+def test_components_of_a_path_and_a_pair_apart():
+    assert components_of(6, np.array([[4, 3], [0, 3], [5, 1]])).tolist() == [0, 1, 2, 0, 0, 1]

@@ -241,6 +241,18 @@ static PyObject *lever_sums_of(Held *held, PyObject *args)
 }
 CALL(lever_sums)
 
+/* components(pairs, labels): the connected components */
+static PyObject *components_of(Held *held, PyObject *args)
+{
+    Array pairs = {held, INTS}, labels = {held, INTS, WRITTEN};
+    if (!PyArg_ParseTuple(args, "O&O&", array, &pairs, array, &labels)) return NULL;
+    if (pairs.length % 2 || !all_below(pairs.at, pairs.length, labels.length))
+        return refuse("pairs of the nodes that have labels expected");
+    label_components(labels.length, pairs.length / 2, pairs.at, labels.at);
+    return Py_NewRef(Py_None);
+}
+CALL(components)
+
 /* central_tree(pairs, parents): the breadth-first tree of a node in the middle of a long path */
 static PyObject *central_tree_of(Held *held, PyObject *args)
 {

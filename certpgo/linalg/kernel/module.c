@@ -480,6 +480,7 @@ CALL(lower)
 #include "words.h"
 
 static PyMethodDef methods[] = {
+    {"components", components, METH_VARARGS, "Connected components."},
     {"central_tree", central_tree, METH_VARARGS, "Parents in the tree of a central node."},
     {"compose", compose, METH_VARARGS, "Poses composed along a tree."},
     {"worst_defect", worst_defect, METH_VARARGS, "The matrix farthest from being a rotation."},

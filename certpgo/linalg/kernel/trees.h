@@ -1,7 +1,24 @@
-/* Spanning trees, and poses composed along them.
+/* Components, spanning trees, and poses composed along them.
  *
  * `certpgo.graph.trees` has the same in NumPy and SciPy.
  */
+
+/* The component of each node (n,), counted from 0 by the components' first nodes: sets are united
+ * under their first nodes, so that a node's parent comes before it. */
+static void label_components(Int n, Int m, const Int *pairs, Int *labels)
+{
+    for (Int i = 0; i < n; i++) labels[i] = i;
+    for (Int e = 0; e < m; e++) {
+        Int i = pairs[2 * e], j = pairs[2 * e + 1];
+        while (labels[i] != i) i = labels[i] = labels[labels[i]];
+        while (labels[j] != j) j = labels[j] = labels[labels[j]];
+        if (i < j)
+            labels[j] = i;
+        else
+            labels[i] = j;
+    }
+    for (Int i = 0, count = 0; i < n; i++) labels[i] = labels[i] == i ? count++ : labels[labels[i]];
+}
 
 /* The neighbours of each node, those with higher numbers first, either ascending: `start` (n + 1,)
  * and `to` (2 m,). `next` (n,) and `arcs` (2 m,) are room for work. */
