@@ -112,8 +112,7 @@ class Case:
             scaled = problem.scaled(1.0 / unit)
         except GraphError as error:
             raise InputError(f"too uneven weights: divided by {unit:.2g}, {error}") from None
-        case = cls(scaled, unit, tier, rtol, atol)
-        return replace(case, stop=Stop(monitor, unit, problem.title))
+        return cls(scaled, unit, tier, rtol, atol, Stop(monitor, unit, problem.title))
 
     @property
     def rigorous(self) -> bool:

@@ -233,7 +233,7 @@ class Fronts:
         options: Any = scale, panels, update, summed, wish, keep == "single"
         data = _aligned(data)
         # Threads of BLAS only wait for each other in small fronts.
-        with nullcontext() if self.flops >= PARALLEL else one_thread:
+        with nullcontext() if self.is_parallel else one_thread:
             done = compiled.kernel.factor(self._fronts, data, *options)
         return Elimination(panels, update, sums, squares, residual) if done else None
 
@@ -254,7 +254,13 @@ class Fronts:
         entries, widths = np.diff(self._panel), np.diff(self.offset[self.tree.start])
         return np.asarray(entries * (entries / widths))
 
-    @property
+    @cached_property
+    def is_parallel(self) -> bool:
+        """Whether threads of BLAS share a factorization."""
+        # No supernode is higher than the matrix.
+        return self.entries * self.size >= PARALLEL and self.flops >= PARALLEL
+
+    @cached_property
     def flops(self) -> float:
         """Multiplications of a factorization."""
         return float(self.work.sum())
@@ -314,7 +320,8 @@ class _OneThread:
     def __enter__(self) -> None:
         with self._lock:
             if not self._within:
-                self._before = [(blas, blas.num_threads) for blas in self._libraries]
+                threads = ((blas, blas.num_threads) for blas in self._libraries)
+                self._before = [(blas, number) for blas, number in threads if number > 1]
                 for blas, _ in self._before:
                     blas.set_num_threads(1)
             self._within += 1

@@ -78,7 +78,7 @@ class RotationProblem(Objective):
             One is not, as in a pose graph with points or positions.
         """
 
-    @property
+    @cached_property
     def scale(self) -> float:
         """W = sum(kappa), the scale of the objective in absolute tolerances."""
         return Scale.of(self.graph).total
