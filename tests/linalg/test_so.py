@@ -59,6 +59,16 @@ def test_project_is_nearest_idempotent_and_proper(seed, d, noise):
     np.testing.assert_allclose(nearest, s.sum(axis=1), rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.parametrize("noise", [1e-15, 1e-12, 2e-10, 1e-9, 1e-8])
+def test_matrices_near_rotations_are_projected_like_others(noise):
+    rng = np.random.default_rng(0)
+    R = so.random(rng, 50, 3) + noise * rng.uniform(-1.0, 1.0, (50, 3, 3))
+    U, _, Vt = np.linalg.svd(R)
+    nearest = so.project(R)
+    np.testing.assert_allclose(nearest, U @ Vt, rtol=0, atol=1e-14)  # of the SVD
+    assert so.worst_defect(nearest)[1] < 1e-15
+
+
 @pytest.mark.parametrize("d", [2, 3])
 def test_project_of_singular_and_reflected_blocks(d):
     blocks = np.stack([np.zeros((d, d)), np.diag([1.0] * (d - 1) + [-1.0]), np.eye(d) * 1e-200])

@@ -177,6 +177,15 @@ def test_the_quantile_keeps_the_share_it_says(d, poses):
         )
 
 
+def test_quantiles_are_those_of_what_an_edge_measures():
+    edges = np.array([[0, 1], [0, 1], [0, 1]])
+    rotation = RotationGraph(2, edges, np.tile(np.eye(3), (3, 1, 1)), np.array([1.0, 1.0, 0.0]))
+    graph = PoseGraph(rotation, np.zeros((3, 3)), np.array([1.0, 0.0, 1.0]))
+    # chi^2 of six degrees of freedom, and of three, at 99 %, as tables have them.
+    found = quantiles(problem_of(graph), 0.99)
+    np.testing.assert_allclose(found, [16.8119, 11.3449, 11.3449], rtol=1e-5)
+
+
 @pytest.mark.parametrize("settings", [{"scale": 1e-200}, {"rate": np.inf}, {"probability": 1.0}])
 def test_extreme_settings_are_refused(settings):
     with pytest.raises(SpecError):
