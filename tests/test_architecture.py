@@ -43,7 +43,8 @@ HARNESS_RANKS = {
     "rendering": 1,
     "certifiers": 1,
     "scaling": 1,
-    "commands": 2,
+    "speed": 2,
+    "commands": 3,
 }
 
 #: Third-party packages with one home each.
