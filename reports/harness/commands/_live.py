@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from reports.harness.experiments.execute import TaskResult
 
 
-class Job(Protocol):
+class Runnable(Protocol):
     """What is run, whatever it is."""
 
     @property
@@ -40,7 +40,7 @@ class RunView:
     tasks : all that will run
     """
 
-    def __init__(self, tasks: Sequence[Job]) -> None:
+    def __init__(self, tasks: Sequence[Runnable]) -> None:
         self.total = sum(task.steps for task in tasks)
         self.done = 0
         self._began: dict[str, float] = {}
@@ -56,7 +56,7 @@ class RunView:
     def announce(self, message: str) -> None:
         """Say what runs."""
 
-    def starting(self, task: Job) -> None:
+    def starting(self, task: Runnable) -> None:
         """Count a task that was handed out."""
         self._began[task.label] = time.perf_counter()
         self.refresh()
@@ -71,7 +71,7 @@ class RunView:
         self.count(outcome.task, len(outcome.records), absences, is_last=outcome.is_last)
 
     def count(
-        self, task: Job, results: int, absences: Sequence[Absence], *, is_last: bool = True
+        self, task: Runnable, results: int, absences: Sequence[Absence], *, is_last: bool = True
     ) -> None:
         """Count results of a task, and why others are not there."""
         label = task.label
@@ -105,7 +105,7 @@ class LineView(RunView):
 class BarView(RunView):
     """A bar with what is planned, done, running and failed, and the time left."""
 
-    def __init__(self, tasks: Sequence[Job], progress: Progress) -> None:
+    def __init__(self, tasks: Sequence[Runnable], progress: Progress) -> None:
         super().__init__(tasks)
         self._progress = progress
         self._bar = progress.add_task("", total=self.total, running="", failed=0)
@@ -124,7 +124,7 @@ class BarView(RunView):
 
 
 @contextmanager
-def watching(tasks: Sequence[Job], *, lines: bool) -> Iterator[RunView]:
+def watching(tasks: Sequence[Runnable], *, lines: bool) -> Iterator[RunView]:
     """The view of a run of these tasks.
 
     Parameters

@@ -34,7 +34,7 @@ EMPTY, IMPORTS, GTSAM = "python -c pass", "import of NumPy and SciPy", "GTSAM's 
 
 
 @dataclass(frozen=True)
-class Program:
+class OtherProgram:
     """Another program, if it is on PATH, which prints the seconds of its own solution.
 
     Attributes
@@ -64,9 +64,9 @@ class Program:
         return lap
 
 
-SE_SYNC = Program("SE-Sync", (), re.compile(r"Total elapsed computation time: ([0-9.e+-]+)"))
+SE_SYNC = OtherProgram("SE-Sync", (), re.compile(r"Total elapsed computation time: ([0-9.e+-]+)"))
 #: Gauss-Newton, until a step changes chi^2 by less than a millionth.
-G2O = Program("g2o", ("-v", "-i", "-1"), re.compile(r"cumTime= ([0-9.e+-]+)"))
+G2O = OtherProgram("g2o", ("-v", "-i", "-1"), re.compile(r"cumTime= ([0-9.e+-]+)"))
 
 
 def run(command: Sequence[str]) -> str:
@@ -102,7 +102,7 @@ def python(*arguments: str) -> Callable[[], str]:
 
 def groups(quick: bool) -> Iterator[Group]:
     """Start-up, and whole commands on one public graph."""
-    rounds = 1 if quick else 9
+    rounds = 1 if quick else 5
     ours = ("import certpgo", "certpgo --version", "certpgo --help")
     comparisons = (
         Comparison(ours[0], IMPORTS, 1.3),
