@@ -258,7 +258,7 @@ def test_compare_needs_no_checkout(certpgo, square, tmp_path, monkeypatch):
         (("solve",), "graph"),
         (("solve", "x.g2o", "--keep", "most"), "most"),
         (("info", "x.g2o", "--no-such-option"), "--no-such-option"),
-        (("reproduce", "speed", "--seeds", "0"), "--seeds"),
+        (("reproduce", "certified", "--seeds", "0"), "--seeds"),
     ],
 )
 def test_usage_is_exit_code_2(certpgo, arguments, said):
