@@ -262,24 +262,30 @@ static void IN(forward)(const Fronts *f, Int s, const REAL *panel, Int ld, REAL 
         for (Int i = f->offset[f->rows[e]]; i < f->offset[f->rows[e] + 1]; i++) x[i] -= y[r++];
 }
 
-/* x := L^-T x in the rows of supernode s, from what is solved below. */
+/* The inner product of a and b (n,), in four sums that do not wait for each other. */
+static inline REAL IN(dot)(const REAL *a, const REAL *b, Int n)
+{
+    REAL v[4] = {0, 0, 0, 0};
+    Int i = 0;
+    for (; i + 4 <= n; i += 4)
+        for (int l = 0; l < 4; l++) v[l] += a[i + l] * b[i + l];
+    for (; i < n; i++) v[0] += a[i] * b[i];
+    return (v[0] + v[1]) + (v[2] + v[3]);
+}
+
+/* x := L^-T x in the rows of supernode s, from what is solved below; `y` is room for work. */
 static void IN(backward)(const Fronts *f, Int s, const REAL *panel, Int ld, REAL *x, REAL *y)
 {
-    Int nc = width_of(f, s), r = nc;
+    Int nc = width_of(f, s), m = ld - nc, r = 0;
     REAL *own = x + f->offset[f->start[s]];
     for (Int e = f->begin[s]; e < f->begin[s + 1]; e++)
         for (Int i = f->offset[f->rows[e]]; i < f->offset[f->rows[e] + 1]; i++) y[r++] = x[i];
-    memcpy(y, own, (size_t)nc * sizeof(REAL));
+    /* The rows below first, in the order of memory, which the processor then reads in advance. */
+    for (Int c = 0; c < nc; c++) own[c] -= IN(dot)(panel + c * ld + nc, y, m);
     for (Int c = nc - 1; c >= 0; c--) {
         const REAL *column = panel + c * ld;
-        REAL v[4] = {0, 0, 0, 0};
-        Int i = c + 1;
-        for (; i + 4 <= ld; i += 4)
-            for (int l = 0; l < 4; l++) v[l] += column[i + l] * y[i + l];
-        for (; i < ld; i++) v[0] += column[i] * y[i];
-        y[c] = (y[c] - ((v[0] + v[1]) + (v[2] + v[3]))) / column[c];
+        own[c] = (own[c] - IN(dot)(column + c + 1, own + c + 1, nc - c - 1)) / column[c];
     }
-    memcpy(own, y, (size_t)nc * sizeof(REAL));
 }
 
 /* X (k, N) := (L L^T)^-1 X. */
