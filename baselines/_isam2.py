@@ -16,10 +16,14 @@ from ._gtsam import library, sentence
 FIXED = 1e-3
 
 
-def updates(instance: Instance) -> tuple[list[float], str]:
+def updates(instance: Instance, count: int | None = None) -> tuple[list[float], str]:
     """Processor seconds of each update, under GTSAM's cost, and the factorization that was used.
 
     It has no certificate. Where Cholesky's factorization fails by rounding, QR is used.
+
+    Parameters
+    ----------
+    count : how many measurements; all by default
 
     Raises
     ------
@@ -28,13 +32,13 @@ def updates(instance: Instance) -> tuple[list[float], str]:
     """
     for factorization in ("CHOLESKY", "QR"):
         try:
-            return _updates(instance, factorization), factorization
+            return _updates(instance, factorization, count), factorization
         except RuntimeError as error:
             reason = sentence(error)
     raise NumericalError(f"GTSAM: {reason}")
 
 
-def _updates(instance: Instance, factorization: str) -> list[float]:
+def _updates(instance: Instance, factorization: str, count: int | None) -> list[float]:
     gtsam = library()
     factors = factors_of(information_problem(instance, "gtsam"))
     kind = f"Pose{instance.graph.d}"
@@ -43,7 +47,7 @@ def _updates(instance: Instance, factorization: str) -> list[float]:
     parameters.setFactorization(factorization)
     isam, known, seconds = gtsam.ISAM2(parameters), set(), []
     estimate_of = getattr(isam, f"calculateEstimate{kind}")
-    for edge in arrivals(instance.graph).tolist():
+    for edge in arrivals(instance.graph)[:count].tolist():
         new, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         factor = factors.at(edge)
         i, j = factor.keys()

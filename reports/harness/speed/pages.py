@@ -46,7 +46,7 @@ OF_SECTION = {
     "small problems": "Graphs of 3 to 125 nodes.",
     "proofs": "A proof about the file, accepted by the checker, for an answer that is known.",
     "sessions": "Measurements one by one, the certificate refreshed at each 100th. GTSAM's iSAM2 "
-    "minimises GTSAM's cost and certifies nothing.",
+    "minimises GTSAM's cost and certifies nothing; medians are of the first thousand measurements.",
     "parts": "Initialization, eigenvectors and assembly.",
     limits.SECTION: "A phase against the least time of its work on this core: the flops of its "
     "factorizations at the rate of a product of dense matrices (sgemm or dgemm, 1024 rows), plus "
