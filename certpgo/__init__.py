@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from certpgo.graph.priors import with_directions, with_priors
     from certpgo.graph.ranges import Ranges
     from certpgo.io import read, read_estimate, write
-    from certpgo.linalg.distributed.schedulers import scheduler
     from certpgo.objective.gtsam_graph import from_gtsam, to_gtsam
     from certpgo.objective.problem import PoseProblem, RotationProblem
     from certpgo.optimize.marginals import Marginals
@@ -66,7 +65,6 @@ _HOMES = {
     "graph.priors": ("with_directions", "with_priors"),
     "graph.ranges": ("Ranges",),
     "io": ("read", "read_estimate", "write"),
-    "linalg.distributed.schedulers": ("scheduler",),
     "objective.gtsam_graph": ("from_gtsam", "to_gtsam"),
     "objective.problem": ("PoseProblem", "RotationProblem"),
     "optimize.marginals": ("Marginals",),
@@ -148,7 +146,6 @@ __all__ = [
     "read_sequence",
     "reconstruct",
     "register",
-    "scheduler",
     "show",
     "solve",
     "solve_many",

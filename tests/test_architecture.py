@@ -43,7 +43,8 @@ HARNESS_RANKS = {
     "rendering": 1,
     "certifiers": 1,
     "scaling": 1,
-    "commands": 2,
+    "speed": 2,
+    "commands": 3,
 }
 
 #: Third-party packages with one home each.
@@ -64,8 +65,7 @@ HOMES = {
     "flint": ("reports/harness/certifiers/oracle.py",),
     "matplotlib": ("certpgo/view/", "reports/harness/experiments/figure.py"),
     "joblib": ("reports/harness/experiments/execute.py",),
-    "dask": ("certpgo/linalg/distributed/",),
-    "distributed": ("certpgo/linalg/distributed/schedulers.py",),
+    "distributed": ("reports/harness/experiments/clusters.py",),
     "ray": ("reports/harness/experiments/execute.py",),
     "gtsam": ("certpgo/objective/gtsam_graph.py",),
     "cv2": ("certpgo/registration/",),

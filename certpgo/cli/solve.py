@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -109,15 +109,7 @@ def command(
         str | None,
         tier_option("standard; proof with --proof, or if only rounding prevents CERTIFIED"),
     ] = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(
-            "--scheduler",
-            metavar="ADDRESS",
-            help="Run large factorizations on this Dask cluster (tcp://...), or on the threads of "
-            "this machine (threads).",
-        ),
-    ] = None,
+    scheduler: Annotated[str | None, typer.Option("--scheduler", hidden=True)] = None,
     trace: Annotated[bool, typer.Option("--trace", help="Print every iteration.")] = False,
     json: Json = False,
     *,
@@ -134,6 +126,10 @@ def command(
     from certpgo.io.matching import Matching
     from certpgo.io.timestamps import file_of_times, timed
 
+    if scheduler is not None:
+        raise InputError(
+            "--scheduler is gone: solve runs in one process, which is faster than a cluster's two"
+        )
     _refuse_mixtures(method, settings, certify, robust, time_limit, max_rank, stored)
     if quantile is not None and not robust:
         raise InputError("--quantile needs --robust")
@@ -185,8 +181,7 @@ def command(
             notice(f"{found.method} reports no iterations to --trace")
         return replace(found, truth=known)
 
-    with nullcontext() if scheduler is None else _distributed(scheduler):
-        return emit(map(solved, parts, truths), outputs.split(parts))
+    return emit(map(solved, parts, truths), outputs.split(parts))
 
 
 def _solver(method: str, settings: Sequence[str] | None, parts: Sequence[Instance]) -> Solver:
@@ -217,23 +212,6 @@ def _refuse_parts(**outputs: Path | None) -> None:
     for name, output in outputs.items():
         if output is not None:
             raise InputError(f"--{name} needs a connected graph and a certified estimate")
-
-
-@contextmanager
-def _distributed(address: str) -> Iterator[None]:
-    """The scheduler; at the end, what it was used for is said."""
-    from certpgo import scheduler
-    from certpgo.graph.phrases import counted
-    from certpgo.linalg.distributed import schedulers
-
-    with scheduler(address):
-        yield
-        used = schedulers.current()
-        count = 0 if used is None else used.factorizations
-    if count:
-        notice(f"{counted(count, 'factorization{s}')} ran on {address}")
-    else:
-        notice(f"no factorization was large enough for {address}")
 
 
 def _certified(

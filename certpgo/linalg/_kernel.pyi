@@ -23,7 +23,7 @@ def measure(
     entry: IntArray,
     panel: IntArray,
     /,
-) -> tuple[int, int, int, int]: ...
+) -> tuple[int, int, int]: ...
 def pin(indptr: IntArray, indices: IntArray, data: FloatArray, rows: IntArray, /) -> None: ...
 def lever_sums(edges: tuple[Any, ...], d: int, sums: FloatArray, /) -> None: ...
 def factor(
@@ -31,15 +31,11 @@ def factor(
     data: FloatArray,
     scale: FloatArray | None,
     panels: Kept | None,
-    update: Kept | None,
     sums: Triple | None,
     residual: Triple | None,
     single: bool,
     /,
 ) -> bool: ...
-def substitute(
-    fronts: tuple[Any, ...], panels: Kept, X: Kept, single: bool, way: int, /
-) -> None: ...
 def solve(
     fronts: tuple[Any, ...],
     panels: Kept,

@@ -19,8 +19,6 @@ from certpgo.errors import MissingDependency, SpecError
 from certpgo.linalg import multifrontal, superlu
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.compiled import COMPILED
-from certpgo.linalg.distributed import schedulers
-from certpgo.linalg.distributed.fronts import DistributedFronts
 from certpgo.linalg.multifrontal import Precision
 from certpgo.linalg.rounding_bound import (
     OTHERS,
@@ -38,8 +36,6 @@ TWO_SIDED = 2
 FLOPS_PER_ENTRY = 60.0
 #: Bytes from which a factor is heavy.
 HEAVY = 4e9
-#: Multiplications from which a factorization is distributed, where there is a scheduler: seconds.
-DISTRIBUTED_FROM = 3e10
 
 
 class LinearSolver(Protocol):
@@ -201,6 +197,9 @@ class _Multifrontal:
     engine = "multifrontal"
     measurable = True
 
+    def __init__(self, fronts: multifrontal.Fronts) -> None:
+        self._fronts = fronts
+
     @cached_property
     def products(self) -> float:
         # Products are bound by memory. Estimated, not timed, so that results can be reproduced.
@@ -208,21 +207,6 @@ class _Multifrontal:
 
     def multiply(self, A: CSC, x: FloatArray) -> FloatArray:
         return self._fronts.multiply(_entries(A), x)
-
-    def __init__(self, fronts: multifrontal.Fronts) -> None:
-        self._local = fronts
-        self._distributed: DistributedFronts | None = None
-
-    @property
-    def _fronts(self) -> multifrontal.Fronts:
-        """The fronts, by the scheduler that is in use now if they are large."""
-        scheduler, local = schedulers.current(), self._local
-        if scheduler is None or local.flops < DISTRIBUTED_FROM:
-            return local
-        known = self._distributed
-        if known is None or known.scheduler is not scheduler:
-            known = self._distributed = DistributedFronts(local.tree, local.sizes, scheduler)
-        return known
 
     @cached_property
     def lengths(self) -> FloatArray:

@@ -82,14 +82,12 @@ class Elimination:
     Attributes
     ----------
     panels : L, if it is kept
-    update : what is left of the rows below the roots, lower triangles one after another
     sums : (k, N) |L| |L|^T w
     squares : (N,) squared norms of L's rows, unless L is kept
     residual : (N,) bounds on the row sums of |A - L L^T|, scaled, if it is measured
     """
 
     panels: Any
-    update: Kept
     sums: FloatArray
     squares: FloatArray
     residual: FloatArray
@@ -116,18 +114,11 @@ class Fronts:
         place, offset, entry, panel = (np.empty(k, dtype=np.int64) for k in lengths)
         fronts = tree.start, tree.above, tree.begin, tree.rows
         known = tree.indptr, tree.indices, tree.order, self.sizes, *fronts
-        *room, self._room = compiled.kernel.measure(*known, place, offset, entry, panel)
+        room = compiled.kernel.measure(*known, place, offset, entry, panel)
         pattern = tree.indptr, tree.indices, entry, tree.order, place, self.sizes, offset
         self._fronts: Any = *pattern, *fronts, panel, *room
         self.entries, self.size = int(panel[-1]), int(offset[-1])
         self.place, self.offset, self.entry, self._panel = place, offset, entry, panel
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        # Arrays out of a message may lie at odd addresses.
-        state["_fronts"] = tuple(
-            _aligned(part) if isinstance(part, np.ndarray) else part for part in state["_fronts"]
-        )
-        self.__dict__.update(state)
 
     @cached_property
     def order(self) -> IntArray:
@@ -223,19 +214,18 @@ class Fronts:
         panels: Any = None
         if keep is not None:
             panels = np.empty(self.entries, dtype=np.float64 if keep == "double" else np.float32)
-        update: Any = np.empty(self._room, dtype=np.float32 if keep == "single" else np.float64)
         if weights is None:
             weights = np.empty((0, self.size))
         sums, squares, residual = np.zeros_like(weights), np.zeros(self.size), np.zeros(self.size)
         summed = None if keep else (_aligned(weights), sums, squares)
         wish = None if measured is None else (*map(_aligned, measured), residual)
         scale = None if scale is None else _aligned(scale)
-        options: Any = scale, panels, update, summed, wish, keep == "single"
+        options: Any = scale, panels, summed, wish, keep == "single"
         data = _aligned(data)
         # Threads of BLAS only wait for each other in small fronts.
         with nullcontext() if self.is_parallel else one_thread:
             done = compiled.kernel.factor(self._fronts, data, *options)
-        return Elimination(panels, update, sums, squares, residual) if done else None
+        return Elimination(panels, sums, squares, residual) if done else None
 
     def _scale(self, diagonal: FloatArray) -> FloatArray:
         """(N,) powers of two that make the diagonal about one, in the order of L."""
@@ -271,13 +261,6 @@ class Fronts:
         single = panels.dtype == np.float32
         compiled.kernel.solve(self._fronts, _aligned(panels), scale, B, X, single)
         return X
-
-    def substitute(self, panels: Kept, right: FloatArray, way: int = 0) -> FloatArray:
-        """L^-T L^-1 X for X (k, N) in the order of L; only L^-1 if way > 0, L^-T if way < 0."""
-        kept: Any = panels.dtype
-        X = np.array(right, dtype=kept, order="C")
-        compiled.kernel.substitute(self._fronts, _aligned(panels), X, kept == np.float32, way)
-        return np.asarray(X, dtype=np.float64)
 
     def lower(self, panels: Kept) -> CSC:
         """L, with the zeros that the merging of supernodes stores."""

@@ -14,31 +14,21 @@ has no certificate; where that fails by Cholesky's factorization, with QR, which
 
 import argparse
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
-import gtsam
 import numpy as np
 
-from certpgo import Instance, Session, Verdict, solve
-from certpgo.graph.streaming import arrivals, streamed
+from certpgo import Instance, NumericalError, Session, Verdict, solve
+from certpgo.graph import Graph
+from certpgo.graph.streaming import streamed
 from certpgo.io import datasets
-from certpgo.objective.choose_cost import information_problem
-from certpgo.objective.gtsam_graph import factors_of
+from certpgo.registry import load_file
+from reports.harness.speed.sessions import EVERY, GRAPHS, fed, prefix, timed
 from reports.studies._printing import print_table
 
-GRAPHS = ("manhattan", "sphere2500", "city10000", "kitti_00")
-EVERY = 100
 #: From the best verdict to the worst.
 RANKED = (Verdict.CERTIFIED, Verdict.BOUNDED, Verdict.UNDECIDED)
-
-
-def timed(step: Callable[[], object]) -> float:
-    """Process seconds of a step."""
-    begin = time.process_time()
-    step()
-    return time.process_time() - begin
 
 
 def quantiles(seconds: list[float]) -> list[str]:
@@ -46,34 +36,29 @@ def quantiles(seconds: list[float]) -> list[str]:
     return [f"{1e3 * q:.3g}" for q in np.quantile(seconds, [0.5, 0.99])]
 
 
-def beside_batches(instance: Instance) -> dict[str, object]:
+def beside_batches(graph: Graph) -> dict[str, object]:
     """A session and the batch solves of its prefixes."""
-    graph, order = instance.graph, arrivals(instance.graph)
-    session, latencies, batches = Session(every=EVERY), [], []
-    off, weaker, false = 0.0, 0, 0
-    for count, (one, nodes) in enumerate(streamed(graph), 1):
-        latencies.append(timed(lambda one=one, nodes=nodes: session.add(one, nodes)))
-        if count == len(order):
-            latencies[-1] += timed(session.refresh)
-        if count % EVERY and count < len(order):
-            continue
-        edges = order[:count]
-        prefix = graph.with_edges(edges).subgraph(np.arange(graph.edges[edges].max() + 1))
-        found = []
-        batches.append(timed(lambda prefix=prefix, found=found: found.append(solve(prefix))))
-        best, now = found[0].certificate, session.standing
+    batches: list[float] = []
+    found = {"off": 0.0, "weaker": 0, "false": 0}
+
+    def compare(count: int, session: Session) -> None:
+        part, answers = prefix(graph, count), []
+        batches.append(timed(lambda: answers.append(solve(part))))
+        best, now = answers[0].certificate, session.standing
         allowed = 1e-9 * best.cost_upper + 1e-12 * best.scale
-        off = max(off, abs(now.cost - best.cost_upper) / allowed)
-        weaker += RANKED.index(now.verdict) > RANKED.index(best.verdict)
-        false += now.lower_bound > best.cost_upper
+        found["off"] = max(found["off"], abs(now.cost - best.cost_upper) / allowed)
+        found["weaker"] += RANKED.index(now.verdict) > RANKED.index(best.verdict)
+        found["false"] += now.lower_bound > best.cost_upper
+
+    session, latencies = fed(graph, compare)
     total, batch = sum(latencies), sum(batches)
     median, most = quantiles(latencies)
     return {
-        "F": f"{now.cost:.10g}",
-        "verdict": now.verdict.value,
-        "off": f"{off:.2g}",
-        "weaker": weaker,
-        "false": false,
+        "F": f"{session.standing.cost:.10g}",
+        "verdict": session.standing.verdict.value,
+        "off": f"{found['off']:.2g}",
+        "weaker": found["weaker"],
+        "false": found["false"],
         "session s": f"{total:.2f}",
         "batches s": f"{batch:.2f}",
         "ratio": f"{total / batch:.2f}",
@@ -94,37 +79,12 @@ def asked_each_time(instance: Instance) -> list[str]:
     return quantiles([timed(lambda one=one: step(*one)) for one in streamed(instance.graph)])
 
 
-def by_isam(instance: Instance, factorization: str = "CHOLESKY") -> list[str]:
+def by_isam(instance: Instance) -> list[str]:
     """GTSAM's iSAM2 on the same stream: seconds in all, and quantiles of updates."""
-    factors = factors_of(information_problem(instance, "gtsam"))
-    d = instance.graph.d
-    pose, read = getattr(gtsam, f"Pose{d}"), f"calculateEstimatePose{d}"
-    parameters = gtsam.ISAM2Params()
-    parameters.setFactorization(factorization)
-    isam, known, seconds = gtsam.ISAM2(parameters), set(), []
-    for edge in arrivals(instance.graph).tolist():
-        new, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-        factor = factors.at(edge)
-        i, j = factor.keys()
-        if not known:
-            noise = gtsam.noiseModel.Isotropic.Sigma(3 * d - 3, 1e-3)
-            new.add(getattr(gtsam, f"PriorFactorPose{d}")(i, pose(), noise))
-            values.insert(i, pose())
-            known.add(i)
-        new.add(factor)
-        begin = time.process_time()
-        if j not in known:
-            at = values.atPose2(i) if d == 2 and values.exists(i) else None
-            at = values.atPose3(i) if d == 3 and values.exists(i) else at
-            values.insert(j, (at or getattr(isam, read)(i)).compose(factor.measured()))
-        elif i not in known:
-            values.insert(i, getattr(isam, read)(j).compose(factor.measured().inverse()))
-        known |= {i, j}
-        try:
-            isam.update(new, values)
-        except RuntimeError:  # indeterminate, by rounding
-            return by_isam(instance, "QR") if factorization != "QR" else ["failed", "", ""]
-        seconds.append(time.process_time() - begin)
+    try:
+        seconds, factorization = load_file("baselines", "_isam2").updates(instance)
+    except NumericalError:  # indeterminate, by rounding
+        return ["failed", "", ""]
     mark = " (QR)" if factorization == "QR" else ""
     return [f"{sum(seconds):.2f}{mark}", *quantiles(seconds)]
 
@@ -133,7 +93,7 @@ def rows(graphs: list[str], isam: bool) -> Iterator[dict[str, object]]:
     """One per graph."""
     for name in graphs:
         instance = datasets.load(name, download=False, quiet=True)
-        row = {"graph": name, "edges": instance.graph.num_edges, **beside_batches(instance)}
+        row = {"graph": name, "edges": instance.graph.num_edges, **beside_batches(instance.graph)}
         row["asked median ms"], row["asked 99 % ms"] = asked_each_time(instance)
         if isam:
             names = ("iSAM2 s", "iSAM2 median ms", "iSAM2 99 % ms")

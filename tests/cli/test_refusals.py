@@ -258,7 +258,7 @@ def test_compare_needs_no_checkout(certpgo, square, tmp_path, monkeypatch):
         (("solve",), "graph"),
         (("solve", "x.g2o", "--keep", "most"), "most"),
         (("info", "x.g2o", "--no-such-option"), "--no-such-option"),
-        (("reproduce", "speed", "--seeds", "0"), "--seeds"),
+        (("reproduce", "certified", "--seeds", "0"), "--seeds"),
     ],
 )
 def test_usage_is_exit_code_2(certpgo, arguments, said):
@@ -363,6 +363,11 @@ def test_an_unknown_dataset_names_the_nearest_or_where_to_look(certpgo):
 def test_an_unknown_benchmark_or_family(certpgo):
     fails_in_one_line(certpgo("bench", "scales"), "known: scale")
     fails_in_one_line(certpgo("bench", "scale", "--family", "helx"), "did you mean helix")
+    fails_in_one_line(certpgo("bench", "speed", "--section", "reeding"), "did you mean reading")
+
+
+def test_what_is_gone_says_so(certpgo, square):
+    fails_in_one_line(certpgo("solve", square, "--scheduler", "threads"), "--scheduler is gone")
 
 
 @pytest.mark.parametrize("option", ["-o", "--proof", "--html", "--covariances"])

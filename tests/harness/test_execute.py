@@ -15,7 +15,7 @@ import pytest
 from repeated import by_key
 
 from certpgo.errors import InputError, MissingDependency
-from reports.harness.experiments import scan
+from reports.harness.experiments import clusters, scan
 from reports.harness.experiments.absence import DIED
 from reports.harness.experiments.execute import Pool, execute
 from reports.harness.experiments.limits import Limit, OutOfTime
@@ -108,6 +108,19 @@ def test_the_limit_ends_what_takes_too_long_and_leaves_no_alarm():
 def test_an_address_of_another_kind_is_refused():
     with pytest.raises(InputError, match=r"begins with tcp:// \(Dask\) or ray:// \(Ray\)"):
         Pool(scheduler="http://here")
+
+
+def test_what_is_no_scheduler_is_refused(monkeypatch):
+    pytest.importorskip("distributed", reason="needs certpgo[cluster]")
+    monkeypatch.setattr(clusters, "PATIENCE", 0.2)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        mute = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        for address in ("tcp://127.0.0.1:1", mute):
+            with pytest.raises(InputError, match=f"{address}: no Dask scheduler responds"):
+                clusters.dask_client(address)
+    for address in ("nonsense", "", "Threads", "tls://host:1", "tcp://host"):
+        with pytest.raises(InputError, match="address is expected, tcp://host:port"):
+            clusters.dask_client(address)
 
 
 @pytest.mark.parametrize(

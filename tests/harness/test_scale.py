@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from certpgo.errors import FormatError, SpecError
-from reports.harness.commands import _speed as speed
 from reports.harness.experiments.absence import Absence
 from reports.harness.experiments.journal import Journal
 from reports.harness.experiments.records import Record
@@ -47,32 +46,6 @@ def test_slopes_of_phases_that_all_graphs_have():
     ]
     assert scale.phase_slopes(records) == pytest.approx({"start": 1.0, "newton": 1.5})
     assert scale.phase_slopes([]) == {}
-
-
-def test_speed_is_shown_next_to_published_times():
-    metrics = {"median_seconds": 0.1, "reference_seconds": 0.4, "ratio": 0.25}
-    records = [
-        Record(
-            "certified", "sphere2500", "certified", n=2500, verdict="CERTIFIED", metrics=metrics
-        ),
-        Record("certified", "unknown", "certified", n=7, verdict="CERTIFIED", metrics=metrics),
-        Record("certified", "torus3D", "certified", absence=Absence.NOT_HERE, error="not here"),
-    ]
-    first, second, third = speed.rows(records)
-    assert first == ("sphere2500", "2,500", "CERTIFIED", "0.100", "0.400", "0.25", "0.580", "5.8")
-    assert second[-2:] == ("", "")
-    assert third[2] == "not run: not here"
-    assert len(third) == len(speed.HEADER)
-
-
-def test_growth_is_that_of_the_solved_graphs():
-    def record(n, **fields):
-        metrics = {"median_seconds": 1e-3 * n, "memory_gb": 0.5}
-        return Record("t", f"r{n}", "m", n=n, metrics=metrics, seconds={"newton": n**2.0}, **fields)
-
-    lines = speed.growth({"helix": [record(10), record(1000)], "grid": []})
-    assert lines == [("helix", "1,000", "1.00", "0.50", "1.00", "", "2.00", "")]
-    assert len(lines[0]) == len(speed.GROWTH)
 
 
 def test_an_unknown_family_names_the_nearest():

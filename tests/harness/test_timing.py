@@ -1,9 +1,17 @@
 import os
+import subprocess
+import sys
+import time
 
 import pytest
 
 from certpgo.errors import InputError
-from reports.harness.experiments.timing import THREAD_VARIABLES, one_core, paired
+from reports.harness.experiments.timing import (
+    THREAD_VARIABLES,
+    one_core,
+    paired,
+    processor_seconds,
+)
 
 
 def test_steps_alternate_after_one_warm_up_each():
@@ -12,6 +20,16 @@ def test_steps_alternate_after_one_warm_up_each():
     assert "".join(calls) == "ab" * 4
     assert len(result.rounds) == 3
     assert result.ratio == sorted(result.rounds)[1]
+
+
+def test_processor_time_counts_processes_and_no_waiting():
+    pytest.importorskip("resource", reason="this system does not count other processes")
+    begin = processor_seconds()
+    time.sleep(0.3)
+    assert processor_seconds() - begin < 0.2
+    program = "import time\nwhile time.process_time() < 0.3: pass"
+    subprocess.run([sys.executable, "-c", program], check=True)
+    assert processor_seconds() - begin > 0.29
 
 
 def test_no_round_is_no_measurement():

@@ -175,8 +175,8 @@ static Int IN(find_runs)(const Fronts *f, Int c, const Int *at, Int nc, Int *run
 
 /* 1 if A = L L^T was factorized, 0 if it is not positive definite, -1 without memory, -2 if
  * interrupted. Without L, panels are dropped as soon as they are summed, or kept in single precision
- * in `rounded`. The updates of the roots are copied to `rest`. A residual is measured in double precision only, where the casts below are none. */
-static int IN(factor)(const Fronts *f, const double *data, const double *scale, REAL *L, REAL *rest,
+ * in `rounded`. A residual is measured in double precision only, where the casts below are none. */
+static int IN(factor)(const Fronts *f, const double *data, const double *scale, REAL *L,
                       const Sums *sums, const Residual *residual, float *rounded)
 {
     REAL *stack = malloc((size_t)f->stack * sizeof(REAL) + 1);
@@ -235,7 +235,6 @@ static int IN(factor)(const Fronts *f, const double *data, const double *scale, 
             goto done;
         }
     }
-    if (rest) memcpy(rest, stack, (size_t)top * sizeof(REAL));
     outcome = 1;
 done:
     free_copies(&copies);
@@ -263,37 +262,43 @@ static void IN(forward)(const Fronts *f, Int s, const REAL *panel, Int ld, REAL 
         for (Int i = f->offset[f->rows[e]]; i < f->offset[f->rows[e] + 1]; i++) x[i] -= y[r++];
 }
 
-/* x := L^-T x in the rows of supernode s, from what is solved below. */
+/* The inner product of a and b (n,), in four sums that do not wait for each other. */
+static inline REAL IN(dot)(const REAL *a, const REAL *b, Int n)
+{
+    REAL v[4] = {0, 0, 0, 0};
+    Int i = 0;
+    for (; i + 4 <= n; i += 4)
+        for (int l = 0; l < 4; l++) v[l] += a[i + l] * b[i + l];
+    for (; i < n; i++) v[0] += a[i] * b[i];
+    return (v[0] + v[1]) + (v[2] + v[3]);
+}
+
+/* x := L^-T x in the rows of supernode s, from what is solved below; `y` is room for work. */
 static void IN(backward)(const Fronts *f, Int s, const REAL *panel, Int ld, REAL *x, REAL *y)
 {
-    Int nc = width_of(f, s), r = nc;
+    Int nc = width_of(f, s), m = ld - nc, r = 0;
     REAL *own = x + f->offset[f->start[s]];
     for (Int e = f->begin[s]; e < f->begin[s + 1]; e++)
         for (Int i = f->offset[f->rows[e]]; i < f->offset[f->rows[e] + 1]; i++) y[r++] = x[i];
-    memcpy(y, own, (size_t)nc * sizeof(REAL));
+    /* The rows below first, in the order of memory, which the processor then reads in advance. */
+    for (Int c = 0; c < nc; c++) own[c] -= IN(dot)(panel + c * ld + nc, y, m);
     for (Int c = nc - 1; c >= 0; c--) {
         const REAL *column = panel + c * ld;
-        REAL v[4] = {0, 0, 0, 0};
-        Int i = c + 1;
-        for (; i + 4 <= ld; i += 4)
-            for (int l = 0; l < 4; l++) v[l] += column[i + l] * y[i + l];
-        for (; i < ld; i++) v[0] += column[i] * y[i];
-        y[c] = (y[c] - ((v[0] + v[1]) + (v[2] + v[3]))) / column[c];
+        own[c] = (own[c] - IN(dot)(column + c + 1, own + c + 1, nc - c - 1)) / column[c];
     }
-    memcpy(own, y, (size_t)nc * sizeof(REAL));
 }
 
-/* X (k, N) := (L L^T)^-1 X, if way > 0 L^-1 X, if way < 0 L^-T X. */
-static int IN(substitute)(const Fronts *f, const REAL *L, REAL *X, Int k, int way)
+/* X (k, N) := (L L^T)^-1 X. */
+static int IN(substitute)(const Fronts *f, const REAL *L, REAL *X, Int k)
 {
     Int N = f->offset[f->n];
     REAL *y = malloc((size_t)(f->tallest + 1) * sizeof(REAL));
     if (!y) return -1;
-    for (Int s = 0; way >= 0 && s < f->many; s++) {
+    for (Int s = 0; s < f->many; s++) {
         Int ld = (f->panel[s + 1] - f->panel[s]) / width_of(f, s);
         for (Int q = 0; q < k; q++) IN(forward)(f, s, L + f->panel[s], ld, X + q * N, y);
     }
-    for (Int s = f->many - 1; way <= 0 && s >= 0; s--) {
+    for (Int s = f->many - 1; s >= 0; s--) {
         Int ld = (f->panel[s + 1] - f->panel[s]) / width_of(f, s);
         for (Int q = 0; q < k; q++) IN(backward)(f, s, L + f->panel[s], ld, X + q * N, y);
     }
@@ -327,7 +332,7 @@ static int IN(solve)(const Fronts *f, const REAL *L, const double *scale, const 
         for (Int r = 0; r < N; r++)
             x[q * N + r] = (REAL)(B[row[r] * k + q] * (scale ? scale[r] : 1.0) / units[q]);
     }
-    outcome = IN(substitute)(f, L, x, k, 0);
+    outcome = IN(substitute)(f, L, x, k);
     for (Int q = 0; q < k && outcome == 0; q++)
         for (Int r = 0; r < N; r++)
             X[row[r] * k + q] = x[q * N + r] * (units[q] * (scale ? scale[r] : 1.0));

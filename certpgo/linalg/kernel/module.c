@@ -160,8 +160,7 @@ static int are_parents(Int many, const Int *above)
 }
 
 /* measure(indptr, indices, order, sizes, start, above, begin, rows, place, offset, entry, panel): the
- * last four are written -> the memory that updates and panels need, and the entries of the updates
- * of the roots */
+ * last four are written -> the memory that updates and panels need */
 static PyObject *measure_of(Held *held, PyObject *args)
 {
     Array a[12];
@@ -185,7 +184,7 @@ static PyObject *measure_of(Held *held, PyObject *args)
         !are_parents(many, f.above))
         return refuse("not a tree of fronts");
     Int *freed = memory(held, many, sizeof(Int));
-    Int stack = 0, top = 0, widest = 0, tallest = 0, rest = 0;
+    Int stack = 0, top = 0, widest = 0, tallest = 0;
     if (!freed) return NULL;
     memset(freed, 0, (size_t)many * sizeof(Int));
     panel[0] = offset[0] = entry[0] = 0;
@@ -203,13 +202,9 @@ static PyObject *measure_of(Held *held, PyObject *args)
         if (nc + m > tallest) tallest = nc + m;
         if (top + m * m > stack) stack = top + m * m;
         top += m * m - freed[s];
-        if (f.above[s] >= 0)
-            freed[f.above[s]] += m * m;
-        else
-            rest += m * m;
+        if (f.above[s] >= 0) freed[f.above[s]] += m * m;
     }
-    return Py_BuildValue("LLLL", (long long)stack, (long long)widest, (long long)tallest,
-                         (long long)rest);
+    return Py_BuildValue("LLL", (long long)stack, (long long)widest, (long long)tallest);
 }
 CALL(measure)
 
@@ -296,30 +291,24 @@ static int fronts_of(Held *held, PyObject *tuple, Fronts *f)
     return 1;
 }
 
-/* factor(fronts, data, scale | None, L | None, update | None, (weights, sums, squares) | None,
+/* factor(fronts, data, scale | None, L | None, (weights, sums, squares) | None,
  *        (scale, v, rows) | None, single) -> bool
- * L may have single precision even if the arithmetic has not. Updates are those of
- * the roots, one after another, in the precision of the arithmetic. */
+ * L may have single precision even if the arithmetic has not. */
 static PyObject *factor_of(Held *held, PyObject *args)
 {
-    PyObject *tuple, *into, *rest, *sums, *measured;
+    PyObject *tuple, *into, *sums, *measured;
     Array data = {held, DOUBLES}, scale = {held, DOUBLES, OPTIONAL};
     Fronts f;
     int single = 0, outcome;
-    if (!PyArg_ParseTuple(args, "OO&O&OOOOp", &tuple, array, &data, array, &scale, &into, &rest,
+    if (!PyArg_ParseTuple(args, "OO&O&OOOp", &tuple, array, &data, array, &scale, &into,
                           &sums, &measured, &single))
         return NULL;
     Array L = {held, single ? FLOATS : REALS, WRITTEN | OPTIONAL};
-    Array update = {held, single ? FLOATS : DOUBLES, WRITTEN | OPTIONAL};
-    if (!fronts_of(held, tuple, &f) || !array(into, &L) || !array(rest, &update)) return NULL;
+    if (!fronts_of(held, tuple, &f) || !array(into, &L)) return NULL;
     Py_ssize_t N = f.offset[f.n];
     if (data.length != f.entry[f.n] || (L.at && L.length != f.panel[f.many]))
         return refuse("a matrix of another pattern");
     if (scale.at && scale.length != N) return refuse("a scale of N rows expected");
-    Int room = 0;
-    for (Int s = 0; s < f.many; s++)
-        if (f.above[s] < 0) room += below(&f, s) * below(&f, s);
-    if (update.at && update.length != room) return refuse("an update of another size");
     Sums wanted = {0, NULL, NULL, NULL};
     if (sums != Py_None) {
         Array w = {held, DOUBLES}, own = {held, DOUBLES, WRITTEN}, a[] = {w, own, own};
@@ -340,34 +329,13 @@ static PyObject *factor_of(Held *held, PyObject *args)
     float *rounded = !single && L.at && L.itemsize == sizeof(float) ? L.at : NULL;
     void *kept = rounded ? NULL : L.at;
     Py_BEGIN_ALLOW_THREADS
-    outcome = single ? factor_float(&f, data.at, scale.at, kept, update.at, &wanted, NULL, NULL)
-                     : factor_double(&f, data.at, scale.at, kept, update.at, &wanted, wish, rounded);
+    outcome = single ? factor_float(&f, data.at, scale.at, kept, &wanted, NULL, NULL)
+                     : factor_double(&f, data.at, scale.at, kept, &wanted, wish, rounded);
     Py_END_ALLOW_THREADS
     if (outcome == -1) PyErr_NoMemory();
     return outcome >= 0 ? PyBool_FromLong(outcome) : NULL;
 }
 CALL(factor)
-
-/* substitute(fronts, L, X, single, way): X (k, N), in the order of L's rows, is overwritten by the
- * solution of L L^T, if way > 0 of L, if way < 0 of L^T */
-static PyObject *substitute_of(Held *held, PyObject *args)
-{
-    PyObject *tuple, *known, *right;
-    Fronts f;
-    int single, way, outcome;
-    if (!PyArg_ParseTuple(args, "OOOpi", &tuple, &known, &right, &single, &way)) return NULL;
-    Array L = {held, single ? FLOATS : DOUBLES}, X = {held, L.kind, WRITTEN};
-    if (!fronts_of(held, tuple, &f) || !array(known, &L) || !array(right, &X)) return NULL;
-    Int N = f.offset[f.n];
-    if (!N || L.length != f.panel[f.many] || X.length % N)
-        return refuse("a factor or right-hand side of another matrix");
-    Py_BEGIN_ALLOW_THREADS
-    outcome = single ? substitute_float(&f, L.at, X.at, X.length / N, way)
-                     : substitute_double(&f, L.at, X.at, X.length / N, way);
-    Py_END_ALLOW_THREADS
-    return outcome < 0 ? PyErr_NoMemory() : Py_NewRef(Py_None);
-}
-CALL(substitute)
 
 /* solve(fronts, L, scale | None, B, X, single): X = A^-1 B, both (N, k), in the order of A's rows.
  * L is that of A, or of A with rows and columns times `scale` (N,), in the order of L. */
@@ -511,7 +479,6 @@ static PyMethodDef methods[] = {
     {"analyze", analyze, METH_VARARGS, "Order, counts and supernodes of a pattern."},
     {"measure", measure, METH_VARARGS, "Places of panels, and memory needed."},
     {"factor", factor, METH_VARARGS, "Factorize; False if the matrix is not positive definite."},
-    {"substitute", substitute, METH_VARARGS, "Solve with L or L^T in place."},
     {"solve", solve, METH_VARARGS, "A^-1 B."},
     {NULL, NULL, 0, NULL},
 };

@@ -7,15 +7,29 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import typer
 
 if TYPE_CHECKING:
     from rich.progress import Progress
 
+    from reports.harness.experiments.absence import Absence
     from reports.harness.experiments.execute import TaskResult
-    from reports.harness.experiments.plan import Task
+
+
+class Runnable(Protocol):
+    """What is run, whatever it is."""
+
+    @property
+    def label(self) -> str:
+        """What it is called while it runs."""
+        ...
+
+    @property
+    def steps(self) -> int:
+        """How much it is of the whole."""
+        ...
 
 
 class RunView:
@@ -26,7 +40,7 @@ class RunView:
     tasks : all that will run
     """
 
-    def __init__(self, tasks: Sequence[Task]) -> None:
+    def __init__(self, tasks: Sequence[Runnable]) -> None:
         self.total = sum(task.steps for task in tasks)
         self.done = 0
         self._began: dict[str, float] = {}
@@ -42,7 +56,7 @@ class RunView:
     def announce(self, message: str) -> None:
         """Say what runs."""
 
-    def starting(self, task: Task) -> None:
+    def starting(self, task: Runnable) -> None:
         """Count a task that was handed out."""
         self._began[task.label] = time.perf_counter()
         self.refresh()
@@ -51,16 +65,22 @@ class RunView:
         """Count what a task returned."""
         from reports.harness.experiments.absence import Missing
 
-        label = outcome.task.label
         absences = [record.absence for record in outcome.records if record.absence]
         if isinstance(outcome.figure, Missing):
             absences.append(outcome.figure.absence)
+        self.count(outcome.task, len(outcome.records), absences, is_last=outcome.is_last)
+
+    def count(
+        self, task: Runnable, results: int, absences: Sequence[Absence], *, is_last: bool = True
+    ) -> None:
+        """Count results of a task, and why others are not there."""
+        label = task.label
         failures = sum(absence.is_failure for absence in absences)
         self._failures[label] += failures
         self._left_out[label] += len(absences) - failures
-        self._results[label] += len(outcome.records)
-        if outcome.is_last:
-            self.done += outcome.task.steps
+        self._results[label] += results
+        if is_last:
+            self.done += task.steps
             began = self._began.pop(label)
             self.finished(label, time.perf_counter() - began)
         self.refresh()
@@ -85,7 +105,7 @@ class LineView(RunView):
 class BarView(RunView):
     """A bar with what is planned, done, running and failed, and the time left."""
 
-    def __init__(self, tasks: Sequence[Task], progress: Progress) -> None:
+    def __init__(self, tasks: Sequence[Runnable], progress: Progress) -> None:
         super().__init__(tasks)
         self._progress = progress
         self._bar = progress.add_task("", total=self.total, running="", failed=0)
@@ -104,7 +124,7 @@ class BarView(RunView):
 
 
 @contextmanager
-def watching(tasks: Sequence[Task], *, lines: bool) -> Iterator[RunView]:
+def watching(tasks: Sequence[Runnable], *, lines: bool) -> Iterator[RunView]:
     """The view of a run of these tasks.
 
     Parameters

@@ -1,4 +1,4 @@
-"""certpgo bench: how time and memory grow with the graph, and what certifiers get wrong."""
+"""certpgo bench: how fast certpgo is, how it grows with the graph, what certifiers get wrong."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from certpgo.cli._show import document, notice, table, working
-from certpgo.errors import InputError
+from certpgo.cli._verdict import INTERRUPTED
+from certpgo.errors import InputError, SpecError
 
 if TYPE_CHECKING:
     from reports.harness.experiments.journal import JournalEntry
     from reports.harness.experiments.records import Record
     from reports.harness.experiments.zoo_records import ZooRecord
+    from reports.harness.speed.measuring import SpeedRecord
 
 
 def command(
@@ -26,6 +28,10 @@ def command(
             help="scale: time and memory. speed: against others. zoo: certifiers.",
         ),
     ],
+    sections: Annotated[
+        list[str] | None,
+        typer.Option("--section", metavar="NAME", help="speed: these parts; all by default."),
+    ] = None,
     family: Annotated[
         list[str] | None,
         typer.Option("--family", help="helix, grid, ...; all of them by default."),
@@ -51,18 +57,20 @@ def command(
     """Measure how time and memory grow with the graph, or count certifiers' errors.
 
     scale solves synthetic graphs of growing size, each in a process of its own: time, memory,
-    slope, verdict. speed times public graphs in turn with GTSAM, next to SE-Sync's published times,
-    and adds how each phase grows. zoo puts points of known truth, most of them adversarial, before
-    our certifier and the competitors', and counts what is false. Existing results in the folder are
-    reused, so that an interrupted run resumes.
+    slope, verdict. speed times whole processes, reading, solving, proofs and sessions in turn with
+    GTSAM, and with SE-Sync and g2o where they are on PATH, and each phase against what this core
+    can do. zoo puts points of known truth, most of them adversarial, before our certifier and the
+    competitors', and counts what is false. Existing results in the folder are reused, so that an
+    interrupted run resumes; those of speed, if they are of the same commit.
     """
     records: Sequence[JournalEntry]
     if what == "scale":
         records = measured = _scale(family, sizes, quick, seed, out, not json)
         code = int(any(record.absence for record in measured))
     elif what == "speed":
-        records = measured = _speed(family, sizes, quick, seed, out, not json)
-        code = int(any(record.absence for record in measured))
+        records, interrupted = timed = _speed(sections or (), quick, out, not json)
+        failed = any(record.absence and record.absence.is_failure for record in timed[0])
+        code = INTERRUPTED if interrupted else int(failed)
     elif what == "zoo":
         records = certified = _zoo(campaign, quick, processes, out, not json)
         code = int(any(record.faults for record in certified))
@@ -74,6 +82,8 @@ def command(
         document([as_data(record) for record in records])
     else:
         notice(f"written to {out}")
+    if code == INTERRUPTED:
+        notice("interrupted; the same command goes on from there")
     return code
 
 
@@ -94,46 +104,34 @@ def _zoo(campaign: int, quick: bool, processes: int, out: Path, shown: bool) -> 
 
 
 def _speed(
-    family: list[str] | None,
-    sizes: list[int] | None,
-    quick: bool,
-    seed: int,
-    out: Path,
-    shown: bool,
-) -> list[Record]:
-    from reports.harness.commands import _speed as speed
-    from reports.harness.commands._reports import Order, TableReport
-    from reports.harness.commands._tables import run_tasks
-    from reports.harness.experiments import scan
-    from reports.harness.experiments.execute import Pool
-    from reports.harness.experiments.spec import Table
-    from reports.harness.scaling import scale
+    sections: Sequence[str], quick: bool, out: Path, shown: bool
+) -> tuple[list[SpeedRecord], bool]:
+    from reports.harness.commands._live import watching
+    from reports.harness.speed import bench, pages
 
-    for name in family or ():
-        scale.family(name)  # report a wrong name before any work
-    spec = scan.get_experiment(speed.TABLE)
-    if not isinstance(spec, Table):
-        raise InputError(f"{speed.TABLE} is no table")
-    report = TableReport(spec, Order(out, quick=quick))
-    interrupted = run_tasks({spec.name: report}, Pool(), lines=True)
-    report.close(interrupted=interrupted)
-    if interrupted:
-        raise KeyboardInterrupt
-    timed = report.records
+    for name in sections:
+        if name not in bench.SECTIONS:
+            raise SpecError.unknown("section", name, bench.SECTIONS)
+    groups, records = bench.groups(quick, sections), []
+    interrupted = False
+    try:
+        with watching(groups, lines=True) as view:
+            for group, found in bench.run(out, groups, view.starting):
+                records += found
+                view.count(group, len(found), [r.absence for r in found if r.absence])
+    except KeyboardInterrupt:
+        if not records:
+            raise
+        interrupted = True
+    bench.write(out, records)
     if shown:
-        table("certified solutions", speed.HEADER, speed.rows(timed), speed.CAPTION)
-    families = {
-        name: _scale([name], sizes, quick, seed, out, shown=False) for name in family or _families()
-    }
-    if shown:
-        table("growth", speed.GROWTH, speed.growth(families), speed.GROWTH_CAPTION)
-    return [*timed, *(record for records in families.values() for record in records)]
-
-
-def _families() -> list[str]:
-    from reports.harness.scaling import scale
-
-    return list(scale.FAMILIES)
+        for section, of_section in pages.sections(records).items():
+            caption = pages.OF_SECTION[section]
+            table(section, pages.HEADER, map(pages.row, of_section), caption, optional=pages.LAST)
+            if slopes := pages.growth(of_section):
+                table("growth", pages.GROWTH, slopes)
+        typer.echo(pages.summary(records))
+    return records, interrupted
 
 
 def _scale(
@@ -148,7 +146,7 @@ def _scale(
     from reports.harness.experiments.records import Record
     from reports.harness.scaling import scale
 
-    names = family or _families()
+    names = family or list(scale.FAMILIES)
     chosen = {name: scale.family(name) for name in names}
     everything: list[Record] = []
     for name, known in chosen.items():
@@ -165,12 +163,13 @@ def _scale(
                 records += kept
         everything += records
         if shown:
-            _show(name, records, scale.slope(records))
+            _show(name, records)
     return everything
 
 
-def _show(name: str, records: list[Record], slope: float) -> None:
+def _show(name: str, records: list[Record]) -> None:
     from reports.harness.rendering.render import work
+    from reports.harness.scaling import scale
 
     rows = [
         (
@@ -186,5 +185,8 @@ def _show(name: str, records: list[Record], slope: float) -> None:
         for r in records
     ]
     header = ("nodes", "edges", "verdict", "relative gap", "seconds", "GB", "work", "failed")
-    caption = "" if math.isnan(slope) else f"seconds grow with the {slope:.2f}th power of the nodes"
+    slope, phases = scale.slope(records), scale.phase_slopes(records)
+    of_phases = ", ".join(f"{phase} {p:.2f}" for phase, p in phases.items())
+    caption = f"seconds grow with the {slope:.2f}th power of the nodes; {of_phases}"
+    caption = "" if math.isnan(slope) else caption
     table(name, header, rows, caption)

@@ -18,8 +18,8 @@ from typing import Any
 
 from certpgo import registry
 from certpgo.errors import InputError, MissingDependency
-from certpgo.linalg.distributed.schedulers import dask_client
 from reports.harness.experiments.absence import DIED, Missing
+from reports.harness.experiments.clusters import dask_client
 from reports.harness.experiments.figure import Data
 from reports.harness.experiments.plan import FigureTask, TableTask, Task, run_task
 from reports.harness.experiments.records import Record

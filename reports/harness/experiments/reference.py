@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
-from certpgo.graph import Graph, PoseGraph
+from certpgo.graph import Graph
 from certpgo.linalg.blocks import add_to_diagonal, pinned
-from certpgo.objective.problem import problem_of
+from certpgo.objective.information_problem import InformationProblem
+from certpgo.objective.problem import PoseProblem, Problem, problem_of
 from certpgo.registry import build
 from certpgo.solve.solving import solve
 from reports.harness.experiments.spec import FACTORIZATION, Method
@@ -31,7 +35,8 @@ def against(
     """
     with one_core() as kept:
         engine = method.engine or None
-        times = paired(_step(method, graph, engine), _step(reference, complete, engine))
+        ours = _step(method, lambda: problem_of(graph, engine))
+        times = paired(ours, _step(reference, lambda: problem_of(complete, engine)))
     metrics = {
         "ratio": times.ratio,
         "median_seconds": times.first,
@@ -40,31 +45,44 @@ def against(
     return metrics, kept
 
 
-def _step(method: Method, graph: Graph, engine: str | None) -> Step:
+def _step(method: Method, posed: Callable[[], Problem]) -> Step:
     if method.solver == FACTORIZATION:
-        return factorization(graph, engine)
-    own = _own_step(method, graph, engine)
+        return _factorization(posed())
+    return step_of(method, posed)
+
+
+def step_of(method: Method, posed: Callable[[], Problem | InformationProblem]) -> Step:
+    """The method on a problem, after the method that it starts from on the chordal problem."""
+    own = _own_step(method, posed)
     if method.start is None:
         return own
-    before = _step(method.start, graph, engine)
-    return lambda: (before(), own())
+    before = step_of(method.start, lambda: chordal(posed()))
+    return lambda: (before(), own())[-1]
 
 
-def _own_step(method: Method, graph: Graph, engine: str | None) -> Step:
-    solver = build(method.solver, method.settings)
+def chordal(problem: Problem | InformationProblem) -> Problem:
+    """The problem under F."""
+    return problem.chordal if isinstance(problem, InformationProblem) else problem
+
+
+def _own_step(method: Method, posed: Callable[[], Problem | InformationProblem]) -> Step:
+    solver: Any = build(method.solver, method.settings)
     prepared = getattr(solver, "prepared", None)
     if prepared is not None:
-        step: Step = prepared(problem_of(graph, engine))
+        step: Step = prepared(posed())
         return step
     # A new problem each time: nothing remembered from the round before.
-    return lambda: solver.solve(problem_of(graph, engine))
+    return lambda: solver.solve(posed())
 
 
 def factorization(graph: Graph, engine: str | None = None) -> Step:
     """One numeric factorization of the optimum's certificate matrix: the machine's own unit."""
-    problem = problem_of(graph, engine)
-    S = problem.certificate_matrix(problem.multipliers(solve(graph).estimate))
-    if isinstance(graph, PoseGraph):
+    return _factorization(problem_of(graph, engine))
+
+
+def _factorization(problem: Problem) -> Step:
+    S = problem.certificate_matrix(problem.multipliers(solve(problem.graph).estimate))
+    if isinstance(problem, PoseProblem):
         S = pinned(S, np.array([0]))
     S = add_to_diagonal(S, SHIFT * float(S.diagonal().mean()))
     symbolic = problem.symbolic(S)

@@ -1,7 +1,7 @@
 """The timing protocol, one for everything.
 
 One core, every thread pool at one; graphs in memory and prepared; a warm-up, then A B A B ..., and
-the median of the per-round ratios, which a machine's other work moves least.
+the median of the per-round ratios of processor time, which a machine's other work moves least.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Ratio:
 
     Attributes
     ----------
-    first, second : median seconds
+    first, second : median seconds of the processor
     ratio : median over the rounds of first / second
     rounds : the ratio of each round
     """
@@ -86,8 +86,21 @@ def single_threaded(stack: ExitStack) -> str:
     return f"threads not limited (install threadpoolctl, or set {THREAD_VARIABLES[0]}=1)"
 
 
+def processor_seconds() -> float:
+    """Processor time of this process and of the processes it has waited for.
+
+    Where the system does not count those of others: the time that has passed.
+    """
+    try:
+        import resource
+    except ImportError:
+        return time.perf_counter()
+    children = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.process_time() + children.ru_utime + children.ru_stime
+
+
 def _seconds(step: Step) -> float:
     gc.collect()
-    start = time.perf_counter()
+    start = processor_seconds()
     step()
-    return time.perf_counter() - start
+    return processor_seconds() - start

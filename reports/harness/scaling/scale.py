@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import multiprocessing
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
@@ -134,17 +134,18 @@ def measured(name: str, size: int, seed: int) -> Record:
 
 def slope(records: Iterable[Record], metric: str = "median_seconds") -> float:
     """Exponent p of metric ~ n^p, fitted to the records that have it; NaN for fewer than two."""
-    return _exponent([(r.n, r.metrics[metric]) for r in records if r.n and metric in r.metrics])
+    return exponent([(r.n, r.metrics[metric]) for r in records if r.n and metric in r.metrics])
 
 
 def phase_slopes(records: Iterable[Record]) -> dict[str, float]:
     """The same of the seconds of each phase that all records have."""
     measured = [record for record in records if record.n and record.seconds]
     shared = [name for name in PHASES if measured and all(name in r.seconds for r in measured)]
-    return {name: _exponent([(r.n or 0, r.seconds[name]) for r in measured]) for name in shared}
+    return {name: exponent([(r.n or 0, r.seconds[name]) for r in measured]) for name in shared}
 
 
-def _exponent(points: list[tuple[int, float]]) -> float:
+def exponent(points: Sequence[tuple[int, float]]) -> float:
+    """The p of value ~ n^p, fitted to pairs (n, value); NaN for fewer than two different n."""
     if len({n for n, _ in points}) < 2 or not all(value > 0.0 for _, value in points):
         return math.nan
     n, value = np.log(np.array(points)).T

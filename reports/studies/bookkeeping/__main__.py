@@ -54,7 +54,6 @@ KINDS: dict[str, tuple[Kind, int]] = {
     "covariances": (covariances.judge, 900),
     "readers": (readers.judge, 1000),
     "fallbacks": (engines.judge_fallbacks, 400),
-    "scheduler": (engines.judge_tasks, 50),
     "time limits": (stopping.judge_limits, 600),
     "Ctrl-C": (stopping.judge_interrupts, 450),
     "Ctrl-C in commands": (stopping.judge_commands, 400),

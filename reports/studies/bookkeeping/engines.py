@@ -1,4 +1,4 @@
-"""Answers without the compiled kernel, with SuperLU, and as tasks of a scheduler."""
+"""Answers without the compiled kernel, and with SuperLU."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import os
 import pickle
 import subprocess
 import sys
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -47,38 +46,6 @@ def judge_fallbacks(rng: np.random.Generator, found: Findings) -> None:
         verdicts = {claim.verdict for claim in claims}
         same = len(verdicts) == 1 or len(of.pairs) > 0
         found.require(same, f"{tier}: {[c.verdict for c in claims]}")
-
-
-def judge_tasks(rng: np.random.Generator, found: Findings) -> None:
-    """`--scheduler`, threads or a worker of a cluster, with every factorization as tasks."""
-    of = draw(rng, nodes=(6, 12), priors=0.0)
-    cost = Cost(of, str(rng.choice(COSTS)))
-    kind = "cluster" if rng.random() < 0.1 else "threads"
-    least, factor.DISTRIBUTED_FROM = factor.DISTRIBUTED_FROM, 0.0
-    try:
-        with found.refusals(kind):
-            with address(kind) as where, certpgo.scheduler(where):
-                claim = _claim(f"tasks, {kind}", of, cost.name, "standard")
-            plain = _claim("no tasks", of, cost.name, "standard")
-            judge(found, cost, [claim, plain])
-            found.require(claim.verdict == plain.verdict, f"{claim.verdict}, not {plain.verdict}")
-    finally:
-        factor.DISTRIBUTED_FROM = least
-
-
-@contextmanager
-def address(kind: str) -> Iterator[str]:
-    """Of a scheduler of this kind."""
-    if kind == "threads":
-        yield kind
-        return
-    import distributed
-
-    one = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # those of its own start and end
-        with distributed.LocalCluster(host="127.0.0.1", **one) as cluster:
-            yield cluster.scheduler_address
 
 
 def _claim(name: str, of: Measurements, cost: str, tier: str) -> Claim:

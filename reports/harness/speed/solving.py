@@ -1,0 +1,158 @@
+"""Solving and certifying public sets, under each cost, and next to GTSAM, g2o and SE-Sync."""
+
+from __future__ import annotations
+
+import functools
+import tempfile
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from certpgo.certify import Certificate, certify
+from certpgo.errors import CertPGOError, InputNotice
+from certpgo.graph import Instance
+from certpgo.io import datasets, write
+from certpgo.io.gtsam_values import estimate_from_values
+from certpgo.objective.choose_cost import CHORDAL, problem_under
+from certpgo.objective.information_problem import InformationProblem
+from certpgo.objective.problem import Problem
+from certpgo.optimize.solution import Status
+from certpgo.solve.result import CertifiedSolution
+from certpgo.solve.solving import solve
+from reports.harness.experiments.absence import Missing, missing
+from reports.harness.experiments.reference import step_of
+from reports.harness.experiments.spec import Method
+from reports.harness.speed.measuring import Comparison, Group, Timer, Timers, processor
+from reports.harness.speed.programs import G2O, SE_SYNC
+
+SECTION = "solving"
+SETS = (
+    "intel",
+    "MIT",
+    "kitti_00",
+    "manhattan",
+    "city10000",
+    "smallGrid3D",
+    "parking-garage",
+    "sphere2500",
+    "torus3D",
+    "sphere_bignoise_vertex3",
+)
+#: Of the quick sample.
+SAMPLE = ("MIT",)
+COSTS = (CHORDAL, "g2o", "gtsam")
+#: What GTSAM does: its chordal initialization, in 2D LAGO, then Gauss-Newton.
+GTSAM = Method("gtsam_gauss_newton", start=Method("gtsam_chordal"))
+ISOTROPIC, FULL = "GTSAM, isotropic weights", "GTSAM"
+OF_G2O, OF_SE_SYNC = "g2o's Gauss-Newton", "SE-Sync"
+
+
+def groups(quick: bool) -> Iterator[Group]:
+    """One for each set: all costs in turn with all other programs."""
+    for name in SAMPLE if quick else SETS:
+        in_space = datasets.entry(name).d == 3
+        timers = functools.partial(_set, name)
+        yield Group(SECTION, name, timers, comparisons(in_space), rounds=2 if quick else 5)
+
+
+def comparisons(in_space: bool) -> tuple[Comparison, ...]:
+    """What is compared on a set, and what the ratios should stay below."""
+    peers = {
+        CHORDAL: ((ISOTROPIC, None), (OF_SE_SYNC, 1.0)),
+        "g2o": ((FULL, 0.5), (OF_G2O, 1.0 if in_space else 1.5)),
+        "gtsam": ((FULL, 0.6 if in_space else 0.8),),
+    }
+    found = []
+    for cost, others in peers.items():
+        found += [Comparison(solving(cost), other, goal) for other, goal in others]
+        found.append(Comparison(certifying(cost), solving(cost), 1.0))
+    return tuple(found)
+
+
+def solving(cost: str) -> str:
+    """The step that solves under a cost."""
+    return f"solve, cost {cost}"
+
+
+def certifying(cost: str) -> str:
+    """The step that certifies the estimate of `solving`."""
+    return f"certify, cost {cost}"
+
+
+@contextmanager
+def _set(name: str) -> Iterator[Timers]:
+    instance = datasets.load(name, download=False, quiet=True)
+    path = datasets.fetch(name, download=False)
+    timers: dict[str, Timer | Missing] = {}
+    for cost in COSTS:
+        timers |= certified(instance, cost)
+    timers[ISOTROPIC] = _or_missing(lambda: of_gtsam(instance, CHORDAL))
+    timers[FULL] = _or_missing(lambda: of_gtsam(instance, "gtsam"))
+    with tempfile.TemporaryDirectory() as folder:
+        timers[OF_SE_SYNC] = SE_SYNC.timer(path)
+        timers[OF_G2O] = G2O.timer(_started(instance, Path(folder) / "started.g2o"))
+        yield timers
+
+
+def _started(instance: Instance, path: Path) -> Path:
+    """The file with the chordal optimum as initial values, from which g2o descends."""
+    best = solve(instance, cost=CHORDAL).estimate
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InputNotice)
+        write(path, replace(instance, initial=best))
+    return path
+
+
+def _or_missing(make: Callable[[], Timer]) -> Timer | Missing:
+    try:
+        return make()
+    except CertPGOError as error:
+        return missing(error)
+
+
+def certified(instance: Instance, cost: str, calls: int = 1) -> Timers:
+    """Timers of `certpgo.solve` and `certpgo.certify`, from the instance in memory."""
+    try:
+        estimate = solve(instance, cost=cost).estimate
+    except CertPGOError as error:
+        return dict.fromkeys((solving(cost), certifying(cost)), missing(error))
+    return {
+        solving(cost): processor(
+            lambda: finished(solve(instance, cost=cost)), _answered, calls=calls
+        ),
+        certifying(cost): processor(
+            lambda: certify(instance, estimate, cost=cost), _judged, calls=calls
+        ),
+    }
+
+
+def finished(answer: CertifiedSolution) -> CertifiedSolution:
+    """The answer; KeyboardInterrupt if Ctrl-C has ended the search, which is no measurement."""
+    if answer.solution.status is Status.INTERRUPTED:
+        raise KeyboardInterrupt
+    return answer
+
+
+def _answered(answer: CertifiedSolution) -> str:
+    return _judged(answer.certificate)
+
+
+def _judged(found: Certificate) -> str:
+    return f"{found.verdict.value}, {found.cost_upper:.8g}"
+
+
+def of_gtsam(instance: Instance, cost: str, calls: int = 1) -> Timer:
+    """A timer of GTSAM on its own graph object, built beforehand; it says the cost it ends at."""
+    problem = problem_under(instance, cost)
+    step = step_of(GTSAM, lambda: problem_under(instance, cost))
+    return processor(step, functools.partial(_ended, problem), calls=calls)
+
+
+def _ended(problem: Problem | InformationProblem, values: Any) -> str:
+    estimate, _ = estimate_from_values(values, np.arange(problem.n), problem.d, True, exact=True)
+    return f"{problem.cost(estimate):.8g}"
