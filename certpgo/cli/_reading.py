@@ -109,6 +109,10 @@ class Reading:
         bool,
         _option("--landmarks/--no-landmarks", help="Read or skip landmarks and their sightings."),
     ] = True
+    fixed: Annotated[
+        bool,
+        _option("--fixed/--no-fixed", help="Hold or release nodes that the file fixes (FIX)."),
+    ] = True
     skip: Annotated[
         list[str] | None,
         _option("--skip", help="Leave out lines with this tag (repeatable).", metavar="TAG"),
@@ -187,6 +191,7 @@ class Reading:
             "weights_are": None if self.weights_are is None else self.weights_are.value,
             "priors": self.priors,
             "landmarks": self.landmarks,
+            "fixed": self.fixed,
             "skip": tuple(self.skip or ()),
         }
 

@@ -177,7 +177,8 @@ class _Parser:
         rows = Rows(nodes, R, t, *self._weights(tag, texts, R, counts))
         if tag.kind in ("prior", "sighting"):
             sensors = ids[:, -1] if tag.sensor else np.full(k, BODY)
-            return replace(rows, sensors=sensors, apart=np.full(k, tag.apart))
+            flags = np.full(k, tag.apart), np.full(k, tag.is_position)
+            return replace(rows, sensors=sensors, apart=flags[0], bodily=flags[1])
         if tag.kind == "pose" and tag.timed:
             return replace(rows, stamps=decimals(columns[0]))
         return rows

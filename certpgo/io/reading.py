@@ -12,6 +12,7 @@ import numpy as np
 from certpgo.errors import FormatError, InputError
 from certpgo.graph import Instance
 from certpgo.graph.edges import Keep, simple_edges
+from certpgo.graph.held import with_held
 from certpgo.io.chosen_weights import ChosenWeights
 from certpgo.io.estimates import matched_truth, truth_in_words, warn_of
 from certpgo.io.format import (
@@ -38,6 +39,7 @@ def read(
     weights_are: WeightsAre | None = None,
     priors: bool = True,
     landmarks: bool = True,
+    fixed: bool = True,
     skip: Sequence[str] = (),
     truth: str | Path | None = None,
     format: str | None = None,
@@ -70,6 +72,9 @@ def read(
     priors : whether measurements of single poses and positions are read, as edges from one more
         node, the world (``Instance.world``); else they are skipped
     landmarks : whether points, what sees them and ranges to them are read; else they are skipped
+    fixed : whether nodes that the file fixes are held where they are, see
+        `certpgo.graph.held.with_held`; else all are estimated. It matters where there are several,
+        or priors
     skip : tags whose lines are left out, of files of tagged lines: measurements that are not known
         here; ``Instance.options["skip"]`` lists them
     truth : a file with ground truth for every node, see `read_truth`
@@ -83,7 +88,7 @@ def read(
     FormatError
         With path, line and what was expected there.
     InputError
-        Contradictory options, or incomplete truth.
+        Contradictory options, incomplete truth, or fixed nodes without initial values.
     SpecError
         ``format`` is unknown.
 
@@ -122,7 +127,7 @@ def read(
     instance = form.read_graph(path, options)
     if rotation_information == "quaternion" and instance.graph.d == 2:
         raise InputError("rotational information on a quaternion is for 3D; in 2D use the angle")
-    instance = _with_choices(instance, keep, weights)
+    instance = with_held(_with_choices(instance, keep, weights), hold=fixed)
     if truth is not None:
         instance = _with_truth(instance, Path(truth))
     warn_of(path, () if quiet else instance.notices)

@@ -233,7 +233,7 @@ class TruncatedProblem(Brief):
         """The rejected measurements at the relative poses of a point."""
         rejected, prices = self.below, self.prices[self.is_rejected]
         if isinstance(rejected, PoseGraph):
-            v, Q = relative(rejected.edges, point)
+            v, Q = relative(rejected, point)
         else:
             R, (i, j) = point.rotations, rejected.edges.T
             v, Q = np.zeros((len(i), self.d)), np.swapaxes(R[i], 1, 2) @ R[j]

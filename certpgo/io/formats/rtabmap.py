@@ -20,13 +20,14 @@ import numpy as np
 
 from certpgo.errors import FormatError, InputError, NoMeasurements
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
+from certpgo.graph.information import joined_information
 from certpgo.graph.phrases import counted
 from certpgo.io.build_graph import anchored
 from certpgo.io.edge_weights import Weighing, weighed
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Format, LabelledPoses, ReadOptions, estimate_at
 from certpgo.io.nodes import Nodes, distinct
-from certpgo.io.records import Rows, joined_information
+from certpgo.io.records import Rows
 from certpgo.io.rtabmap_links import BETWEEN, PRIOR, skipped_links
 from certpgo.io.sqlite import MAGIC, columns_of, found_rows, numbers_of
 from certpgo.io.timestamps import decimals, times_and_ids
