@@ -72,7 +72,7 @@ def command(
     path = given.path()
     if not estimate and out.write_graph is not None and format_of(path).read_graph is not None:
         with suppress(NoMeasurements):
-            converted = reading.open(given, distances=True)
+            converted = replace(reading, fixed=False).open(given, distances=True)
             for name, value in (("--anchor", anchor), ("--graph", graph)):
                 if value is not None:
                     raise InputError(

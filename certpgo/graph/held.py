@@ -22,7 +22,7 @@ from certpgo.graph.information import Information, joined_information
 from certpgo.graph.mounted import Frames, mounted
 from certpgo.graph.phrases import counted, few
 from certpgo.graph.rotation_graph import RotationGraph
-from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
 #: What becomes of fixed nodes that are not held: one chooses the frame, more are constraints.
 FREED = "all are estimated, and only differences between poses are measured"
@@ -33,33 +33,36 @@ HELD = "held"
 def with_held(instance: Instance, *, hold: bool = True) -> Instance:
     """The instance whose fixed nodes are held at their initial values, if that is a constraint.
 
-    One fixed pose is none, unless there is a world. With a notice of what is held, or not.
+    One fixed pose is none, unless there is a world. A notice says what is held, or why nothing is.
+
+    Parameters
+    ----------
+    hold : else all nodes are estimated
 
     Raises
     ------
     InputError
-        Not all nodes have an initial value, or there are distances.
+        There are distances.
     """
     fixed = np.unique(np.array(instance.fixed, dtype=np.intp))
     constrained = len(fixed) + (instance.world is not None) > 1 and len(fixed) > 0
-    if not constrained or instance.options.get("fixed") == HELD:
+    if not constrained or instance.stated is not None:
         return instance
     poses = fixed[~instance.graph.is_point[fixed]]
-    if not hold or not len(poses):
+    if not hold or not len(poses) or instance.initial is None:
         said = f"{counted(len(fixed), 'node{s}')} fixed by the file: {FREED}"
+        if hold:
+            said += "; to hold them takes a pose among them, and initial values of all nodes"
         return replace(instance, notices=(*instance.notices, said))
     named = few(instance.ids[fixed].tolist())
-    where = instance.source or instance.name
-    release = "(--no-fixed releases them)"
-    if instance.initial is None:
-        said = f"nodes {named} are fixed, which takes initial values of all nodes {release}"
-        raise InputError(f"{where}: {said}")
+    where, release = instance.source or instance.name, "(--no-fixed releases them)"
     if instance.ranges is not None:
         raise InputError(f"{where}: nodes {named} are fixed, and distances are measured {release}")
     root, others = int(poses[0]), fixed[fixed != poses[0]]
     held = np.append(others, [] if instance.world is None else instance.world).astype(np.intp)
     there = instance.initial.anchored(root)
-    graph, information, within = _on_one(instance, there, root, held)
+    graph, information, between = _on_one(instance, there, root, held)
+    within, stated = int((~between).sum()), instance.graph.edges[between]
     graph, information = _with_exact(instance, graph, information, there, root, others)
     said = f"{counted(len(fixed), 'node{s}')} held where the file fixes them ({named}): "
     said += f"relative poses of these are constraints {release}"
@@ -69,6 +72,8 @@ def with_held(instance: Instance, *, hold: bool = True) -> Instance:
         instance,
         graph=graph,
         information=information,
+        stated=np.concatenate([stated, graph.edges[len(stated) :]]),
+        outliers=None,
         options={**instance.options, "fixed": HELD},
         notices=(*instance.notices, said),
     )
@@ -76,19 +81,19 @@ def with_held(instance: Instance, *, hold: bool = True) -> Instance:
 
 def _on_one(
     instance: Instance, there: Estimate, root: int, held: IntArray
-) -> tuple[Graph, Information | None, int]:
-    """The measurements with those of held nodes as of one, and how many are between these."""
+) -> tuple[Graph, Information | None, BoolArray]:
+    """The measurements with those of held nodes as of one, and which these are, (m,): not all."""
     graph, place = instance.graph, np.arange(instance.graph.num_nodes)
     place[held] = root
     edges = place[graph.edges]
     between = edges[:, 0] != edges[:, 1]
-    rest, i, j = graph.with_edges(between), *graph.edges[between].T
+    rest, (i, j) = graph.with_edges(between), graph.edges[between].T
     information = instance.information and instance.information.subset(between)
     frames = Frames.none(graph.num_nodes, graph.d)
     R, t = _poses(there, held)
     frames.rotations[held], frames.translations[held] = R, t
     on_nodes = mounted(rest, information, edges[between], frames.subset(i), frames.subset(j))
-    return *on_nodes, int((~between).sum())
+    return *on_nodes, between
 
 
 def _poses(values: Estimate, nodes: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -119,8 +124,7 @@ def _with_exact(
         return joined([graph, rotation], n), None
     tau = np.full(len(seen), graph.tau.max() or 1.0)
     absolute = seen[:, 0] == world if world is not None else None
-    arms = None if graph.arms is None else np.zeros_like(t)
-    exact = PoseGraph(rotation, t, tau, arms, graph.points, None, absolute)
+    exact = PoseGraph(rotation, t, tau, None, graph.points, None, absolute)
     if world is not None and graph.assumed is not None:  # the world's position is known now
         graph = replace(graph, tau=np.where(graph.assumed, 0.0, graph.tau), assumed=None)
     of_axes = kappa * (1.0 if d == 2 else 2.0)

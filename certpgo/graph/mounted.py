@@ -90,5 +90,3 @@ def mounted(
 
 def _turned(R: FloatArray, t: FloatArray) -> FloatArray:
     return np.asarray((R @ t[:, :, None])[:, :, 0])
-
-

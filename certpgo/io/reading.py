@@ -88,7 +88,7 @@ def read(
     FormatError
         With path, line and what was expected there.
     InputError
-        Contradictory options, incomplete truth, or fixed nodes without initial values.
+        Contradictory options, incomplete truth, or fixed nodes with distances.
     SpecError
         ``format`` is unknown.
 

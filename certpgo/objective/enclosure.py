@@ -86,7 +86,8 @@ def _general(graph: Graph, estimate: Estimate) -> tuple[float, float]:
 def _levers(graph: PoseGraph) -> FloatArray:
     """(m,) lengths of the levers from i to j and of the arms at j, together."""
     lever = np.linalg.norm(graph.translations, axis=1)
-    return lever if graph.arms is None else lever + np.linalg.norm(graph.arms, axis=1)
+    arms = 0.0 if graph.arms is None else np.linalg.norm(graph.arms, axis=1)
+    return np.asarray(lever + arms)
 
 
 def _of_a_sum(terms: FloatArray) -> float:

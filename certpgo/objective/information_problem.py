@@ -165,6 +165,8 @@ class InformationProblem(Speaking):
     @property
     def unprovable(self) -> str:
         """Why there are no proofs of the cost; empty if there are."""
+        if self.graph.isotropic.arms is not None:
+            return self.chordal.unprovable
         if self.edge_cost.provable:
             return ""
         return f"proofs and their tier are for the chordal cost and g2o's, not for {self.title}"

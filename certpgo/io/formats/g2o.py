@@ -36,7 +36,7 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.errors import InputError
-from certpgo.graph import Estimate, Instance, PoseGraph
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph
 from certpgo.graph.information import Information
 from certpgo.graph.keys import Keys
 from certpgo.io.build_graph import instance_from_lines, poses_from_lines
@@ -154,15 +154,31 @@ def _isotropic(d: int, kappa: float, tau: float) -> str:
     return f"{a} 0 0 0 0 0 {a} 0 0 0 0 {a} 0 0 0 {b} 0 0 {b} 0 {b}"
 
 
-def _prior(graph: PoseGraph, k: int, node: int, pose: str, weight: str, of_position: str) -> str:
-    """The line of an edge from the world."""
+def _prior(
+    graph: PoseGraph, k: int, node: int, mount: int, pose: str, weight: str, of_position: str
+) -> str:
+    """The line of an edge from the world, of a sensor with that number."""
     d = graph.d
-    sensor = " 0" if d == 3 else ""
-    if graph.rotation.kappa[k] > 0.0 and graph.tau[k] > 0.0:
+    sensor = f" {mount}" if d == 3 else ""
+    # Where a position's sensor is does not count, that of a pose of unknown rotation does.
+    if (graph.rotation.kappa[k] > 0.0 and graph.tau[k] > 0.0) or mount:
         return f"{_PRIORS[d][0]} {node}{sensor} {pose} {weight}\n"
     if graph.rotation.kappa[k] > 0.0:
         raise InputError("g2o has no measurements of an attitude alone")
     return f"{_POSITIONS[d][0]} {node}{sensor} {_position(pose, d)} {of_position}\n"
+
+
+def _sensors(graph: Graph) -> tuple[IntArray, list[str]]:
+    """(m,) numbers of sensors at the arms of edges, 0 for the body, and the lines of these."""
+    if not isinstance(graph, PoseGraph) or graph.arms is None:
+        return np.zeros(graph.num_edges, dtype=np.intp), []
+    places = np.concatenate([np.zeros((1, graph.d)), graph.arms])
+    distinct, number = np.unique(places, axis=0, return_inverse=True)
+    order = np.argsort(distinct.any(axis=1), kind="stable")  # the body first
+    mounts = np.argsort(order)[number.ravel()[1:]]
+    turned = np.tile(np.eye(graph.d), (len(distinct), 1, 1))
+    poses = pose_texts(turned, distinct[order])
+    return mounts, [f"PARAMS_SE3OFFSET {k} {pose}\n" for k, pose in enumerate(poses)][1:]
 
 
 def _sighting(d: int, pair: list[int], pose: str, of_position: str) -> str:
@@ -192,6 +208,7 @@ def _write_graph(path: Path, instance: Instance) -> None:
         f"{tag} {i} {j} {pose} {weight}\n"
         for (i, j), pose, weight in zip(pairs, numbers, weights, strict=True)
     ]
+    mounts, sensors = _sensors(graph)
     points = np.zeros(graph.num_nodes, dtype=bool)
     if isinstance(graph, PoseGraph) and graph.points is not None:
         points = graph.points
@@ -200,11 +217,12 @@ def _write_graph(path: Path, instance: Instance) -> None:
     if isinstance(graph, PoseGraph) and instance.world is not None:
         for k in np.flatnonzero((graph.edges == instance.world).any(axis=1)).tolist():
             node, given = ids[graph.edges[k, 1]], (weights[k], of_positions[k])
-            lines[k] = _prior(graph, k, node, numbers[k], *given)
+            lines[k] = _prior(graph, k, node, int(mounts[k]), numbers[k], *given)
     known = slice(instance.world)
     with path.open("w", encoding="ascii") as file:
-        if points.any() and graph.d == 3:
+        if (points.any() or sensors) and graph.d == 3:
             file.write("PARAMS_SE3OFFSET 0 0 0 0 0 0 0 1\n")
+            file.writelines(sensors)
         if instance.initial is not None:
             values = instance.in_world(instance.initial) if instance.world else instance.initial
             file.writelines(_vertex_lines(ids[known], values, points[known]))
