@@ -58,7 +58,7 @@ def refuse_unreadable(source: Path, instance: Instance, cost: str) -> None:
         The checker cannot read them, or rotations alone have priors.
     """
     _refuse_priors_of_rotations(instance)
-    if _map_of(instance) or "fixed" in instance.options:
+    if _map_of(instance) or {"fixed", "also"} & {*instance.options}:
         _claim(source, instance, None if cost == costs.CHORDAL else cost)
 
 
@@ -222,6 +222,10 @@ def _claim(
     """The subject of the proof (hashes, kind, reading options), and the graph the checker reads."""
     if (stated := instance.options.get("weights_are", "information")) != "information":
         raise InputError(f"proof files are about numbers of information, not of {stated}")
+    if "also" in instance.options:
+        raise InputError(
+            f"{source}: a proof is about one file: certpgo convert with --also writes one of all"
+        )
     if instance.options.get("fixed") == HELD:
         raise InputError("the checker holds no nodes that a file fixes: --no-fixed releases them")
     file = source / "EGs.txt" if source.is_dir() else source

@@ -116,7 +116,8 @@ def command(
     outputs.refuse()
     source, of_truth = reading.resolve(graph), reading.resolve(truth)
     sources = _resolved(estimates, reading, batch=csv is not None)
-    here = [found for found in sources.values() if not isinstance(found, InputError)]
+    here = reading.others
+    here += [found for found in sources.values() if not isinstance(found, InputError)]
     outputs.refuse_overwriting(source, *here, of_truth, file_of_times(timestamps), rejected)
     instance = timed(reading.open(source, distances=True), timestamps)
     refuse_with_distances(instance, proof=proof, rejected=rejected)

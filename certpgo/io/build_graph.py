@@ -11,7 +11,7 @@ from certpgo.errors import FormatError, NoEdges, NoMeasurements
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.information import Information, joined_information
 from certpgo.graph.mounted import Frames, mounted
-from certpgo.graph.phrases import counted
+from certpgo.graph.phrases import counted, shown_path
 from certpgo.graph.priors import origin_of, with_priors
 from certpgo.graph.ranges import Ranges
 from certpgo.io.compressed import uncompressed_name
@@ -26,13 +26,26 @@ from certpgo.io.nodes import (
     refuse_duplicates,
 )
 from certpgo.io.records import Records, Rows
+from certpgo.io.several import counted_once, joined_name, joined_source, located
 from certpgo.linalg.arrays import FloatArray, IntArray
 
 
 def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> Instance:
-    """The instance in a file of tagged lines."""
+    """The instance in a file of tagged lines, or in several."""
     _refuse_choices(path, dialect, options)
-    content = read_lines(path, dialect, options)
+    paths = (path, *options.also)
+    content, firsts = read_lines(paths, dialect, options)
+    with located(paths, firsts):
+        counted_once(content, path, firsts)
+        instance = _instance(dialect, path, options, content)
+    if len(paths) == 1:
+        return instance
+    chosen = {**instance.options, "also": ", ".join(shown_path(one) for one in options.also)}
+    return replace(instance, name=joined_name(paths), source=joined_source(paths), options=chosen)
+
+
+def _instance(dialect: Dialect, path: Path, options: ReadOptions, content: Records) -> Instance:
+    """The instance of these contents."""
     _refuse_no_edges(path, dialect, content)
     if dialect.named:
         nodes, rows = numbered_by_name(path, content, skip_landmarks=options.skip_landmarks)
@@ -83,7 +96,7 @@ def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> I
 
 def poses_from_lines(dialect: Dialect, path: Path) -> LabelledPoses:
     """The poses and points on the vertex lines of a file."""
-    content = read_lines(path, dialect, ReadOptions(ignore_information=True))
+    content, _ = read_lines([path], dialect, ReadOptions(ignore_information=True))
     if dialect.named:
         nodes, values = named_nodes(path, content)
         keys = None, nodes.times_ns, nodes.names, nodes.points

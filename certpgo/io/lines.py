@@ -6,7 +6,7 @@ A chunk of lines is parsed at once, grouped by tag.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -36,13 +36,20 @@ _NO_MEASUREMENTS = (b"VERTEX", b"PARAM", b"DATA", b"ROBOTLASER", b"RAWLASER", b"
 Weights = tuple[FloatArray, FloatArray, Information | None]
 
 
-def read_lines(path: Path, dialect: Dialect, options: ReadOptions) -> Records:
-    """The contents of the file; a FormatError names the line and what was expected."""
-    parser, content = _Parser(dialect, options), Records()
-    for part in parsed(path, parser.parse, options.progress):
-        content.extend(part)
+def read_lines(
+    paths: Sequence[Path], dialect: Dialect, options: ReadOptions
+) -> tuple[Records, list[int]]:
+    """The contents of files, and the numbers of their first lines, counted through all.
+
+    A FormatError names the line and what was expected.
+    """
+    parser, content, firsts = _Parser(dialect, options), Records(), list[int]()
+    for path in paths:
+        firsts.append(parser.next_line)
+        for part in parsed(path, parser.parse, options.progress):
+            content.extend(part)
     content.names = parser.names
-    return content
+    return content, firsts
 
 
 class _Parser:
@@ -51,7 +58,7 @@ class _Parser:
     def __init__(self, dialect: Dialect, options: ReadOptions) -> None:
         self._dialect = dialect
         self._options = options
-        self._d, self._lines = 0, 1
+        self._d, self.next_line = 0, 1
         self._named: dict[bytes, int] = {}
         self._after = "names" if dialect.named else "ids"
 
@@ -85,13 +92,13 @@ class _Parser:
     def _by_tag(self, lines: list[bytes]) -> dict[bytes, tuple[list[bytes], list[int]]]:
         """What follows each tag, and the numbers of these lines."""
         groups: dict[bytes, tuple[list[bytes], list[int]]] = {}
-        for number, line in enumerate(lines, self._lines):
+        for number, line in enumerate(lines, self.next_line):
             head = line.split(None, 1)
             if head:
                 bodies, numbers = groups.setdefault(head[0], ([], []))
                 bodies.append(head[1] if len(head) == 2 else b"")
                 numbers.append(number)
-        self._lines += len(lines)
+        self.next_line += len(lines)
         return groups
 
     def _tag(self, name: bytes) -> Tag:

@@ -16,6 +16,8 @@ from certpgo.graph.held import with_held
 from certpgo.io.chosen_weights import ChosenWeights
 from certpgo.io.estimates import matched_truth, truth_in_words, warn_of
 from certpgo.io.format import (
+    AnyPath,
+    Format,
     Progress,
     ReadOptions,
     RotationInformation,
@@ -28,7 +30,7 @@ _MEANINGS = ("tangent", "quaternion", "rpy")
 
 
 def read(
-    path: str | Path,
+    path: AnyPath | Sequence[AnyPath],
     *,
     keep: Keep = "all",
     rotation_information: RotationInformation | None = None,
@@ -57,7 +59,9 @@ def read(
     Parameters
     ----------
     path : a g2o, PyFG, TORO, iSAM, Open3D (JSON), .mat (viewing graph), .npz or GLOMAP relative
-        poses file, a bag of ROS with rtabmap's graph, a 1DSfM folder or its EGs.txt
+        poses file, a bag of ROS with rtabmap's graph, a 1DSfM folder or its EGs.txt; or several
+        files of one format of text, read as one graph: ids mean the same node in all, the first
+        vertex of a node counts, and so does a measurement that several files have
     keep : of parallel edges, ``"all"`` (their terms add), or the ``"first"`` or ``"last"``
     rotation_information : what the rotational information refers to: ``"tangent"`` (default of g2o
         and TORO), ``"quaternion"`` (its vector part, half the angle: kappa is a quarter) or
@@ -105,8 +109,13 @@ def read(
     >>> instance.ids
     array([10, 20, 30, 40])
     """
-    path = Path(path)
+    paths = [path] if isinstance(path, str | Path) else list(path)
+    if not paths:
+        raise InputError("a file is expected, not an empty list")
+    path, *also = map(Path, paths)
     form = format_of(path, format, topic)
+    for other in also:
+        _refuse_other(path, form, other, format_of(other, format))
     if form.read_graph is None:
         raise FormatError(path, None, f"{form.name} files hold {form.holds}, no measurements")
     weights = ChosenWeights(kappa, tau, unit_weights, mahalanobis)
@@ -122,6 +131,7 @@ def read(
         skip_priors=not priors,
         skip_landmarks=not landmarks,
         skip=(skip,) if isinstance(skip, str) else tuple(skip),
+        also=tuple(also),
         progress=progress,
     )
     instance = form.read_graph(path, options)
@@ -132,6 +142,16 @@ def read(
         instance = _with_truth(instance, Path(truth))
     warn_of(path, () if quiet else instance.notices)
     return instance
+
+
+def _refuse_other(path: Path, form: Format, other: Path, found: Format) -> None:
+    """Refuse a file that is not read as one graph with another."""
+    if not form.joins_files:
+        said = f"several {form.name} files are not read as one graph: certpgo merge joins maps"
+        raise FormatError(other, None, said)
+    if found is not form:
+        said = f"{path} is a {form.name} file, and this one {found.name}: convert one of them"
+        raise FormatError(other, None, said)
 
 
 def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:

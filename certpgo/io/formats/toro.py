@@ -50,5 +50,6 @@ FORMAT = Format(
     recognises=_recognises,
     holds="poses and measurements",
     read_graph=partial(instance_from_lines, DIALECT),
+    joins_files=True,
     read_poses=partial(poses_from_lines, DIALECT),
 )
