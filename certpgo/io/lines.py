@@ -13,9 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.checker import FAR
-from certpgo.errors import InputError
+from certpgo.errors import InputError, nearest
 from certpgo.graph.edges import in_range
 from certpgo.graph.information import Information, of_positions
+from certpgo.graph.phrases import few
 from certpgo.io.chunks import decimal_comma, parsed, printable, refuse_loops
 from certpgo.io.dialect import Dialect, Tag
 from certpgo.io.edge_weights import INDEFINITE, PARTIAL, partial_counts
@@ -111,11 +112,12 @@ class _Parser:
             return dialect.tags[name]
         if name.startswith(_NO_MEASUREMENTS) and not dialect.named:
             return Tag("skip", what=f"no tag of {dialect.name}, and no measurement")
-        known = ", ".join(tag.decode() for tag in dialect.tags)
+        known = [tag.decode() for tag in dialect.tags]
         shown = name[:40].decode("ascii", "backslashreplace")
+        near = nearest(shown, known)
+        hint = f"did you mean {' or '.join(near)}?" if near else f"known: {few(known)}"
         raise InputError(
-            f"{dialect.name} has no tag {shown!r} (--skip {shown} leaves such lines out); "
-            f"known: {known}"
+            f"{dialect.name} has no tag {shown!r} (--skip {shown} leaves such lines out); {hint}"
         )
 
     def _skipped(self, tag: Tag, d: int) -> str:

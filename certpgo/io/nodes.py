@@ -185,7 +185,13 @@ def _moved(
     for sensor in distinct(rows.sensors[rows.sensors != BODY]).tolist():
         # Without a line of parameters, 0 is the body itself.
         if sensor not in sensors and sensor != 0:
-            raise FormatError(path, None, f"{said} sensor {sensor}, which is unknown")
+            here = "PARAMS_SE3OFFSET", sensor, *[0] * 6, 1
+            raise FormatError(
+                path,
+                None,
+                f"{said} sensor {sensor}, which is unknown: a line {' '.join(map(str, here))} "
+                "puts it at its body's origin",
+            )
         R, t = sensors.get(sensor, (np.eye(0), np.empty(0)))
         if t.any() or (np.eye(len(t)) != R).any():
             yield sensor, R, t

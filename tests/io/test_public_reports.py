@@ -90,3 +90,74 @@ EDGE 0 2 2.1 0 0 100 0 100 400 0 0
     for lines in (text, newer):
         answer = certpgo.solve(io.read(file(lines, "old.graph"), quiet=True))
         assert answer.cost == pytest.approx(1.0 / 3.0, rel=1e-9)
+
+
+PLANE = "{0}VERTEX_SE2 0 0 0 0\n{0}VERTEX_SE2 1 1 0 0\nFIX 0\n"
+STEPS = "{0}EDGE_SE2 0 1 1 0 0 100 0 0 100 0 400\n{0}EDGE_SE2 0 1 1.1 0 0 100 0 0 100 0 400\n"
+
+
+@pytest.mark.parametrize("prefix", ["", "ONLINE_", "TUTORIAL_"])
+def test_files_of_g2os_examples(file, prefix):
+    """g2o, issues 45 and 358: two steps of 1 and 1.1 m leave 2 (100 / 20^2)."""
+    text = (PLANE + STEPS).format(prefix)
+    answer = certpgo.solve(io.read(file(text), quiet=True))
+    assert answer.cost == pytest.approx(0.5, rel=1e-9)
+
+
+def test_edges_may_come_before_their_vertices(file):
+    """g2o, issue 762, where it could not find the vertices of an edge."""
+    text = "".join(reversed((PLANE + STEPS).format("").splitlines(keepends=True)))
+    answer = certpgo.solve(io.read(file(text), quiet=True))
+    assert answer.cost == pytest.approx(0.5, rel=1e-9)
+
+
+def test_edges_without_information_weigh_one(file):
+    """SC-LIO-SAM, issue 22, where GTSAM read no edge: steps of 1 and 1.1 m leave 2 / 20^2."""
+    step = "EDGE_SE3:QUAT 0 1 {} 0 0 0 0 0 1\n"
+    answer = certpgo.solve(io.read(file(step.format(1) + step.format(1.1)), quiet=True))
+    assert answer.cost == pytest.approx(0.005, rel=1e-9)
+
+
+def test_two_robots_that_both_have_the_edges_between_them(file):
+    """distributed-mapper, issue 8: ids go through, the edges 3-5 and 3-6 are in both files."""
+    weight = "1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 1 0 0 1 0 1"
+    own = ((1, 2), (2, 3), (3, 4), (1, 3)), ((5, 6), (6, 7), (7, 8), (5, 7))
+    paths = [
+        file("".join(f"EDGE_SE3:QUAT {i} {j} 0 0 0 0 0 0 1 {weight}\n" for i, j in edges), name)
+        for edges, name in (
+            ((*own[0], (3, 6), (3, 5)), "0.g2o"),
+            ((*own[1], (3, 6), (3, 5)), "1.g2o"),
+        )
+    ]
+    instance = io.read(paths, quiet=True)
+    assert (instance.ids.tolist(), instance.graph.num_edges) == ([*range(1, 9)], 10)
+    assert certpgo.solve(instance).verdict.value == "CERTIFIED"
+
+
+def test_cross_terms_of_information_stay_with_their_axes(file):
+    """gtsam, pull request 1310: the order of g2o is x, y, z, then the rotation's axes."""
+    rng = np.random.default_rng(0)
+    A = rng.normal(size=(6, 6))
+    information = np.round(A @ A.T + 6.0 * np.eye(6), 3)
+    numbers = " ".join(map(str, information[np.triu_indices(6)].tolist()))
+    line = f"EDGE_SE3:QUAT 0 1 0.25 0.06 0.02 -0.0167946 -0.0087881 -0.0277189 0.999436 {numbers}\n"
+    instance = io.read(file(line), quiet=True)
+    assert instance.information.matrices[0].tolist() == information.tolist()
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        # g2o, issue 311: a prior whose sensor nothing describes; and decimal commas.
+        (
+            f"EDGE_SE3:QUAT 1 2 1 0 0 0 0 0 1 {STEP}\nEDGE_SE3_PRIOR 1 1 0 0 0 0 0 0 1 {STEP}\n",
+            "sensor 1, which is unknown: a line PARAMS_SE3OFFSET 1 0 0 0 0 0 0 1 puts it",
+        ),
+        ("VERTEX_SE3:QUAT 1 0,000000 0 0 0 0 0 1\n", "a decimal comma: decimal points expected"),
+        # g2o, issue 358: a blank in the tag.
+        (f"EDGE_SE3 : QUAT 0 1 1 0 0 0 0 0 1 {STEP}\n", "did you mean EDGE_SE3:QUAT"),
+    ],
+)
+def test_what_is_wrong_is_said_with_what_to_do(file, text, said):
+    with pytest.raises(certpgo.FormatError, match=said):
+        io.read(file(text))

@@ -19,6 +19,7 @@
     EDGE_SE2_SWITCHABLE i j switch x y theta [6 numbers]
     EDGE_SE3_SWITCHABLE i j switch x y z qx qy qz qw [21 numbers]
 
+The tags of g2o's own examples begin with ONLINE_ or TUTORIAL_.
 The last two are of Vertigo (https://openslam-org.github.io/vertigo.html), loop closures that its
 optimizer can switch off, read as ordinary ones. rtabmap (corelib/src/optimizer/OptimizerG2O.cpp)
 writes them, and EDGE_POINTXYZ_PRIOR for GPS.
@@ -59,7 +60,9 @@ _VERTICES = {2: ("VERTEX_SE2", "VERTEX_XY"), 3: ("VERTEX_SE3:QUAT", "VERTEX_TRAC
 _SIGHTINGS = {2: "EDGE_SE2_XY", 3: "EDGE_SE3_TRACKXYZ"}
 _SWITCHED = "loop closure{s} with a switch, read without: certpgo solve --robust rejects outliers"
 _SWITCHES = ("VERTEX_SWITCH", "EDGE_SWITCH_PRIOR")
-_PARAMETERS = ("PARAMS_SE2OFFSET", "PARAMS_CAMERACALIB")
+_PARAMETERS = ("PARAMS_SE2OFFSET", "TUTORIAL_PARAMS_SE2_OFFSET", "PARAMS_CAMERACALIB")
+#: Before VERTEX_SE2 and EDGE_SE2 in files of g2o's own examples.
+_EXAMPLES = ("ONLINE", "TUTORIAL")
 
 
 DIALECT = Dialect(
@@ -69,6 +72,8 @@ DIALECT = Dialect(
         b"EDGE_SE3:QUAT": Tag("edge", 3, 7),
         b"VERTEX_SE2": Tag("pose", 2, 3),
         b"EDGE_SE2": Tag("edge", 2, 3),
+        **{f"{name}_VERTEX_SE2".encode(): Tag("pose", 2, 3) for name in _EXAMPLES},
+        **{f"{name}_EDGE_SE2".encode(): Tag("edge", 2, 3) for name in _EXAMPLES},
         b"FIX": Tag("fix"),
         b"VERTEX_XY": Tag("point", 2, 2, "landmarks"),
         b"EDGE_SE2_XY": Tag("sighting", 2, 2, "landmarks"),
