@@ -34,7 +34,7 @@ Progress = Callable[[int, int], None]
 _HEAD_BYTES = 1 << 14
 #: Files that only the program that writes them reads, by suffix.
 _CONTAINERS = {
-    ".pbstream": "a state of Cartographer, which only Cartographer reads: write the nodes and "
+    ".pbstream": "a state of Cartographer expected, which begins otherwise: write the nodes and "
     "constraints of its proto::PoseGraph as g2o, or its trajectory as TUM",
     ".posegraph": "a graph of slam_toolbox, whose binary archive only its own build reads: write "
     "its vertices and edges as g2o, or its trajectory as TUM",
