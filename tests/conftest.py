@@ -1,3 +1,4 @@
+import signal
 import warnings
 from textwrap import dedent
 from types import SimpleNamespace
@@ -12,6 +13,10 @@ from certpgo.optimize import progress
 
 settings.register_profile("ci", derandomize=True, deadline=None)
 settings.load_profile("ci")
+
+# Shells let their background jobs ignore Ctrl-C, which some tests send.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture

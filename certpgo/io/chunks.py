@@ -25,13 +25,13 @@ _PRINTED = bytes({*range(32, 256)} - {127}) + b"\t\r\n"
 
 def without_comments(text: bytes) -> bytes:
     """The text without comments, from ``#`` to the end of a line."""
-    return _COMMENT.sub(b"", text)
+    return _COMMENT.sub(b"", text) if b"#" in text else text
 
 
 def parsed(
-    path: Path, parse: Callable[[list[bytes]], T], progress: Progress | None = None
+    path: Path, parse: Callable[[bytes], T], progress: Progress | None = None
 ) -> Iterator[T]:
-    """``parse`` applied to each chunk of lines, without comments.
+    """``parse`` applied to each chunk of lines, without comments and the last line end.
 
     A chunk that fails is parsed again in smaller and smaller parts to locate the line. Lines end in
     LF or CRLF.
@@ -43,11 +43,11 @@ def parsed(
         return within a line.
     """
     for first, text in _chunks(path, progress):
-        lines = without_comments(text).split(b"\n")
+        text = without_comments(text)
         try:
-            result = parse(lines)
+            result = parse(text)
         except InputError as error:
-            raise _at_line(path, first, lines, parse, error) from None
+            raise _at_line(path, first, text.split(b"\n"), parse, error) from None
         yield result
 
 
@@ -55,19 +55,19 @@ def _at_line(
     path: Path,
     first: int,
     lines: list[bytes],
-    parse: Callable[[list[bytes]], T],
+    parse: Callable[[bytes], T],
     error: InputError,
 ) -> FormatError:
     """The error of the first line that fails, by bisection."""
     while len(lines) > 1:
         half = len(lines) // 2
         try:
-            parse(lines[:half])
+            parse(b"\n".join(lines[:half]))
             first, lines = first + half, lines[half:]
         except InputError as nearer:
             lines, error = lines[:half], nearer
     try:
-        parse(lines)
+        parse(lines[0])
     except InputError as at_line:
         error = at_line
     return FormatError(path, first, str(error))
@@ -112,7 +112,8 @@ def _refuse_controls(path: Path, first: int, text: bytes) -> None:
 
     The proof checker refuses the same.
     """
-    if text.count(b"\r") == text.count(b"\r\n") and not text.translate(None, _PRINTED):
+    plain = b"\r" not in text or text.count(b"\r") == text.count(b"\r\n")
+    if plain and not text.translate(None, _PRINTED):
         return
     for number, line in enumerate(text.replace(b"\r\n", b"\n").split(b"\n"), first):
         for control in line.translate(None, _PRINTED.replace(b"\r", b""))[:1]:
@@ -138,8 +139,8 @@ def read_rows(
     first : from the first words of the rows to an array (k, ...), which then comes first
     """
 
-    def parse(lines: list[bytes]) -> tuple[NDArray[Any], ...]:
-        rows = [words for line in lines if (words := line.split())]
+    def parse(text: bytes) -> tuple[NDArray[Any], ...]:
+        rows = rows_of(text)
         converted = convert(floats_of_rows(rows, columns, expected))
         return converted if first is None else (first([words[0] for words in rows]), *converted)
 
@@ -147,6 +148,11 @@ def read_rows(
     if not sum(len(part[0]) for part in parts):
         raise FormatError(path, None, f"no lines of {expected}")
     return tuple(np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+
+
+def rows_of(text: bytes) -> list[list[bytes]]:
+    """The words of all lines that are not blank."""
+    return [words for line in text.split(b"\n") if (words := line.split())]
 
 
 def lines_of_rows(path: Path) -> IntArray:

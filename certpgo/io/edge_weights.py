@@ -14,9 +14,10 @@ from certpgo.graph.information import Information
 from certpgo.graph.phrases import counted
 from certpgo.io.exact.information import ROW_MAJOR_2D, ROW_MAJOR_3D, InformationLayout
 from certpgo.io.exact.weighing import weigh
+from certpgo.io.fields import distinct_texts
 from certpgo.io.format import ReadOptions
 from certpgo.io.precision_kind import as_information
-from certpgo.linalg.arrays import FloatArray
+from certpgo.linalg.arrays import FloatArray, IntArray
 
 #: How far a matrix may be from its transpose, relative to its largest entry.
 ASYMMETRY = 1e-6
@@ -78,18 +79,20 @@ def weighed(
     layout = ROW_MAJOR_3D if matrices.shape[-1] == 6 else ROW_MAJOR_2D
     row, column = np.triu_indices(len(layout.positions))
     upper = symmetric(matrices)[:, row, column]
-    texts = [" ".join(map(repr, numbers)).encode() for numbers in upper.tolist()]
+    texts, which = distinct_texts(" ".join(map(repr, M)).encode() for M in upper.tolist())
     try:
         found = weigh(as_information(texts, layout, options.weights_are), layout)
     except InputError as error:
-        raise FormatError(path, None, _placed(texts, layout, options, name, str(error))) from None
-    kappa = found.kappa
+        said = _placed(texts, which, layout, options, name, str(error))
+        raise FormatError(path, None, said) from None
+    kappa, tau = found.kappa[which], found.tau[which]
     if options.rotation_information == "quaternion":
         kappa = 0.25 * kappa  # half the angle, a quarter of the information; exact
-    whole = Information(found.distinct[:, np.array(layout.positions)], found.which)
-    counts = {INDEFINITE: found.indefinite, **partial_counts(whole, kappa, found.tau)}
+    whole = Information(found.numbers[:, np.array(layout.positions)], which)
+    indefinite = int(np.count_nonzero(found.indefinite[which]))
+    counts = {INDEFINITE: indefinite, **partial_counts(whole, kappa, tau)}
     notices = tuple(counted(count, what) for what, count in counts.items() if count)
-    return Weighing(kappa, found.tau, whole.in_first_frames(rotations), notices)
+    return Weighing(kappa, tau, whole.in_first_frames(rotations), notices)
 
 
 def partial_counts(information: Information, kappa: FloatArray, tau: FloatArray) -> dict[str, int]:
@@ -101,6 +104,7 @@ def partial_counts(information: Information, kappa: FloatArray, tau: FloatArray)
 
 def _placed(
     texts: list[bytes],
+    which: IntArray,
     layout: InformationLayout,
     options: ReadOptions,
     name: Callable[[int], str],
@@ -111,5 +115,5 @@ def _placed(
         try:
             weigh(as_information([text], layout, options.weights_are), layout)
         except InputError as error:
-            return f"{name(k)}: {error}"
+            return f"{name(int(np.argmax(which == k)))}: {error}"
     return said

@@ -6,7 +6,7 @@ A chunk of lines is parsed at once, grouped by tag.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,10 +17,11 @@ from certpgo.errors import InputError, nearest
 from certpgo.graph.edges import in_range
 from certpgo.graph.information import Information, of_positions
 from certpgo.graph.phrases import few
-from certpgo.io.chunks import decimal_comma, parsed, printable, refuse_loops
+from certpgo.io.chunks import parsed, printable, refuse_loops
 from certpgo.io.dialect import Dialect, Tag
 from certpgo.io.edge_weights import INDEFINITE, PARTIAL, partial_counts
 from certpgo.io.exact.weighing import weigh
+from certpgo.io.fields import Fields, by_tag, distinct_texts, floats, integers, plain_fields
 from certpgo.io.format import ReadOptions
 from certpgo.io.precision_kind import as_information, position_weights
 from certpgo.io.records import BODY, Records, Rows
@@ -62,45 +63,54 @@ class _Parser:
         self._d, self.next_line = 0, 1
         self._named: dict[bytes, int] = {}
         self._after = "names" if dialect.named else "ids"
+        self._plain = {name: tag for name, tag in dialect.tags.items() if self._is_plain(name, tag)}
 
     @property
     def names(self) -> list[str]:
         """The names so far."""
         return [word.decode() for word in self._named]
 
-    def parse(self, lines: list[bytes]) -> Records:
-        """The contents of the lines."""
+    def parse(self, text: bytes) -> Records:
+        """The contents of the lines in a text."""
         content = Records(self._d)
-        for name, (bodies, numbers) in self._by_tag(lines).items():
-            tag = self._tag(name)
+        plain, others = plain_fields(text, self._plain, self.next_line)
+        for name, fields in plain.items():
+            self._add(content, name, self._plain[name], fields)
+        for name, lines in by_tag(others).items():
+            tag, bodies = self._tag(name), [body for _, body in lines]
             if what := self._skipped(tag, content.d):
-                content.counts[f"{name.decode()} line{{s}} skipped: {what}"] += len(bodies)
+                content.counts[f"{name.decode()} line{{s}} skipped: {what}"] += len(lines)
             elif tag.kind == "fix":
-                content.fixed.extend(_integers([x for body in bodies for x in body.split()]))
+                content.fixed.extend(integers([x for body in bodies for x in body.split()]))
             else:
-                if tag.d and content.d not in (0, tag.d):
-                    raise InputError(f"{name.decode()} in a file of {content.d}D poses")
-                content.d = tag.d or content.d
-                columns, texts = self._fields(name.decode(), tag, bodies)
-                if tag.kind == "edge" and tag.what:
-                    content.counts[tag.what] += len(bodies)
-                rows = self._rows(tag, columns, texts, content.counts)
-                rows = replace(rows, lines=np.array(numbers))
-                content.rows.setdefault(tag.kind, []).append(rows)
+                self._refuse_dimension(content, name, tag)
+                fields = self._fields(name.decode(), tag, bodies)
+                fields = replace(fields, lines=np.array([number for number, _ in lines]))
+                self._add(content, name, tag, fields)
         self._d = content.d
+        self.next_line += text.count(b"\n") + 1
         return content
 
-    def _by_tag(self, lines: list[bytes]) -> dict[bytes, tuple[list[bytes], list[int]]]:
-        """What follows each tag, and the numbers of these lines."""
-        groups: dict[bytes, tuple[list[bytes], list[int]]] = {}
-        for number, line in enumerate(lines, self.next_line):
-            head = line.split(None, 1)
-            if head:
-                bodies, numbers = groups.setdefault(head[0], ([], []))
-                bodies.append(head[1] if len(head) == 2 else b"")
-                numbers.append(number)
-        self.next_line += len(lines)
-        return groups
+    def _add(self, content: Records, name: bytes, tag: Tag, fields: Fields) -> None:
+        """Append the rows of one tag."""
+        self._refuse_dimension(content, name, tag)
+        content.d = tag.d or content.d
+        self._refuse_incomplete(name.decode(), tag, fields.texts)
+        if tag.kind == "edge" and tag.what:
+            content.counts[tag.what] += len(fields)
+        rows = replace(self._rows(tag, fields, content.counts), lines=fields.lines)
+        content.rows.setdefault(tag.kind, []).append(rows)
+
+    @staticmethod
+    def _refuse_dimension(content: Records, name: bytes, tag: Tag) -> None:
+        if tag.d and content.d not in (0, tag.d):
+            raise InputError(f"{name.decode()} in a file of {content.d}D poses")
+
+    def _is_plain(self, name: bytes, tag: Tag) -> bool:
+        """Whether the lines of a tag are read whatever else there is, and have ids and numbers."""
+        if self._dialect.named or name.decode() in self._options.skip or self._skipped(tag, 0):
+            return False
+        return tag.kind not in ("skip", "fix", "sensor") and not tag.timed
 
     def _tag(self, name: bytes) -> Tag:
         dialect = self._dialect
@@ -132,74 +142,69 @@ class _Parser:
         }
         return tag.what if skipped.get(tag.kind) else ""
 
-    def _fields(
-        self, name: str, tag: Tag, bodies: list[bytes]
-    ) -> tuple[list[list[bytes]], list[bytes]]:
-        """Columns of words, and texts (k) of precisions, empty if absent."""
-        width, fields = tag.timed + tag.ids + tag.numbers, list[bytes]()
+    def _fields(self, name: str, tag: Tag, bodies: list[bytes]) -> Fields:
+        """What follows a tag, word by word."""
+        lead, words = tag.timed + tag.ids, list[bytes]()
+        width = lead + tag.numbers
         for body in bodies:
             values = body.split(None, width)
             if len(values) == width:
                 values.append(b"")
             elif len(values) < width:
                 raise InputError(self._miscounted(name, tag, len(values)))
-            fields += values
-        texts = fields[width :: width + 1]
-        if not (tag.loose or self._complete(texts, self._dialect.precision_size(tag))):
-            found = max(len(body.split()) for body in bodies)
-            raise InputError(self._miscounted(name, tag, found))
-        return [fields[k :: width + 1] for k in range(width)], texts
+            words += values
+        texts, which = distinct_texts(words[width :: width + 1])
+        self._refuse_incomplete(name, tag, texts)
+        columns = [words[k :: width + 1] for k in range(width)]
+        ids = self._ids(columns[tag.timed : lead])
+        if tag.timed:
+            floats(columns[0], "tag")
+        numbers = np.stack([floats(column, self._after) for column in columns[lead:]], axis=-1)
+        times = tuple(columns[0]) if tag.timed else ()
+        return Fields(np.arange(len(bodies)), ids, numbers, texts, which, times)
 
-    def _complete(self, texts: list[bytes], size: int) -> bool:
-        if self._dialect.precision:
-            return all(len(text.split()) == size for text in texts)
-        if not any(texts):
-            return True
-        # For many lines `weigh` counts the numbers; a single line is counted for its message.
-        return size > 0 and (len(texts) > 1 or len(texts[0].split()) == size)
+    def _refuse_incomplete(self, name: str, tag: Tag, texts: list[bytes]) -> None:
+        """Refuse precisions that are too short or too long."""
+        size, required = self._dialect.precision_size(tag), self._dialect.precision is not None
+        if tag.loose or not (required or any(texts)):
+            return
+        # Of many texts `weigh` counts the numbers; a single one is counted for its message.
+        counted = required or len(texts) == 1
+        if not (all(len(text.split()) == size for text in texts) if counted else size):
+            found = tag.ids + tag.timed + tag.numbers + max(len(text.split()) for text in texts)
+            raise InputError(self._miscounted(name, tag, found))
 
     def _miscounted(self, name: str, tag: Tag, found: int) -> str:
         return f"{name} takes {self._dialect.expected(tag)}; {found} values found"
 
-    def _rows(
-        self,
-        tag: Tag,
-        columns: list[list[bytes]],
-        texts: list[bytes],
-        counts: Counter[str],
-    ) -> Rows:
-        k, lead = len(texts), tag.timed + tag.ids
-        ids = self._ids(tag, columns[tag.timed : lead])
-        if tag.timed:
-            floats(columns[0], "tag")
-        numbers = np.stack([floats(column, self._after) for column in columns[lead:]], axis=-1)
+    def _rows(self, tag: Tag, fields: Fields, counts: Counter[str]) -> Rows:
+        k, ids, numbers = len(fields), fields.ids, fields.numbers
+        if tag.kind == "edge" or (tag.nodes == 2 and self._dialect.named):
+            called = (lambda k: self.names[k]) if self._dialect.named else "node {}".format
+            refuse_loops(ids, called)
         if self._dialect.named and (np.abs(numbers[:, : max(tag.d, 1)]) > FARTHEST).any():
             raise InputError(f"positions and distances up to {FARTHEST:.0e} expected")
         nodes = ids[:, : tag.nodes]
         if tag.kind == "range":
-            return self._ranges(nodes, numbers, texts)
+            return self._ranges(nodes, numbers, fields)
         if tag.is_position:
             R, t = np.tile(np.eye(tag.d), (k, 1, 1)), numbers
         else:
             R, t, off_norm = self._dialect.poses(tag.d, numbers)
             counts[OFF_NORM] += off_norm
-        rows = Rows(nodes, R, t, *self._weights(tag, texts, R, counts))
+        rows = Rows(nodes, R, t, *self._weights(tag, fields, R, counts))
         if tag.kind in ("prior", "sighting"):
             sensors = ids[:, -1] if tag.sensor else np.full(k, BODY)
             flags = np.full(k, tag.apart), np.full(k, tag.is_position)
             return replace(rows, sensors=sensors, apart=flags[0], bodily=flags[1])
         if tag.kind == "pose" and tag.timed:
-            return replace(rows, stamps=decimals(columns[0]))
+            return replace(rows, stamps=decimals(fields.times))
         return rows
 
-    def _ids(self, tag: Tag, columns: list[list[bytes]]) -> IntArray:
+    def _ids(self, columns: list[list[bytes]]) -> IntArray:
         """Ids (k, 1 to 3), or numbers of names."""
-        convert = self._numbers_of if self._dialect.named else _integers
-        ids = np.array([convert(column) for column in columns], dtype=np.intp).T
-        if tag.kind == "edge" or (tag.nodes == 2 and self._dialect.named):
-            called = (lambda k: self.names[k]) if self._dialect.named else "node {}".format
-            refuse_loops(ids, called)
-        return ids
+        convert = self._numbers_of if self._dialect.named else integers
+        return np.array([convert(column) for column in columns], dtype=np.intp).T
 
     def _numbers_of(self, names: list[bytes]) -> list[int]:
         for word in dict.fromkeys(names):
@@ -208,50 +213,53 @@ class _Parser:
                 self._named[word] = len(self._named)
         return [self._named[word] for word in names]
 
-    def _ranges(self, nodes: IntArray, distances: FloatArray, texts: list[bytes]) -> Rows:
+    def _ranges(self, nodes: IntArray, distances: FloatArray, fields: Fields) -> Rows:
         if (distances < 0.0).any():
             raise InputError(f"a distance must not be negative, as {distances.min():g} is")
-        k, weights = len(texts), np.ones(len(texts))
+        k, weights = len(fields), np.ones(len(fields))
         if not self._options.ignore_information:
-            variances = floats([text.strip() for text in texts], self._after)
+            variances = floats([text.strip() for text in fields.texts], self._after)
             if not (variances > 0.0).all():
                 raise InputError(f"a variance must be positive, not {variances.min():g}")
             with np.errstate(over="ignore"):
-                weights = 1.0 / variances
+                weights = (1.0 / variances)[fields.which]
             if not in_range(weights).all():
                 raise InputError(f"variances between {1.0 / FAR:.2g} and {FAR:.2g} expected")
         return Rows(nodes, np.empty((k, 0, 0)), distances, np.zeros(k), weights)
 
     def _weights(
-        self, tag: Tag, texts: list[bytes], rotations: FloatArray, counts: Counter[str]
+        self, tag: Tag, fields: Fields, rotations: FloatArray, counts: Counter[str]
     ) -> Weights:
         """Weights kappa and tau, and matrices unless some are missing or ignored."""
-        k, options, dialect = len(texts), self._options, self._dialect
+        k, options, dialect, texts = len(fields), self._options, self._dialect, fields.texts
         kappa, tau = np.zeros(k) if tag.is_position else np.ones(k), np.ones(k)
         if options.ignore_information or not dialect.precision_size(tag):
             return kappa, tau, None
         if dialect.precision:
-            floats([word for text in dict.fromkeys(texts) for word in text.split()], self._after)
+            floats([word for text in texts for word in text.split()], self._after)
         kind = dialect.precision or options.weights_are
         if tag.is_position:
-            tau, positions = position_weights(tag.d, texts, kind)
-            whole = Information(of_positions(positions), np.arange(k), dialect.residual)
+            weights, matrices = position_weights(tag.d, texts, kind)
+            whole = Information(of_positions(matrices), fields.which, dialect.residual)
             counts[PARTIAL] += int(np.count_nonzero(whole.is_partial))
-            return kappa, tau, whole if all(texts) else None
-        stated = np.array([bool(text) for text in texts])
+            return kappa, weights[fields.which], whole if all(texts) else None
+        known = np.array([bool(text) for text in texts])
+        stated, number = known[fields.which], np.cumsum(known) - 1
+        which = number[fields.which[stated]]
         counts[UNINFORMED] += int(np.sum(~stated))
         layout = dialect.layouts[tag.d]
         weighed = weigh(as_information([text for text in texts if text], layout, kind), layout)
-        kappa[stated], tau[stated] = weighed.kappa, weighed.tau
-        counts[INDEFINITE] += weighed.indefinite
+        kappa[stated], tau[stated] = weighed.kappa[which], weighed.tau[which]
+        counts[INDEFINITE] += int(np.count_nonzero(weighed.indefinite[which]))
         if options.rotation_information == "quaternion":
             kappa[stated] *= 0.25  # half the angle, a quarter of the information; exact
         # Only small roll, pitch and yaw are tangent vectors.
         no_tangents = tag.d == 3 and dialect.rotation_information == "rpy"
         if not stated.all() or no_tangents or dialect.isotropic:
             return kappa, tau, None
-        matrices = weighed.distinct[:, np.array(layout.positions)]
-        information = Information(matrices, weighed.which, dialect.residual)
+        information = Information(
+            weighed.numbers[:, np.array(layout.positions)], which, dialect.residual
+        )
         counts.update(partial_counts(information, kappa, tau))
         return kappa, tau, information.in_first_frames(rotations)
 
@@ -282,44 +290,3 @@ def _check_name(word: bytes) -> None:
     except UnicodeDecodeError:
         shown = word[:40].decode("ascii", "backslashreplace")
         raise InputError(f"names in UTF-8 expected, not {shown!r}") from None
-
-
-def _integers(fields: list[bytes]) -> list[int]:
-    # Python reads 1_0 as ten; file formats do not.
-    try:
-        values = list(map(int, fields))
-        if b"_" in b"".join(fields):
-            raise ValueError
-    except ValueError:
-        raise InputError(f"ids must be integers, not {_offending(fields, int)!r}") from None
-    if values and not -(2**63) <= min(values) <= max(values) < 2**63:
-        raise InputError("ids must fit 64-bit signed integers (GTSAM symbols do not; renumber)")
-    return values
-
-
-def floats(fields: list[bytes], after: str) -> FloatArray:
-    """Finite numbers, from words that follow something else; an InputError shows another word."""
-    try:
-        values = np.array(list(map(float, fields)))
-        if b"_" in b"".join(fields):
-            raise ValueError
-    except ValueError:
-        found = _offending(fields, float)
-        said = f"numbers expected after the {after}, not {found!r}{decimal_comma(found)}"
-        raise InputError(said) from None
-    if not np.isfinite(values).all():
-        raise InputError("numbers must be finite")
-    return values
-
-
-def _offending(fields: list[bytes], kind: Callable[[bytes], object]) -> str:
-    """The first word not of that kind."""
-    for word in fields:
-        try:
-            kind(word)
-            if b"_" not in word:
-                continue
-        except ValueError:
-            pass
-        return word[:40].decode("ascii", "backslashreplace")
-    return ""

@@ -188,3 +188,9 @@ def eliminate(
 def multiply(
     fronts: tuple[Any, ...], data: FloatArray, x: FloatArray, y: FloatArray, /
 ) -> None: ...
+def tagged_lines(
+    text: bytes, tags: tuple[tuple[bytes, int, int], ...], first: int, /
+) -> tuple[
+    list[tuple[bytearray, bytearray, bytearray, bytearray, list[bytes]]], list[tuple[int, bytes]]
+]: ...
+def numbers(texts: list[bytes], values: FloatArray, lengths: IntArray, /) -> bool: ...

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations_with_replacement
 
 import numpy as np
 
@@ -168,10 +169,9 @@ def _harmonic_mean(upper: list[int], what: str) -> tuple[int, int]:
 def _stated(upper: list[int]) -> list[int]:
     """The upper triangle of a matrix without the rows and columns that are zero."""
     size = {1: 1, 3: 2, 6: 3}[len(upper)]
-    rows, columns = (axis.tolist() for axis in np.triu_indices(size))
-    entries = list(zip(rows, columns, upper, strict=True))
-    known = {axis for i, j, value in entries if value for axis in (i, j)}
-    return [value for i, j, value in entries if i in known and j in known]
+    places = list(combinations_with_replacement(range(size), 2))
+    known = {axis for place, value in zip(places, upper, strict=True) if value for axis in place}
+    return [value for place, value in zip(places, upper, strict=True) if known.issuperset(place)]
 
 
 def _rounded(numerator: int, denominator: int, exponent: int) -> float:

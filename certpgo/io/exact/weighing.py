@@ -27,67 +27,50 @@ from certpgo.io.exact.doubledouble import (
 )
 from certpgo.io.exact.information import InformationLayout, indefinite, weights
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.linalg.compiled import AVAILABLE, kernel
 
 #: Decimals of at most 15 digits round to distinct doubles.
 _MAX_INTEGER = 1e15
 _MAX_LENGTH = 16
-#: Shorter decimals without exponent are zero if and only if their double is.
-_MAX_ZERO_LENGTH = 300
+#: Shorter decimals are zero if and only if their double is, unless they are unusual.
+_MAX_ZERO_LENGTH = 200
 
 #: Error bound of determinants and adjugates, relative to the largest entry's power; true errors are
 #: below a few tens of 2^-104.
 _MARGIN = 2.0**-92
 #: Smaller scaled determinants are computed in integers.
 _REGULAR = 2.0**-36
-_UNUSUAL = re.compile(rb"[eE_]")
+_UNUSUAL = re.compile(rb"_|[eE][-+]?\d{3}")
 
 
 class Weighed(NamedTuple):
-    """The weights of information matrices, and the matrices themselves.
+    """The weights of k information matrices, and the matrices themselves.
 
     Attributes
     ----------
     kappa, tau : (k,) weights; 0 for a block of zeros
-    indefinite : number of full matrices that are not positive definite, without zero rows
-    distinct : (l, size) different matrices, as numbers in the order of the text
-    which : (k,) which of them each one is
+    indefinite : (k,) which full matrices are not positive definite, without zero rows
+    numbers : (k, size) of the matrices, in the order of the text
     """
 
     kappa: FloatArray
     tau: FloatArray
-    indefinite: int
-    distinct: FloatArray
-    which: IntArray
+    indefinite: BoolArray
+    numbers: FloatArray
 
 
 def weigh(texts: list[bytes], layout: InformationLayout) -> Weighed:
     """The weights of information matrices, given as numbers separated by blanks."""
-    number: dict[bytes, int] = {}
-    index = np.array([number.setdefault(text, len(number)) for text in texts], dtype=np.intp)
-    kappa, tau, flags, values = _distinct(list(number), layout)
+    found = _weighed(texts, layout)
+    kappa, tau = found.kappa, found.tau
     weighty = in_range(kappa) | (kappa == 0.0), in_range(tau) | (tau == 0.0)
     if not (weighty[0] & weighty[1]).all():
         raise InputError(f"information must give weights between {1.0 / FAR:.2g} and {FAR:.2g}")
-    return Weighed(kappa[index], tau[index], int(np.count_nonzero(flags[index])), values, index)
+    return found
 
 
-def _distinct(
-    texts: list[bytes], layout: InformationLayout
-) -> tuple[FloatArray, FloatArray, BoolArray, FloatArray]:
-    size = layout.size
-    tokens = b" ; ".join([*texts, b""]).split()
-    try:
-        # A separator after every size-th number, unless some text has more or fewer.
-        separators = tokens[size :: size + 1]
-        if separators != [b";"] * len(texts) or len(tokens) != len(texts) * (size + 1):
-            raise ValueError
-        del tokens[size :: size + 1]
-        values = np.array(list(map(float, tokens))).reshape(-1, size)
-    except ValueError:
-        for text in texts:
-            _exact(text, layout)
-        raise InputError("information must be decimal numbers") from None
-    lengths = np.array(list(map(len, tokens)), dtype=np.intp).reshape(values.shape)
+def _weighed(texts: list[bytes], layout: InformationLayout) -> Weighed:
+    values, lengths = _read(texts, layout)
     plain = np.isfinite(values).all(axis=1)
     if _UNUSUAL.search(b" ".join(texts)):
         plain &= np.array([not _UNUSUAL.search(text) for text in texts], dtype=np.bool_)
@@ -98,7 +81,29 @@ def _distinct(
         kappa *= 0.5
     for k in np.flatnonzero(~(plain & certain & certain_tau)):
         kappa[k], tau[k] = _exact(texts[k], layout)
-    return kappa, tau, indefinite(values, layout), values
+    return Weighed(kappa, tau, indefinite(values, layout), values)
+
+
+def _read(texts: list[bytes], layout: InformationLayout) -> tuple[FloatArray, IntArray]:
+    """The numbers (k, size) in the texts, and how long they are written."""
+    size = layout.size
+    values, lengths = np.empty((len(texts), size)), np.empty((len(texts), size), dtype=np.intp)
+    if AVAILABLE and kernel.numbers(texts, values, lengths):
+        return values, lengths
+    tokens = b" ; ".join([*texts, b""]).split()
+    try:
+        # A separator after every size-th number, unless some text has more or fewer.
+        separators = tokens[size :: size + 1]
+        if separators != [b";"] * len(texts) or len(tokens) != len(texts) * (size + 1):
+            raise ValueError
+        del tokens[size :: size + 1]
+        values[:] = np.array(list(map(float, tokens))).reshape(-1, size)
+    except ValueError:
+        for text in texts:
+            _exact(text, layout)
+        raise InputError("information must be decimal numbers") from None
+    lengths[:] = np.array(list(map(len, tokens)), dtype=np.intp).reshape(-1, size)
+    return values, lengths
 
 
 def _exact(text: bytes, layout: InformationLayout) -> tuple[float, float]:
@@ -170,7 +175,7 @@ def _scaled_integers(upper: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Integers N (in doubles) and powers of ten with N / power the decimals; NaN if none."""
     N, power = np.full_like(upper, np.nan), np.ones(upper.shape[1])
     remaining = np.arange(upper.shape[1])
-    for digits in range(_MAX_LENGTH):
+    for digits in range(0, _MAX_LENGTH, 3):
         with np.errstate(over="ignore"):  # too large to fit
             scaled = np.rint(upper[:, remaining] * 10.0**digits)
         fits = (scaled / 10.0**digits == upper[:, remaining]) & (np.abs(scaled) < _MAX_INTEGER)

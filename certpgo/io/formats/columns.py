@@ -79,9 +79,9 @@ class _Layout:
         said = ", ".join(name or "..." for name in self.names[:9])
         return f"{len(self.names)} columns, {said}{', ...' * (len(self.names) > 9)}"
 
-    def rows(self, lines: list[bytes]) -> tuple[FloatArray, IntArray, IntArray]:
+    def rows(self, text: bytes) -> tuple[FloatArray, IntArray, IntArray]:
         """Poses (k, 7), times as `decimals` (k, 2), and ids (k,); 0 where there are none."""
-        rows = (line.strip() for line in lines)
+        rows = (line.strip() for line in text.split(b"\n"))
         words = [self._words(row) for row in rows if row and row != self.header]
         if not {len(row) for row in words} <= {len(self.names)}:
             found = next(len(row) for row in words if len(row) != len(self.names))

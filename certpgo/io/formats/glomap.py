@@ -16,7 +16,7 @@ import numpy as np
 from certpgo.errors import FormatError, InputError
 from certpgo.graph import Estimate, Instance, RotationGraph
 from certpgo.graph.keys import Keys
-from certpgo.io.chunks import first_words, parsed
+from certpgo.io.chunks import first_words, parsed, rows_of
 from certpgo.io.compressed import uncompressed_name
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Chart, Format, LabelledPoses, Progress, ReadOptions
@@ -79,8 +79,8 @@ def _table(
 ) -> tuple[np.ndarray[tuple[int, int], np.dtype[np.str_]], FloatArray]:
     """Names (k, names) and rotations (k, 3, 3) of lines of names and numbers, QW QX QY QZ first."""
 
-    def parse(lines: list[bytes]) -> tuple[list[list[str]], FloatArray]:
-        rows = [words for line in lines if (words := line.split())]
+    def parse(text: bytes) -> tuple[list[list[str]], FloatArray]:
+        rows = rows_of(text)
         try:
             table = np.array([[float(word) for word in words[names:]] for words in rows])
             texts = [[word.decode() for word in words[:names]] for words in rows]

@@ -477,6 +477,8 @@ CALL(lower)
 #undef IN
 #include "balls.h"
 
+#include "words.h"
+
 static PyMethodDef methods[] = {
     {"central_tree", central_tree, METH_VARARGS, "Parents in the tree of a central node."},
     {"compose", compose, METH_VARARGS, "Poses composed along a tree."},
@@ -499,6 +501,8 @@ static PyMethodDef methods[] = {
     {"eliminate", eliminate, METH_VARARGS, "Schur complements of balls."},
     {"slopes", slopes, METH_VARARGS, "Terms and half the gradient of a cost."},
     {"curvatures", curvatures, METH_VARARGS, "Blocks of a Gauss-Newton matrix."},
+    {"tagged_lines", tagged_lines, METH_VARARGS, "Ids and numbers of lines by tag, and other lines."},
+    {"numbers", numbers, METH_VARARGS, "The numbers in texts; False if any is unusual."},
     {"combine", combine, METH_VARARGS, "An operation on balls."},
     {"multiply", multiply, METH_VARARGS, "A x."},
     {"lower", lower, METH_VARARGS, "L by columns."},
