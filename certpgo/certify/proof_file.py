@@ -32,6 +32,7 @@ from certpgo.certify.cost_proof import cost_evidence, problem_of_certificate
 from certpgo.certify.proof import Witness, proof_of, prove
 from certpgo.errors import FormatError, InputError, NumericalError
 from certpgo.graph import Estimate, Instance, PoseGraph
+from certpgo.graph.held import HELD
 from certpgo.io.compressed import is_compressed
 from certpgo.io.format import format_of
 from certpgo.io.writing import atomically
@@ -44,7 +45,7 @@ FORMATS = ("g2o", "1dsfm")
 
 
 def refuse_unreadable(source: Path, instance: Instance, cost: str) -> None:
-    """Refuse, before any work, landmarks or priors that a proof cannot be about.
+    """Refuse, before any work, landmarks, priors or held nodes that a proof cannot be about.
 
     Parameters
     ----------
@@ -57,7 +58,7 @@ def refuse_unreadable(source: Path, instance: Instance, cost: str) -> None:
         The checker cannot read them, or rotations alone have priors.
     """
     _refuse_priors_of_rotations(instance)
-    if _map_of(instance):
+    if _map_of(instance) or {"fixed", "also"} & {*instance.options}:
         _claim(source, instance, None if cost == costs.CHORDAL else cost)
 
 
@@ -221,6 +222,12 @@ def _claim(
     """The subject of the proof (hashes, kind, reading options), and the graph the checker reads."""
     if (stated := instance.options.get("weights_are", "information")) != "information":
         raise InputError(f"proof files are about numbers of information, not of {stated}")
+    if "also" in instance.options:
+        raise InputError(
+            f"{source}: a proof is about one file: certpgo convert with --also writes one of all"
+        )
+    if instance.options.get("fixed") == HELD:
+        raise InputError("the checker holds no nodes that a file fixes: --no-fixed releases them")
     file = source / "EGs.txt" if source.is_dir() else source
     component = file.with_name("cc.txt")
     restricted = file.name == "EGs.txt" and component.is_file()

@@ -18,6 +18,13 @@ GraphName = Annotated[
     str,
     typer.Argument(metavar="GRAPH", help="Graph file, or dataset name (certpgo list datasets)."),
 ]
+GraphNames = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="GRAPH...",
+        help="Graph file, or dataset name (certpgo list datasets); several files are one graph.",
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Data = Annotated[
     Path | None,

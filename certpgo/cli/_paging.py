@@ -104,6 +104,6 @@ def arguments(reading: Reading) -> Iterator[str]:
         if value == field.default or field.name == "data":
             continue
         for one in value if isinstance(value, list) else [value]:
-            yield "--" + field.name.replace("_", "-")
-            if one is not True:
+            yield ("--no-" if one is False else "--") + field.name.replace("_", "-")
+            if not isinstance(one, bool):
                 yield str(one.value if isinstance(one, Enum) else one)

@@ -109,6 +109,18 @@ class Reading:
         bool,
         _option("--landmarks/--no-landmarks", help="Read or skip landmarks and their sightings."),
     ] = True
+    fixed: Annotated[
+        bool,
+        _option("--fixed/--no-fixed", help="Hold or release nodes that the file fixes (FIX)."),
+    ] = True
+    also: Annotated[
+        list[str] | None,
+        _option(
+            "--also",
+            help="Read this file too, as one graph: ids mean the same nodes (repeatable).",
+            metavar="FILE",
+        ),
+    ] = None
     skip: Annotated[
         list[str] | None,
         _option("--skip", help="Leave out lines with this tag (repeatable).", metavar="TAG"),
@@ -158,6 +170,16 @@ class Reading:
             notice(f"{name} is a file here; the dataset of that name is not used")
         return source
 
+    @property
+    def others(self) -> list[Source]:
+        """The files that are read as one graph with the first."""
+        return [self.resolve(name) for name in self.also or ()]
+
+    def of_all(self, graphs: list[str]) -> tuple[str, Reading]:
+        """The first of several files, and how it is read with the others as one graph."""
+        first, *rest = graphs
+        return first, replace(self, also=[*rest, *(self.also or [])] or None)
+
     def topic_of(self, source: Source) -> str | None:
         """The topic that is chosen, if this is a bag."""
         from certpgo.io.format import has_topics
@@ -187,6 +209,7 @@ class Reading:
             "weights_are": None if self.weights_are is None else self.weights_are.value,
             "priors": self.priors,
             "landmarks": self.landmarks,
+            "fixed": self.fixed,
             "skip": tuple(self.skip or ()),
         }
 
@@ -203,6 +226,8 @@ class Reading:
 
         with _reading_progress() as progress:
             chosen: dict[str, Any] = {}
+            if self.also:
+                chosen["also"] = [other.path() for other in self.others]
             if topic := self.topic_of(source):
                 chosen["topic"] = topic
             instance = source.graph(progress=progress, quiet=True, **self.options, **chosen)

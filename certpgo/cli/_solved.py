@@ -99,7 +99,13 @@ class Solved(Result):
             return None
         part, estimate = self.part, self.solution.estimate
         return assess(
-            self._problem, estimate, self.certificate, ids=part.ids, nodes=part.poses, fit=self.fit
+            self._problem,
+            estimate,
+            self.certificate,
+            ids=part.ids,
+            pairs=part.pairs,
+            nodes=part.poses,
+            fit=self.fit,
         )
 
     def write(self, outputs: Outputs) -> None:
@@ -253,6 +259,7 @@ class Solved(Result):
         """Write the covariances of all nodes."""
         import numpy as np
 
+        from certpgo.graph.phrases import few
         from certpgo.io.covariances import write_covariances
         from certpgo.io.writing import in_file_frame
         from certpgo.optimize.marginals import Marginals
@@ -265,7 +272,8 @@ class Solved(Result):
             estimate = in_file_frame(self.solution.estimate, part)
         else:
             estimate = self.solution.estimate.anchored(world)
-        marginals = Marginals(problem, estimate, int(world or whole[0]))
+        anchor = int(world or (part.held or whole)[0])
+        marginals = Marginals(problem, estimate, anchor, part.held)
         rotations = estimate.translations is None
         written = slice(world)  # without the world, the last node
         points = np.ones(len(ids), dtype=bool)
@@ -274,6 +282,8 @@ class Solved(Result):
         write_covariances(out, covariances, ids[written], points[written], rotations=rotations)
         if not quiet:
             fixed = "the world" if world else f"node {ids[marginals.anchor]}"
+            if held := [int(ids[k]) for k in part.held if k != anchor]:
+                fixed += f" and {few([f'node {k}' for k in held])}"
             frames = "each node's frame"
             if points.any():
                 frames = "each pose's frame, and of points in the world's"
@@ -314,7 +324,7 @@ class Solved(Result):
         if self.rejection is not None:
             remarks.append(f"Rejections are {self.rejection.sentence}.")
         if len(solution.rejected):
-            pairs = part.ids[part.graph.edges[solution.rejected]].tolist()
+            pairs = part.pairs[solution.rejected].tolist()
             remarks.append(f"Rejected: {', '.join(ends(part, i, j) for i, j in pairs)}.")
         if many := _verdict.rejecting_many(len(solution.rejected), solution.kept or 0):
             remarks.append(f"{many[0].upper()}{many[1:]}.")

@@ -179,7 +179,7 @@ def fit_as_json(fit: Fit) -> dict[str, Any]:
 
 def edges_as_json(instance: Instance, edges: IntArray) -> list[dict[str, Any]]:
     """Edges by index and node ids."""
-    pairs = instance.ids[instance.graph.edges[edges]].tolist()
+    pairs = instance.pairs[edges].tolist()
     return [{"edge": e, "ids": ids} for e, ids in zip(edges.tolist(), pairs, strict=True)]
 
 

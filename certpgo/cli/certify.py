@@ -117,7 +117,8 @@ def command(
     source, of_truth = reading.resolve(graph), reading.resolve(truth)
     sources = _resolved(estimates, reading, batch=csv is not None)
     here = [found for found in sources.values() if not isinstance(found, InputError)]
-    outputs.refuse_overwriting(source, *here, of_truth, file_of_times(timestamps), rejected)
+    others = (*reading.others, of_truth, file_of_times(timestamps), rejected)
+    outputs.refuse_overwriting(source, *here, *others)
     instance = timed(reading.open(source, distances=True), timestamps)
     refuse_with_distances(instance, proof=proof, rejected=rejected)
     chosen = chosen_cost(cost, instance, rejected=rejected)
@@ -125,7 +126,6 @@ def command(
     outputs = outputs.about(source, instance, asked.cost)
     status = StatusLine()
     how = Matching.of(timestamps, max_difference)
-
     settings: dict[str, Any] = {"tier": tier, "rtol": rtol, "atol": atol, "refine": refine}
     settings |= {"time_limit": time_limit, "monitor": status, "ctrl_c": True}
 

@@ -67,12 +67,12 @@ def command(
     outputs = Outputs(estimate=target, format=format)
     outputs.refuse()
     given, of_graph = reading.resolve(source), reading.resolve(graph)
-    outputs.refuse_overwriting(given, of_graph, file_of_times(timestamps))
+    outputs.refuse_overwriting(given, *reading.others, of_graph, file_of_times(timestamps))
     out = format_to_write(target, format)
     path = given.path()
     if not estimate and out.write_graph is not None and format_of(path).read_graph is not None:
         with suppress(NoMeasurements):
-            converted = reading.open(given, distances=True)
+            converted = replace(reading, fixed=False).open(given, distances=True)
             for name, value in (("--anchor", anchor), ("--graph", graph)):
                 if value is not None:
                     raise InputError(

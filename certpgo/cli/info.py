@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from certpgo.cli._options import GraphName, Json
+from certpgo.cli._options import GraphNames, Json
 from certpgo.cli._reading import Components, Reading, takes_reading
 from certpgo.cli._show import document, facts, working
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @takes_reading
 def command(
-    graph: GraphName,
+    graphs: GraphNames,
     json: Json = False,
     *,
     reading: Reading,
@@ -28,6 +28,7 @@ def command(
     """Describe a graph: counts, connectivity, weights, eigenvalues and notices."""
     from certpgo.solve import diagnostics
 
+    graph, reading = reading.of_all(graphs)
     instance = reading.open(reading.resolve(graph), notices=False, distances=True)
     found = diagnostics.structure(instance)
     spectra: dict[str, dict[str, Spectrum]] = {}

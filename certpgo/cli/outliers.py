@@ -59,7 +59,7 @@ def command(
     outputs = Outputs(csv=csv, json=json)
     outputs.refuse()
     source = reading.resolve(graph)
-    outputs.refuse_overwriting(source)
+    outputs.refuse_overwriting(source, *reading.others)
     instance = reading.open(source, distances=True)
     refuse_with_distances(instance, outliers=True)
     instance, *others = reading.parts(instance)

@@ -30,7 +30,10 @@ LIMITS = (
 @tells_unwritten("out", "graph", "trajectory")
 def command(
     scans: Annotated[
-        list[Path], typer.Argument(metavar="SCANS...", help="Point clouds: PLY, PCD or XYZ files.")
+        list[Path],
+        typer.Argument(
+            metavar="SCANS...", help="Point clouds: PLY, PCD, VTK, CSV, XYZ or KITTI .bin files."
+        ),
     ],
     out: Annotated[
         Path, typer.Option("-o", "--out", help="Write all points to this PLY file, in one frame.")

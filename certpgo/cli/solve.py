@@ -14,7 +14,7 @@ from certpgo.cli._interrupting import ends_at_once, tells_unwritten
 from certpgo.cli._next import Asked
 from certpgo.cli._options import (
     CostOption,
-    GraphName,
+    GraphNames,
     HtmlOut,
     Json,
     MaxDifference,
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 @takes_reading
 @tells_unwritten("out", "proof", "html", "covariances")
 def command(
-    graph: GraphName,
+    graphs: GraphNames,
     method: Annotated[
         str | None,
         typer.Option(
@@ -130,6 +130,7 @@ def command(
         raise InputError(
             "--scheduler is gone: solve runs in one process, which is faster than a cluster's two"
         )
+    graph, reading = reading.of_all(graphs)
     _refuse_mixtures(method, settings, certify, robust, time_limit, max_rank, stored)
     if quantile is not None and not robust:
         raise InputError("--quantile needs --robust")
@@ -143,7 +144,7 @@ def command(
     outputs.refuse()
     source, of_truth = reading.resolve(graph), reading.resolve(truth)
     of_initial = reading.resolve(initial)
-    inputs = (source, of_initial, of_truth, file_of_times(timestamps))
+    inputs = (source, *reading.others, of_initial, of_truth, file_of_times(timestamps))
     outputs.refuse_overwriting(*inputs)
     instance = timed(reading.open(source, distances=True), timestamps)
     refuse_with_distances(instance, method=method, robust=robust, proof=proof)

@@ -60,7 +60,7 @@ def command(
     outputs = Outputs(estimate=out, json=json)
     outputs.refuse()
     source = reading.resolve(graph)
-    outputs.refuse_overwriting(source)
+    outputs.refuse_overwriting(source, *reading.others)
     instance = reading.open(source, distances=True)
     note_distances_uncounted(instance)
     with working(f"sparsifying {instance.name}"):

@@ -9,7 +9,7 @@ import numpy as np
 
 from certpgo.graph.dataset import Instance
 from certpgo.graph.graph import PoseGraph, require_connected
-from certpgo.linalg.arrays import IntArray
+from certpgo.linalg.arrays import BoolArray, IntArray, numbered
 
 #: How to treat a disconnected graph: refuse it, solve each component, or the largest only.
 Components = Literal["refuse", "each", "largest"]
@@ -71,7 +71,16 @@ def restricted(instance: Instance, nodes: IntArray, name: str) -> Instance:
         names=tuple(instance.names[node] for node in nodes) if instance.names else (),
         outliers=None if instance.outliers is None else instance.outliers[inside],
         information=instance.information and instance.information.subset(inside),
+        stated=_stated(instance, nodes, inside),
         ranges=instance.ranges and instance.ranges.between(nodes),
         apart=None if instance.apart is None else instance.apart[nodes],
         times_ns=None if times is None else times[nodes[nodes < len(times)]],
     )
+
+
+def _stated(instance: Instance, nodes: IntArray, inside: BoolArray) -> IntArray | None:
+    """The nodes that the source names in some measurements; None if one of them is left out."""
+    if instance.stated is None:
+        return None
+    stated = numbered(nodes, instance.stated[inside])
+    return None if (stated < 0).any() else stated

@@ -32,7 +32,7 @@ def joined(
     Raises
     ------
     GraphError
-        They are of different dimensions or kinds, or only some have couplings or arms.
+        They are of different dimensions or kinds, or only some have couplings.
     """
     require_one_make(map(make_of, graphs))
     rotations = [graph.rotation for graph in graphs]
@@ -50,7 +50,7 @@ def joined(
         rotation,
         np.concatenate([graph.translations for graph in poses]),
         np.concatenate([graph.tau for graph in poses]),
-        _all([graph.arms for graph in poses]),
+        _arms(poses),
         points,
         _flags([graph.assumed for graph in poses], poses),
         _flags([graph.absolute for graph in poses], poses),
@@ -81,11 +81,8 @@ def require_one_make(makes: Iterable[str]) -> None:
 
 def make_of(graph: Graph) -> str:
     """What it measures, such as ``poses in 3D``: only graphs of one make can be joined."""
-    poses = isinstance(graph, PoseGraph)
-    extras = ["couplings"] if graph.rotation.is_general else []
-    extras += ["arms"] if isinstance(graph, PoseGraph) and graph.arms is not None else []
-    said = f"{'poses' if poses else 'rotations'} in {graph.d}D"
-    return " with ".join([said, " and ".join(extras)]) if extras else said
+    said = f"{'poses' if isinstance(graph, PoseGraph) else 'rotations'} in {graph.d}D"
+    return f"{said} with couplings" if graph.rotation.is_general else said
 
 
 def _flags(known: Sequence[BoolArray | None], graphs: Sequence[PoseGraph]) -> BoolArray:
@@ -95,6 +92,13 @@ def _flags(known: Sequence[BoolArray | None], graphs: Sequence[PoseGraph]) -> Bo
         for flag, graph in zip(known, graphs, strict=True)
     ]
     return np.concatenate(flags)
+
+
+def _arms(graphs: Sequence[PoseGraph]) -> FloatArray | None:
+    """(m, d) arms of the edges of several graphs; None where none has any."""
+    if all(graph.arms is None for graph in graphs):
+        return None
+    return np.concatenate([0.0 * g.translations if g.arms is None else g.arms for g in graphs])
 
 
 def _all(arrays: Sequence[FloatArray | None]) -> FloatArray | None:

@@ -68,6 +68,8 @@ class Instance(Speaking):
     moved_by : what their ids have more than the source's own numbers
     information : the source's information matrices as they are, translation before rotation; None
         where it has none, or other weights were chosen
+    stated : (m, 2) nodes that the source names in each measurement, where the graph has those that
+        hold them, see `certpgo.graph.held`; None for the graph's own
     times_ns : the nodes' times, nanoseconds, of all nodes but the world, `NO_TIME` for a node
         without one; or None
 
@@ -97,6 +99,7 @@ class Instance(Speaking):
     apart: BoolArray | None = None
     moved_by: int = 0
     times_ns: IntArray | None = None
+    stated: IntArray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "ids", frozen_indices(self.ids))
@@ -126,6 +129,7 @@ class Instance(Speaking):
         for name, freeze, shape, what in (
             ("times_ns", frozen_indices, (poses,), f"of {poses} nodes"),
             ("outliers", frozen_flags, (m,), f"{m} flags, one per edge"),
+            ("stated", frozen_indices, (m, 2), f"{m} pairs of nodes, one per edge"),
             ("apart", frozen_flags, (n,), f"{n} flags, one per node"),
             ("origin", frozen_floats, (self.graph.d,), f"{self.graph.d} coordinates"),
         ):
@@ -196,6 +200,18 @@ class Instance(Speaking):
         if self.world is not None:
             labels[self.world] = WORLD
         return tuple(labels)
+
+    @property
+    def held(self) -> tuple[int, ...]:
+        """The nodes held where the source fixes them, with the world; see `certpgo.graph.held`."""
+        if self.stated is None:
+            return ()
+        return self.fixed if self.world is None else (*self.fixed, self.world)
+
+    @property
+    def pairs(self) -> IntArray:
+        """(m, 2) ids of the nodes that the source names in each measurement."""
+        return np.asarray(self.ids[self.graph.edges if self.stated is None else self.stated])
 
     @cached_property
     def measurements(self) -> Measurements:
@@ -301,6 +317,7 @@ class Instance(Speaking):
             self,
             graph=self.graph.with_edges(chosen),
             outliers=None if self.outliers is None else self.outliers[chosen],
+            stated=None if self.stated is None else self.stated[chosen],
             information=self.information and self.information.subset(chosen),
         )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -110,15 +111,31 @@ class Information(Brief):
         """
         d = rotations.shape[1]
         unturned = np.asarray(unmeasured(self.distinct)[:, d:].all(axis=1))
-        alone = np.flatnonzero(unturned[self.index])
-        if not len(alone):
+        alone = unturned[self.index]
+        return self.turned(np.where(alone[:, None, None], rotations, np.eye(d)))
+
+    def turned(self, rotations: FloatArray) -> Information:
+        """The matrices in frames that have these rotations (m, d, d) in their own."""
+        d = rotations.shape[1]
+        chosen = np.flatnonzero((rotations != np.eye(d)).any(axis=(1, 2)))
+        if not len(chosen):
             return self
-        R, T = rotations[alone], self.distinct[self.index[alone], :d, :d]
-        even = (T[:, :1, :1] * np.eye(d) == T).all(axis=(1, 2))[:, None, None]
-        turned = of_positions(np.where(even, T, symmetric(R @ T @ np.swapaxes(R, 1, 2))))
+        R, before = rotations[chosen], self.distinct[self.index[chosen]]
+        after = before.copy()
+        # In the plane a rotation has one coordinate, which does not turn.
+        blocks = [slice(0, d), *([slice(d, 2 * d)] if d == 3 else [])]
+        for block in blocks:
+            after[:, block] = R @ after[:, block]
+        for block in blocks:
+            after[:, :, block] = after[:, :, block] @ np.swapaxes(R, 1, 2)
+        after = symmetric(after)
+        for block in blocks:  # multiples of the identity stay what they are
+            T = before[:, block, block]
+            even = (T[:, :1, :1] * np.eye(d) == T).all(axis=(1, 2))
+            after[even, block, block] = T[even]
         index = self.index.copy()
-        index[alone] = len(self.distinct) + np.arange(len(alone))
-        return Information(np.concatenate([self.distinct, turned]), index, self.residual)
+        index[chosen] = len(self.distinct) + np.arange(len(chosen))
+        return Information(np.concatenate([self.distinct, after]), index, self.residual)
 
 
 def _largest_ratio(blocks: FloatArray) -> float:
@@ -289,6 +306,17 @@ def of_positions(T: FloatArray) -> FloatArray:
     """(k, p, p) information matrices of positions, from those of d coordinates (k, d, d)."""
     q = T.shape[1] * (T.shape[1] - 1) // 2
     return np.pad(T, ((0, 0), (0, q), (0, q)))
+
+
+def joined_information(parts: Sequence[Information | None]) -> Information | None:
+    """The information matrices of several parts, one after another; None unless each has some."""
+    known = [part for part in parts if part is not None]
+    if len(known) < len(parts):
+        return None
+    offsets = np.cumsum([0, *(len(part.distinct) for part in known)])
+    index = [part.index + offset for part, offset in zip(known, offsets[:-1], strict=True)]
+    distinct = np.concatenate([part.distinct for part in known])
+    return Information(distinct, np.concatenate(index), known[0].residual)
 
 
 def unmeasured(information: FloatArray) -> BoolArray:

@@ -201,6 +201,14 @@ class PoseGraph(Speaking):
         return frozen_flags(self.tau != 0.0)
 
     @property
+    def steps(self) -> FloatArray:
+        """(m, d) from node i to j in the frame of i, as the measured rotations have it."""
+        if self.arms is None:
+            return self.translations
+        turned = (self.rotation.rotations @ self.arms[:, :, None])[:, :, 0]
+        return np.asarray(self.translations - turned)
+
+    @property
     def from_world(self) -> BoolArray:
         """(m,) which edges are known to measure from a world, see `certpgo.with_priors`."""
         return self.rotation.from_world if self.absolute is None else self.absolute

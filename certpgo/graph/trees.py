@@ -90,7 +90,7 @@ def compose(graph: RotationGraph | PoseGraph, parents: IntArray) -> Estimate:
         return _composed(graph, rotation, parents)
     R, t, moved = np.empty((n, d, d)), None, None
     if isinstance(graph, PoseGraph):
-        t, moved = np.empty((n, d)), graph.translations
+        t, moved = np.empty((n, d)), graph.steps
     edges = rotation.edges, rotation.rotations, None, rotation.kappa, None, moved, None
     compiled.kernel.compose(edges, d, np.ascontiguousarray(parents, dtype=np.int64), R, t)
     return Estimate(so.project(R), t)
@@ -106,7 +106,7 @@ def _composed(
     measured = rotation.rotations[edge]
     R[children] = np.where(forward[:, None, None], measured, np.swapaxes(measured, 1, 2))
     if isinstance(graph, PoseGraph):
-        step, t = graph.translations[edge], np.zeros((n, d))
+        step, t = graph.steps[edge], np.zeros((n, d))
         back = -np.einsum("mba,mb->ma", measured, step)
         t[children] = np.where(forward[:, None], step, back)
     _jump(parents, R, t)

@@ -10,26 +10,31 @@ from typing import Any
 from certpgo.errors import InputNotice
 from certpgo.graph import Estimate, Instance
 from certpgo.io.estimates import posed_as, read_estimate
+from certpgo.io.format import AnyPath
 from certpgo.io.reading import read
 
-#: A path, as text or an object.
-AnyPath = str | Path
+__all__ = ["AnyPath", "estimated", "measured"]
 
 
 def measured(given: Any) -> Any:
-    """The instance in the file at a path; anything else as it is.
+    """The instance in the file at a path, or in the files at several; anything else as it is.
 
     Raises
     ------
     FormatError
         As `certpgo.read`.
     """
-    if not isinstance(given, str | os.PathLike):
+    several = isinstance(given, list | tuple) and bool(given) and all(map(_is_path, given))
+    if not several and not _is_path(given):
         return given
-    instance = read(Path(given), quiet=True)
+    instance = read([Path(one) for one in (given if several else [given])], quiet=True)
     for notice in instance.notices:  # to the caller of who opens it
         warnings.warn(f"{instance.source}: {notice}", InputNotice, stacklevel=3)
     return instance
+
+
+def _is_path(given: object) -> bool:
+    return isinstance(given, str | os.PathLike)
 
 
 def estimated(given: Any, of: object) -> Any:

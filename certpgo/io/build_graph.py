@@ -9,7 +9,9 @@ import numpy as np
 
 from certpgo.errors import FormatError, NoEdges, NoMeasurements
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
-from certpgo.graph.phrases import counted
+from certpgo.graph.information import Information, joined_information
+from certpgo.graph.mounted import Frames, mounted
+from certpgo.graph.phrases import counted, shown_path
 from certpgo.graph.priors import origin_of, with_priors
 from certpgo.graph.ranges import Ranges
 from certpgo.io.compressed import uncompressed_name
@@ -23,17 +25,27 @@ from certpgo.io.nodes import (
     numbered_by_name,
     refuse_duplicates,
 )
-from certpgo.io.records import Records, Rows, joined_information
+from certpgo.io.records import Records, Rows
+from certpgo.io.several import counted_once, joined_name, joined_source, located
 from certpgo.linalg.arrays import FloatArray, IntArray
-
-#: What becomes of nodes that a file fixes: one chooses the frame, more are measurements.
-FREED = "all are estimated, and only differences between poses are measured"
 
 
 def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> Instance:
-    """The instance in a file of tagged lines."""
+    """The instance in a file of tagged lines, or in several."""
     _refuse_choices(path, dialect, options)
-    content = read_lines(path, dialect, options)
+    paths = (path, *options.also)
+    content, firsts = read_lines(paths, dialect, options)
+    with located(paths, firsts):
+        counted_once(content, path, firsts)
+        instance = _instance(dialect, path, options, content)
+    if len(paths) == 1:
+        return instance
+    chosen = {**instance.options, "also": ", ".join(shown_path(one) for one in options.also)}
+    return replace(instance, name=joined_name(paths), source=joined_source(paths), options=chosen)
+
+
+def _instance(dialect: Dialect, path: Path, options: ReadOptions, content: Records) -> Instance:
+    """The instance of these contents."""
     _refuse_no_edges(path, dialect, content)
     if dialect.named:
         nodes, rows = numbered_by_name(path, content, skip_landmarks=options.skip_landmarks)
@@ -54,6 +66,7 @@ def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> I
         notices.append(notice)
         world, nodes = len(nodes.ids), nodes.with_world(path)
         information = joined_information([information, priors.information])
+        graph, information = _of_bodies(graph, information, nodes.mounts)
     chosen = _choices(dialect, options, content.counts[UNINFORMED], len(measured))
     if "weights_are" in chosen and not dialect.precision:
         kind = options.weights_are
@@ -83,7 +96,7 @@ def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> I
 
 def poses_from_lines(dialect: Dialect, path: Path) -> LabelledPoses:
     """The poses and points on the vertex lines of a file."""
-    content = read_lines(path, dialect, ReadOptions(ignore_information=True))
+    content, _ = read_lines([path], dialect, ReadOptions(ignore_information=True))
     if dialect.named:
         nodes, values = named_nodes(path, content)
         keys = None, nodes.times_ns, nodes.names, nodes.points
@@ -158,6 +171,19 @@ def anchored(graph: PoseGraph, priors: Rows) -> tuple[PoseGraph, FloatArray | No
     return joined, origin if origin.any() else None, said
 
 
+def _of_bodies(
+    graph: PoseGraph, information: Information | None, mounts: Frames | None
+) -> tuple[PoseGraph, Information | None]:
+    """The graph whose last edges, the priors, are of sensors that are there on their bodies."""
+    if mounts is None:
+        return graph, information
+    none = Frames.none(graph.num_edges, graph.d)
+    k = len(mounts.translations)
+    second = Frames(none.rotations.copy(), none.translations.copy())
+    second.rotations[-k:], second.translations[-k:] = mounts.rotations, mounts.translations
+    return mounted(graph, information, graph.edges, none, second)
+
+
 def _ranges(num_nodes: int, rows: Rows | None) -> Ranges | None:
     if rows is None or not len(rows):
         return None
@@ -187,8 +213,6 @@ def _notices(content: Records, nodes: Nodes, graph: Graph, sightings: int) -> li
         notices.append(f"{points}, {counted(sightings, 'sighting{s}')}{moved}")
     if isinstance(graph, RotationGraph):
         notices.append("all translations are zero: read as a rotation graph")
-    if len(nodes.fixed) > 1:
-        notices.append(f"{len(nodes.fixed)} nodes fixed by the file: {FREED}")
     if nodes.unvalued:
         said = "node{s} without a vertex line: no initial values"
         notices.append(counted(nodes.unvalued, said))

@@ -25,6 +25,8 @@ from certpgo.graph.keys import Keys
 from certpgo.io.compressed import opened, uncompressed_name
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
+#: A path, as text or an object.
+AnyPath = str | Path
 RotationInformation = Literal["tangent", "quaternion", "rpy"]
 WeightsAre = Literal["information", "sqrt-information", "covariance"]
 Progress = Callable[[int, int], None]
@@ -32,7 +34,7 @@ Progress = Callable[[int, int], None]
 _HEAD_BYTES = 1 << 14
 #: Files that only the program that writes them reads, by suffix.
 _CONTAINERS = {
-    ".pbstream": "a state of Cartographer, which only Cartographer reads: write the nodes and "
+    ".pbstream": "a state of Cartographer expected, which begins otherwise: write the nodes and "
     "constraints of its proto::PoseGraph as g2o, or its trajectory as TUM",
     ".posegraph": "a graph of slam_toolbox, whose binary archive only its own build reads: write "
     "its vertices and edges as g2o, or its trajectory as TUM",
@@ -51,6 +53,7 @@ class ReadOptions:
     skip_priors : whether measurements of single poses are skipped
     skip_landmarks : whether points and their sightings are skipped
     skip : tags of lines that are skipped
+    also : further files that are read as one graph with the first
     progress : called with bytes read and bytes in total, or None
     """
 
@@ -60,6 +63,7 @@ class ReadOptions:
     skip_priors: bool = False
     skip_landmarks: bool = False
     skip: tuple[str, ...] = ()
+    also: tuple[Path, ...] = ()
     progress: Progress | None = None
 
 
@@ -175,6 +179,7 @@ class Format:
     holds_times : whether it can store timestamps; in a TUM file, in place of ids
     holds_name : whether it can store a name of a node
     chart : how a text file represents a pose; None if unknown
+    joins_files : whether several such files can be read as one graph
     on_topic : the format that reads one topic of such a file; None where there are no topics
     """
 
@@ -193,6 +198,7 @@ class Format:
     holds_times: bool = False
     holds_name: Callable[[str], bool] = lambda name: False
     chart: Chart | None = None
+    joins_files: bool = False
     on_topic: Callable[[str], Format] | None = None
 
 

@@ -6,15 +6,17 @@ A chunk of lines is parsed at once, grouped by tag.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from certpgo.checker import FAR
-from certpgo.errors import InputError
+from certpgo.errors import InputError, nearest
 from certpgo.graph.edges import in_range
 from certpgo.graph.information import Information, of_positions
+from certpgo.graph.phrases import few
 from certpgo.io.chunks import parsed, printable, refuse_loops
 from certpgo.io.dialect import Dialect, Tag
 from certpgo.io.edge_weights import INDEFINITE, PARTIAL, partial_counts
@@ -36,13 +38,20 @@ _NO_MEASUREMENTS = (b"VERTEX", b"PARAM", b"DATA", b"ROBOTLASER", b"RAWLASER", b"
 Weights = tuple[FloatArray, FloatArray, Information | None]
 
 
-def read_lines(path: Path, dialect: Dialect, options: ReadOptions) -> Records:
-    """The contents of the file; a FormatError names the line and what was expected."""
-    parser, content = _Parser(dialect, options), Records()
-    for part in parsed(path, parser.parse, options.progress):
-        content.extend(part)
+def read_lines(
+    paths: Sequence[Path], dialect: Dialect, options: ReadOptions
+) -> tuple[Records, list[int]]:
+    """The contents of files, and the numbers of their first lines, counted through all.
+
+    A FormatError names the line and what was expected.
+    """
+    parser, content, firsts = _Parser(dialect, options), Records(), list[int]()
+    for path in paths:
+        firsts.append(parser.next_line)
+        for part in parsed(path, parser.parse, options.progress):
+            content.extend(part)
     content.names = parser.names
-    return content
+    return content, firsts
 
 
 class _Parser:
@@ -51,7 +60,7 @@ class _Parser:
     def __init__(self, dialect: Dialect, options: ReadOptions) -> None:
         self._dialect = dialect
         self._options = options
-        self._d, self._lines = 0, 1
+        self._d, self.next_line = 0, 1
         self._named: dict[bytes, int] = {}
         self._after = "names" if dialect.named else "ids"
         self._plain = {name: tag for name, tag in dialect.tags.items() if self._is_plain(name, tag)}
@@ -64,7 +73,7 @@ class _Parser:
     def parse(self, text: bytes) -> Records:
         """The contents of the lines in a text."""
         content = Records(self._d)
-        plain, others = plain_fields(text, self._plain, self._lines)
+        plain, others = plain_fields(text, self._plain, self.next_line)
         for name, fields in plain.items():
             self._add(content, name, self._plain[name], fields)
         for name, lines in by_tag(others).items():
@@ -79,7 +88,7 @@ class _Parser:
                 fields = replace(fields, lines=np.array([number for number, _ in lines]))
                 self._add(content, name, tag, fields)
         self._d = content.d
-        self._lines += text.count(b"\n") + 1
+        self.next_line += text.count(b"\n") + 1
         return content
 
     def _add(self, content: Records, name: bytes, tag: Tag, fields: Fields) -> None:
@@ -113,11 +122,12 @@ class _Parser:
             return dialect.tags[name]
         if name.startswith(_NO_MEASUREMENTS) and not dialect.named:
             return Tag("skip", what=f"no tag of {dialect.name}, and no measurement")
-        known = ", ".join(tag.decode() for tag in dialect.tags)
+        known = [tag.decode() for tag in dialect.tags]
         shown = name[:40].decode("ascii", "backslashreplace")
+        near = nearest(shown, known)
+        hint = f"did you mean {' or '.join(near)}?" if near else f"known: {few(known)}"
         raise InputError(
-            f"{dialect.name} has no tag {shown!r} (--skip {shown} leaves such lines out); "
-            f"known: {known}"
+            f"{dialect.name} has no tag {shown!r} (--skip {shown} leaves such lines out); {hint}"
         )
 
     def _skipped(self, tag: Tag, d: int) -> str:
@@ -185,7 +195,8 @@ class _Parser:
         rows = Rows(nodes, R, t, *self._weights(tag, fields, R, counts))
         if tag.kind in ("prior", "sighting"):
             sensors = ids[:, -1] if tag.sensor else np.full(k, BODY)
-            return replace(rows, sensors=sensors, apart=np.full(k, tag.apart))
+            flags = np.full(k, tag.apart), np.full(k, tag.is_position)
+            return replace(rows, sensors=sensors, apart=flags[0], bodily=flags[1])
         if tag.kind == "pose" and tag.timed:
             return replace(rows, stamps=decimals(fields.times))
         return rows

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from certpgo.graph.edges import symmetric
 from certpgo.graph.information import Information, of_positions
 from certpgo.graph.keys import NO_TIME
 from certpgo.graph.labels import unused
+from certpgo.graph.mounted import Frames
 from certpgo.io.dialect import Kind
 from certpgo.io.records import BODY, Records, Rows
 from certpgo.io.timestamps import times_and_ids
@@ -21,6 +23,8 @@ from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, numbered
 
 #: The name of the world, from which priors are measured.
 _WORLD = "world"
+#: Notice about positions that name a sensor elsewhere.
+BODILY = "position{s} of bodies whose sensor is elsewhere: taken as the body's, as g2o does"
 #: Measurements by kind, whose nodes are numbers.
 Measured = dict[Kind, Rows]
 #: A rotation (d, d) and a translation (d,).
@@ -38,6 +42,7 @@ class Nodes:
     points : (n,) which are points; None if none are
     names, times_ns, fixed, apart, moved_by : see `certpgo.Instance`
     unvalued : how many lack an initial value that others have
+    mounts : where the sensors of priors are on their bodies; None for at their origins
     """
 
     ids: IntArray
@@ -49,6 +54,7 @@ class Nodes:
     apart: BoolArray | None = None
     moved_by: int = 0
     unvalued: int = 0
+    mounts: Frames | None = None
 
     def with_world(self, path: Path) -> Nodes:
         """The nodes, and the world as the last one; a FormatError if no id is left for it."""
@@ -86,8 +92,7 @@ def numbered_by_id(path: Path, content: Records) -> tuple[Nodes, Measured]:
     ------
     FormatError
         Two vertices have the same id; an id is that of a pose and of a point, or of a prior or FIX
-        and of no node; or a sensor is unknown, not at its body's origin (of priors), or has two
-        poses.
+        and of no node; or a sensor is unknown, or has two poses.
     """
     poses, points = content.take("pose"), content.take("point")
     measured = _taken(content, "edge", "sighting", "prior")
@@ -102,7 +107,7 @@ def numbered_by_id(path: Path, content: Records) -> tuple[Nodes, Measured]:
     ids = distinct(np.concatenate([vertices, edges, sightings.nodes.ravel()]))
     sensors = _sensors(path, content.take("sensor"))
     measured["sighting"] = _in_body_frame(path, sightings, sensors)
-    _refuse_sensors(path, measured["prior"], sensors)
+    mounts = _mounts(path, measured["prior"], sensors, content.counts)
     _known(path, ids, measured["prior"].nodes.ravel(), "prior of node {}")
     fixed = _known(path, ids, np.array(content.fixed, dtype=np.intp), "FIX {}")
     measured = {k: replace(rows, nodes=numbered(ids, rows.nodes)) for k, rows in measured.items()}
@@ -117,6 +122,7 @@ def numbered_by_id(path: Path, content: Records) -> tuple[Nodes, Measured]:
         apart=np.isin(ids, apart) if len(apart) else None,
         moved_by=moved_by,
         unvalued=unvalued if len(vertices) else 0,
+        mounts=mounts,
     )
     return nodes, measured
 
@@ -179,7 +185,13 @@ def _moved(
     for sensor in distinct(rows.sensors[rows.sensors != BODY]).tolist():
         # Without a line of parameters, 0 is the body itself.
         if sensor not in sensors and sensor != 0:
-            raise FormatError(path, None, f"{said} sensor {sensor}, which is unknown")
+            here = "PARAMS_SE3OFFSET", sensor, *[0] * 6, 1
+            raise FormatError(
+                path,
+                None,
+                f"{said} sensor {sensor}, which is unknown: a line {' '.join(map(str, here))} "
+                "puts it at its body's origin",
+            )
         R, t = sensors.get(sensor, (np.eye(0), np.empty(0)))
         if t.any() or (np.eye(len(t)) != R).any():
             yield sensor, R, t
@@ -200,11 +212,21 @@ def _in_body_frame(path: Path, sightings: Rows, sensors: dict[int, _Pose]) -> Ro
     return replace(sightings, translations=t, information=information)
 
 
-def _refuse_sensors(path: Path, priors: Rows, sensors: dict[int, _Pose]) -> None:
-    said = "a prior is about"
-    for sensor, *_ in _moved(path, priors, sensors, said):
-        where = f"{said} sensor {sensor}, which is not at its body's origin"
-        raise FormatError(path, None, where)
+def _mounts(
+    path: Path, priors: Rows, sensors: dict[int, _Pose], counts: Counter[str]
+) -> Frames | None:
+    """Where the sensors of priors are on their bodies; None for all at their origins.
+
+    Those of positions do not count, as in g2o's EdgeSE3XYZPrior.
+    """
+    where = None
+    for sensor, R, t in _moved(path, priors, sensors, "a prior is about"):
+        own = priors.sensors == sensor
+        counts[BODILY] += int(np.sum(own & priors.bodily))
+        chosen = own & ~priors.bodily
+        where = where or Frames.none(len(priors), len(t))
+        where.rotations[chosen], where.translations[chosen] = R, t
+    return where
 
 
 def named_nodes(path: Path, content: Records) -> tuple[Nodes, Estimate]:

@@ -12,9 +12,12 @@ import numpy as np
 from certpgo.errors import FormatError, InputError
 from certpgo.graph import Instance
 from certpgo.graph.edges import Keep, simple_edges
+from certpgo.graph.held import with_held
 from certpgo.io.chosen_weights import ChosenWeights
 from certpgo.io.estimates import matched_truth, truth_in_words, warn_of
 from certpgo.io.format import (
+    AnyPath,
+    Format,
     Progress,
     ReadOptions,
     RotationInformation,
@@ -27,7 +30,7 @@ _MEANINGS = ("tangent", "quaternion", "rpy")
 
 
 def read(
-    path: str | Path,
+    path: AnyPath | Sequence[AnyPath],
     *,
     keep: Keep = "all",
     rotation_information: RotationInformation | None = None,
@@ -38,6 +41,7 @@ def read(
     weights_are: WeightsAre | None = None,
     priors: bool = True,
     landmarks: bool = True,
+    fixed: bool = True,
     skip: Sequence[str] = (),
     truth: str | Path | None = None,
     format: str | None = None,
@@ -55,7 +59,9 @@ def read(
     Parameters
     ----------
     path : a g2o, PyFG, TORO, iSAM, Open3D (JSON), .mat (viewing graph), .npz or GLOMAP relative
-        poses file, a bag of ROS with rtabmap's graph, a 1DSfM folder or its EGs.txt
+        poses file, a bag of ROS with rtabmap's graph, a 1DSfM folder or its EGs.txt; or several
+        files of one format of text, read as one graph: ids mean the same node in all, the first
+        vertex of a node counts, and so does a measurement that several files have
     keep : of parallel edges, ``"all"`` (their terms add), or the ``"first"`` or ``"last"``
     rotation_information : what the rotational information refers to: ``"tangent"`` (default of g2o
         and TORO), ``"quaternion"`` (its vector part, half the angle: kappa is a quarter) or
@@ -70,6 +76,9 @@ def read(
     priors : whether measurements of single poses and positions are read, as edges from one more
         node, the world (``Instance.world``); else they are skipped
     landmarks : whether points, what sees them and ranges to them are read; else they are skipped
+    fixed : whether nodes that the file fixes are held where they are, see
+        `certpgo.graph.held.with_held`; else all are estimated. It matters where there are several,
+        or priors
     skip : tags whose lines are left out, of files of tagged lines: measurements that are not known
         here; ``Instance.options["skip"]`` lists them
     truth : a file with ground truth for every node, see `read_truth`
@@ -83,7 +92,7 @@ def read(
     FormatError
         With path, line and what was expected there.
     InputError
-        Contradictory options, or incomplete truth.
+        Contradictory options, incomplete truth, or fixed nodes with distances.
     SpecError
         ``format`` is unknown.
 
@@ -100,8 +109,13 @@ def read(
     >>> instance.ids
     array([10, 20, 30, 40])
     """
-    path = Path(path)
+    paths = [path] if isinstance(path, str | Path) else list(path)
+    if not paths:
+        raise InputError("a file is expected, not an empty list")
+    path, *also = map(Path, paths)
     form = format_of(path, format, topic)
+    for other in also:
+        _refuse_other(path, form, other, format_of(other, format))
     if form.read_graph is None:
         raise FormatError(path, None, f"{form.name} files hold {form.holds}, no measurements")
     weights = ChosenWeights(kappa, tau, unit_weights, mahalanobis)
@@ -117,16 +131,27 @@ def read(
         skip_priors=not priors,
         skip_landmarks=not landmarks,
         skip=(skip,) if isinstance(skip, str) else tuple(skip),
+        also=tuple(also),
         progress=progress,
     )
     instance = form.read_graph(path, options)
     if rotation_information == "quaternion" and instance.graph.d == 2:
         raise InputError("rotational information on a quaternion is for 3D; in 2D use the angle")
-    instance = _with_choices(instance, keep, weights)
+    instance = with_held(_with_choices(instance, keep, weights), hold=fixed)
     if truth is not None:
         instance = _with_truth(instance, Path(truth))
     warn_of(path, () if quiet else instance.notices)
     return instance
+
+
+def _refuse_other(path: Path, form: Format, other: Path, found: Format) -> None:
+    """Refuse a file that is not read as one graph with another."""
+    if not form.joins_files:
+        said = f"several {form.name} files are not read as one graph: certpgo merge joins maps"
+        raise FormatError(other, None, said)
+    if found is not form:
+        said = f"{path} is a {form.name} file, and this one {found.name}: convert one of them"
+        raise FormatError(other, None, said)
 
 
 def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:

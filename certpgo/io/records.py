@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from certpgo.graph.information import Information
+from certpgo.graph.information import Information, joined_information
 from certpgo.io.dialect import Kind
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
@@ -31,6 +31,7 @@ class Rows:
     information : matrices; None where some lack it
     sensors : (k,) ids of the sensors that measure or are measured; `BODY` for the body itself
     apart : (k,) whether points may be numbered apart, so that poses have the same numbers
+    bodily : (k,) whether a prior is of the body's position, whatever sensor it names
     stamps : (k, 2) times of poses, see `certpgo.io.timestamps.decimals`
     lines : (k,) numbers of the lines
     """
@@ -43,6 +44,7 @@ class Rows:
     information: Information | None = None
     sensors: IntArray = field(default_factory=lambda: _NONE)
     apart: BoolArray = field(default_factory=lambda: _NONE.astype(np.bool_))
+    bodily: BoolArray = field(default_factory=lambda: _NONE.astype(np.bool_))
     stamps: IntArray = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
     lines: IntArray = field(default_factory=lambda: _NONE)
 
@@ -122,14 +124,3 @@ def _used(information: Information) -> Information:
     """The matrices without those that no edge has."""
     used, index = np.unique(information.index, return_inverse=True)
     return Information(information.distinct[used], index, information.residual)
-
-
-def joined_information(parts: Sequence[Information | None]) -> Information | None:
-    """The information matrices of several parts, one after another; None unless each has some."""
-    known = [part for part in parts if part is not None]
-    if len(known) < len(parts):
-        return None
-    offsets = np.cumsum([0, *(len(part.distinct) for part in known)])
-    index = [part.index + offset for part, offset in zip(known, offsets[:-1], strict=True)]
-    distinct = np.concatenate([part.distinct for part in known])
-    return Information(distinct, np.concatenate(index), known[0].residual)

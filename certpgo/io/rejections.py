@@ -36,7 +36,7 @@ def read_rejected(path: str | Path, instance: Instance) -> tuple[IntArray, Float
         raise FormatError(path, None, "no such file") from None
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise FormatError(path, None, f"not readable as CSV: {error}") from None
-    pairs, found, prices = instance.ids[instance.graph.edges], list[int](), list[float]()
+    pairs, found, prices = instance.pairs, list[int](), list[float]()
     for line, row in enumerate(rows, start=2):
         try:
             edge, i, j = (int(row[name]) for name in COLUMNS)

@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike
 
 from certpgo.errors import InputError, InputNotice, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
-from certpgo.graph.graph import has_matrix_weights
 from certpgo.graph.keys import SECOND, Keys
 from certpgo.graph.kinds import Kind
 from certpgo.graph.phrases import counted
@@ -107,8 +106,10 @@ def write(
     graph_writer = form.write_graph
     whole = _as_instance(path, what, ids)
     graph = whole.graph
-    if has_matrix_weights(graph):
-        raise InputError(f"{path}: no format holds matrix weights, couplings or arms")
+    if graph.rotation.is_general:
+        raise InputError(f"{path}: no format holds matrix weights or couplings")
+    if form.name != "npz":
+        _refuse_arms(path, whole, form)
     if form.name != "npz" and _is_partly_unwritable(whole):
         raise InputError(
             f"{path}: only .npz files hold edges that measure only a rotation or a translation, "
@@ -219,6 +220,22 @@ def _is_partly_unwritable(whole: Instance) -> bool:
     return not partial.isdisjoint(whole.measurements.counts)
 
 
+def _refuse_arms(path: Path, whole: Instance, form: Format) -> None:
+    """Refuse what only .npz files hold: measurements from and to points on poses."""
+    graph = whole.graph
+    if whole.stated is not None:
+        raise InputError(
+            f"{path}: only .npz files hold fixed nodes as constraints: read with --no-fixed "
+            "(fixed=False), the graph is written as it was"
+        )
+    if not isinstance(graph, PoseGraph) or graph.arms is None:
+        return
+    mounted = graph.arms.any(axis=1)
+    from_world = graph.edges[:, 0] == whole.world
+    if form.name != "g2o" or graph.d == 2 or (mounted & ~from_world).any():
+        raise InputError(f"{path}: only .npz files, and in space priors of g2o, hold arms")
+
+
 def _refuse_ranges(path: Path, whole: Instance) -> None:
     """Refuse what only formats with ranges hold."""
     graph, holding = whole.graph, "only .npz and .pyfg files hold"
@@ -281,8 +298,10 @@ def in_file_frame(estimate: Estimate, instance: Instance) -> Estimate:
 
 
 def _first_pose(ids: IntArray, instance: Instance | None) -> int:
-    """The node with the smallest id; a point has no rotation to hold the others by."""
+    """The pose with the smallest id, or of those that are held; a point holds no rotation."""
     nodes = np.arange(len(ids)) if instance is None else instance.poses
+    if instance is not None and instance.held:  # what is held stays where it is
+        nodes = nodes[np.isin(nodes, instance.held)]
     return int(nodes[np.argmin(ids[nodes])])
 
 

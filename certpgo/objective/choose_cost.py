@@ -49,14 +49,26 @@ def own_cost(instance: Instance) -> str:
     state something, ``"gtsam"`` for such a JSON Robot Log, and ``"chordal"`` otherwise.
     """
     own = None if instance.information is None else instance.information.residual
-    return own if own is not None and own in COSTS and _is_weighed(instance) else CHORDAL
+    known = own is not None and own in COSTS and _is_weighed(instance)
+    return own if own and known and (_takes_arms(own) or not _armed(instance)) else CHORDAL
 
 
 def costs_of(instance: Instance) -> tuple[str, ...]:
     """The costs that an instance can be certified under, that of `own_cost` first."""
     own = own_cost(instance)
     others = COSTS if instance.ranges is None and _is_weighed(instance) else ()
-    return own, *(cost for cost in (CHORDAL, *others) if cost != own)
+    known = (CHORDAL, *(cost for cost in others if _takes_arms(cost) or not _armed(instance)))
+    return own, *(cost for cost in known if cost != own)
+
+
+def _armed(instance: Instance) -> bool:
+    """Whether measurements are of sensors apart from their bodies, or of held poses."""
+    return isinstance(instance.graph, PoseGraph) and instance.graph.arms is not None
+
+
+def _takes_arms(cost: str) -> bool:
+    """Whether minorants of a cost have no arms of their own: their sum with others is exact."""
+    return COSTS[cost].decoupled
 
 
 def _is_weighed(instance: Instance) -> bool:
@@ -154,6 +166,9 @@ def information_problem(instance: Instance, cost: str) -> InformationProblem:
     graph = InformationGraph(instance.graph, instance.information.matrices)
     if not graph.rotation.kappa.any():
         raise InputError(f"{source}: --cost {cost} needs relative poses, not positions alone")
+    if _armed(instance) and not _takes_arms(cost):
+        said = f"the cost of {cost} knows no sensors apart from their bodies, and no held poses"
+        raise InputError(f"{source}: {said} (--cost g2o and chordal do)")
     alone = int(np.count_nonzero(instance.graph.kinds == Kind.TRANSLATION))
     if alone and not COSTS[cost].decoupled:
         measured = counted(alone, Kind.TRANSLATION.phrase)

@@ -1,6 +1,7 @@
 """What a cost of measured poses is made of: one residual per edge, and a minorant of its square.
 
-An edge sees two poses only through v = R_i^T (t_j - t_i) and Q = R_i^T R_j. With the measured
+An edge sees two poses only through v = R_i^T (t_j + R_j a - t_i), for its arm a if it has one, and
+Q = R_i^T R_j. With the measured
 (R~, t~), y = R~^T (v - t~) and E = R~^T Q are the translation and rotation of what the measurement
 leaves unexplained, in the frame of the measured pose.
 """
@@ -75,8 +76,9 @@ class Minorants(Brief):
     ) -> tuple[PoseGraph, float]:
         """The pose graph, of that kind, and the constant that add up to those of ``measured``."""
         rotation, constant = self.summed_rotations(measured.rotation)
-        arms = self.a if self.a.any() else None
-        return kind(rotation, self.b, self.tau, arms, measured.points), constant
+        arms = self.a if measured.arms is None else self.a + measured.arms
+        armed = arms if arms.any() else None
+        return kind(rotation, self.b, self.tau, armed, measured.points), constant
 
     def summed_rotations(self, measured: RotationGraph) -> tuple[RotationGraph, float]:
         """The same of rotations alone; the constant is rounded down."""
@@ -171,8 +173,10 @@ class EdgeCost(ABC):
         i, j = self.graph.edges.T
         R = Ball.within(estimate.rotations, rotation_defect(estimate.rotations))
         t = Ball.exact(translations_of(estimate))
-        v = R.T[i].apply(t[j] - t[i])
-        found = self.enclosures(v, R.T[i] @ R[j])
+        v, Q = R.T[i].apply(t[j] - t[i]), R.T[i] @ R[j]
+        if (arms := self.graph.isotropic.arms) is not None:
+            v = v + Q.apply(Ball.exact(arms))
+        found = self.enclosures(v, Q)
         return found.lower, found.upper
 
     def enclosure(self, estimate: Estimate) -> tuple[float, float]:

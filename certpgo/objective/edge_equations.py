@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from certpgo.graph import Estimate
+from certpgo.graph import Estimate, PoseGraph
 from certpgo.graph.relaxed_point import Point, translations_of
 from certpgo.linalg import compiled
-from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.objective.angle_functions import C
 from certpgo.objective.edge_cost import EdgeCost
@@ -20,12 +20,13 @@ from certpgo.objective.operators import lever
 _SERIES = {"quaternion": None, "logarithm": np.array(C)}
 
 
-def relative(edges: IntArray, point: Point) -> tuple[FloatArray, FloatArray]:
-    """(m, d) vectors v = R_i^T (t_j - t_i) and (m, d, d) rotations Q = R_i^T R_j."""
-    i, j = edges.T
+def relative(graph: PoseGraph, point: Point) -> tuple[FloatArray, FloatArray]:
+    """(m, d) vectors v = R_i^T (t_j + R_j a - t_i) and (m, d, d) rotations Q = R_i^T R_j."""
+    i, j = graph.edges.T
     R, t = point.rotations, translations_of(point)
     back = np.swapaxes(R[i], 1, 2)
-    return (back @ (t[j] - t[i])[:, :, None])[:, :, 0], back @ R[j]
+    v, Q = (back @ (t[j] - t[i])[:, :, None])[:, :, 0], back @ R[j]
+    return v if graph.arms is None else v + (Q @ graph.arms[:, :, None])[:, :, 0], Q
 
 
 class EdgeEquations:
@@ -39,7 +40,8 @@ class EdgeEquations:
         # Not inherited: what derives from a cost may have another residual.
         kind: str = vars(type(cost)).get("compiled_residual", "")
         self._series = _SERIES.get(kind)
-        self._is_compiled = compiled.AVAILABLE and kind in _SERIES
+        armed = cost.graph.isotropic.arms is not None
+        self._is_compiled = compiled.AVAILABLE and kind in _SERIES and not armed
 
     def first(self, point: Estimate) -> tuple[float, FloatArray]:
         """The cost and half its gradient (n, p)."""
@@ -76,13 +78,15 @@ class EdgeEquations:
 
     def _linearized(self, point: Estimate) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Residuals (m, k) and their derivatives by the first and the second pose, (m, k, p)."""
-        edges = self._cost.graph.edges
-        v, Q = relative(edges, point)
+        graph = self._cost.graph.isotropic
+        v, Q = relative(graph, point)
         e, in_v, in_w = self._cost.linearized(v, Q)
-        # v moves by R_i^T (dt_j - dt_i) + v x w_i, and Q by Q exp(w_j - Q^T w_i).
-        by_t = in_v @ np.swapaxes(point.rotations[edges[:, 0]], 1, 2)
+        # v moves by R_i^T (dt_j - dt_i) + v x w_i - Q (a x w_j), and Q by Q exp(w_j - Q^T w_i).
+        by_t = in_v @ np.swapaxes(point.rotations[graph.edges[:, 0]], 1, 2)
         turned = in_w if v.shape[1] == 2 else in_w @ np.swapaxes(Q, 1, 2)
         at_i = np.concatenate([-by_t, in_v @ lever(v) - turned], axis=2)
+        if graph.arms is not None:
+            in_w = in_w - in_v @ Q @ lever(graph.arms)
         return e, at_i, np.concatenate([by_t, in_w], axis=2)
 
     @property

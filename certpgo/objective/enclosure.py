@@ -56,7 +56,7 @@ def _residuals(graph: Graph, estimate: Estimate) -> tuple[FloatArray, FloatArray
     if not isinstance(graph, PoseGraph) or r is None:
         return rotation.kappa, norm, error
     # The rounding of t_j - t_i is relative to its size, at most r plus the lever.
-    lever = np.linalg.norm(graph.translations, axis=1)
+    lever = _levers(graph)
     weights = np.concatenate([rotation.kappa, graph.tau])
     errors = np.concatenate([error, (own + 32.0 * U) * lever])
     return weights, np.concatenate([norm, r]), errors
@@ -76,14 +76,18 @@ def _general(graph: Graph, estimate: Estimate) -> tuple[float, float]:
     terms = np.einsum("mab,mab->m", E @ K, E)
     if isinstance(graph, PoseGraph) and estimate.translations is not None:
         r = np.linalg.norm(operators.translation_residuals(graph, estimate), axis=1)
-        lever = np.linalg.norm(graph.translations, axis=1)
-        if graph.arms is not None:
-            lever = lever + np.linalg.norm(graph.arms, axis=1)
-        off = (own + 32.0 * U) * lever + 32.0 * U * r
+        off = (own + 32.0 * U) * _levers(graph) + 32.0 * U * r
         terms = np.concatenate([terms, graph.tau * r**2])
         errors = np.concatenate([errors, graph.tau * off * (2.0 * r + off)])
     error = float(errors.sum() + _of_a_sum(terms) * np.abs(terms).sum())
     return float(terms.sum()), 1.001 * error
+
+
+def _levers(graph: PoseGraph) -> FloatArray:
+    """(m,) lengths of the levers from i to j and of the arms at j, together."""
+    lever = np.linalg.norm(graph.translations, axis=1)
+    arms = 0.0 if graph.arms is None else np.linalg.norm(graph.arms, axis=1)
+    return np.asarray(lever + arms)
 
 
 def _of_a_sum(terms: FloatArray) -> float:

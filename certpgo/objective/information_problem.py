@@ -165,6 +165,8 @@ class InformationProblem(Speaking):
     @property
     def unprovable(self) -> str:
         """Why there are no proofs of the cost; empty if there are."""
+        if self.graph.isotropic.arms is not None:
+            return self.chordal.unprovable
         if self.edge_cost.provable:
             return ""
         return f"proofs and their tier are for the chordal cost and g2o's, not for {self.title}"
@@ -203,8 +205,8 @@ class InformationProblem(Speaking):
         self.chordal.check(estimate)
 
     def relative(self, point: Point) -> tuple[FloatArray, FloatArray]:
-        """(m, d) vectors v = R_i^T (t_j - t_i) and (m, d, d) rotations Q = R_i^T R_j."""
-        return relative(self.graph.edges, point)
+        """(m, d) vectors v = R_i^T (t_j + R_j a - t_i) and (m, d, d) rotations Q = R_i^T R_j."""
+        return relative(self.graph.isotropic, point)
 
     def bend(self, v: FloatArray, weights: FloatArray) -> float:
         """What translations v (m, d) add to the cost over minorants with these weights (m,)."""

@@ -162,6 +162,8 @@ class Truncation:
         if self.moved:
             tau = W[:, 0, 0]
             arms = W[:, 1:, 0] / np.where(tau > 0.0, tau, 1.0)[:, None]
+            if isinstance(self.graph, PoseGraph) and self.graph.arms is not None:
+                arms = _added_exactly(arms, self.graph.arms)
         K = W[:, self.moved :, self.moved :] - tau[:, None, None] * _outer(arms, arms)
         Z = self.graph.rotation.rotations + out[:, None, None] * (
             self.Q - self.graph.rotation.rotations
@@ -193,6 +195,14 @@ class Truncation:
         of_cost = 2.0 * d * Ball.exact(kappa) + between * squares - 2.0 * nuclear(coupling)
         of_price = Ball.exact(self.prices) - 2.0 * nuclear(Ball.exact(N))
         return np.minimum(of_cost.lower, of_price.lower)
+
+
+def _added_exactly(arms: FloatArray, own: FloatArray) -> FloatArray:
+    """(k, d) arms near these whose sums with the measurements' own are doubles; else zeros."""
+    near = (arms + own) - own
+    total = near + own
+    rest = (near - (total - own)) + (own - (total - (total - own)))
+    return np.where((rest == 0.0).all(axis=1, keepdims=True), near, 0.0)
 
 
 def _reached(values: FloatArray, squares: FloatArray, s: FloatArray) -> FloatArray:

@@ -16,7 +16,6 @@ import numpy as np
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.display import Brief
-from certpgo.graph.graph import has_matrix_weights
 from certpgo.graph.relaxed_point import Point
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_floats
 from certpgo.linalg.ball_arithmetic import U
@@ -81,7 +80,7 @@ class TruncatedProblem(Brief):
             raise InputError(
                 f"prices must be {self.whole.graph.num_edges} positive numbers, one per edge"
             )
-        if has_matrix_weights(self.graph):
+        if self.graph.rotation.is_general:
             raise UncertifiableError("edges with matrix weights have no minorants")
         if isinstance(self.whole, InformationProblem):
             self.whole.refuse_indefinite()
@@ -233,7 +232,7 @@ class TruncatedProblem(Brief):
         """The rejected measurements at the relative poses of a point."""
         rejected, prices = self.below, self.prices[self.is_rejected]
         if isinstance(rejected, PoseGraph):
-            v, Q = relative(rejected.edges, point)
+            v, Q = relative(rejected, point)
         else:
             R, (i, j) = point.rotations, rejected.edges.T
             v, Q = np.zeros((len(i), self.d)), np.swapaxes(R[i], 1, 2) @ R[j]

@@ -64,6 +64,7 @@ class Marginals:
     problem : whose cost is half the negative log-likelihood, doubled
     estimate : n nodes, at a minimum
     anchor : node that is fixed, a pose
+    held : others that are fixed, such as those of `certpgo.graph.held`
 
     Raises
     ------
@@ -85,15 +86,17 @@ class Marginals:
     problem: Measured = field(repr=False)
     estimate: Estimate = field(repr=False)
     anchor: int = 0
+    held: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         self.problem.check(self.estimate)
-        self._require(self.anchor)
+        for node in (self.anchor, *self.held):
+            self._require(node)
         if self._layout.sizes[self.anchor] < self._size:
             raise InputError(f"node {self.anchor} is a point; the anchor must be a pose")
 
     def covariance(self, node: int) -> FloatArray:
-        """(b, b) covariance of a node, zero for the anchor; (d, d) of a point."""
+        """(b, b) covariance of a node, zero for a fixed one; (d, d) of a point."""
         return self.joint(node)
 
     def relative(self, i: int, j: int) -> FloatArray:
@@ -125,7 +128,7 @@ class Marginals:
             *(self._frames[k, :size, :size] for k, size in zip(nodes, sizes, strict=True))
         )
         covariance = turned.T @ solved @ turned
-        fixed = np.repeat(np.array(nodes) == self.anchor, sizes)
+        fixed = np.repeat(np.isin(nodes, (self.anchor, *self.held)), sizes)
         covariance[fixed] = 0.0
         covariance[:, fixed] = 0.0
         return np.asarray(covariance)
@@ -145,7 +148,7 @@ class Marginals:
         blocks[both] = np.asarray(found).ravel()
         self._require_determined(layout.pack(np.einsum("naa->na", blocks)), np.arange(layout.size))
         blocks = np.swapaxes(self._frames, 1, 2) @ blocks @ self._frames
-        blocks[self.anchor] = 0.0
+        blocks[[self.anchor, *self.held]] = 0.0
         return np.asarray(blocks)
 
     def _require(self, node: int) -> None:
@@ -181,9 +184,13 @@ class Marginals:
 
     @cached_property
     def _information(self) -> CSC:
-        """The Gauss-Newton matrix, the anchor's rows and columns cut off."""
+        """The Gauss-Newton matrix, rows and columns of fixed nodes cut off."""
         H, layout = self.problem.gauss_newton(self.estimate), self._layout
-        return pinned(H, layout.first_row(self.anchor) + np.arange(layout.sizes[self.anchor]))
+        rows = [
+            layout.first_row(node) + np.arange(layout.sizes[node])
+            for node in {self.anchor, *self.held}
+        ]
+        return pinned(H, np.concatenate(rows))
 
     def _require_determined(self, variances: FloatArray, rows: IntArray) -> None:
         """Refuse variances that rounding alone keeps finite: a factorization seldom fails."""

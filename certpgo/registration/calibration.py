@@ -47,7 +47,7 @@ def calibrated(frames: FrameSequence, progress: Progress = silent) -> ColourCame
 
     One focal length and the centre are estimated, by pairs of frames a few frames apart; distances
     between both cameras, a few centimetres, are nearly a shift of the centre. The fewer the pairs,
-    the more they must gain.
+    the more they must gain; and what each half of them tells must serve the other half.
 
     Parameters
     ----------
@@ -62,37 +62,63 @@ def calibrated(frames: FrameSequence, progress: Progress = silent) -> ColourCame
     samples = [sample for sample in found if sample is not None]
     if not samples:
         return None
-    base = frames.camera
+    fit = _Fit(samples, frames.camera)
+    change, least = fit.best()
+    # What the three numbers gain by chance is the mean of so many pairs.
+    convincing = CONVINCING * math.sqrt(PAIRS / len(samples))
+    if least > (1.0 - convincing) * fit.disagreement(np.zeros(3)) or not fit.pays():
+        return None
+    return ColourCamera(fit.camera(change))
 
-    def camera(change: FloatArray) -> Camera:
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """The search for changes of the depth camera: of its focal length, and its centre in pixels."""
+
+    samples: list[_Sample]
+    base: Camera
+
+    def camera(self, change: FloatArray) -> Camera:
+        """The camera with a change (3,)."""
+        base = self.base
         stretched = base.scaled(float(np.exp(change[0])))
         return Camera(
             stretched.fx, stretched.fy, float(base.cx + change[1]), float(base.cy + change[2])
         )
 
-    def disagreement(change: FloatArray) -> float:
-        return float(np.mean([_disagreement(s, camera(change), base) for s in samples]))
+    def disagreement(self, change: FloatArray) -> float:
+        """The mean of the pairs'."""
+        camera = self.camera(change)
+        return float(np.mean([_disagreement(s, camera, self.base) for s in self.samples]))
 
-    start = np.zeros(3)
-    # Both directions, as the search is local.
-    simplices = (
-        [[0, 0, 0], [sign * STRETCH, 0, 0], [0, SHIFT, 0], [0, 0, SHIFT]] for sign in (-1, 1)
-    )
-    ends = [
-        minimize(
-            disagreement,
-            start,
-            method="Nelder-Mead",
-            options={"initial_simplex": simplex, "maxfev": EVALUATIONS, "xatol": 1e-3},
+    def best(self) -> tuple[FloatArray, float]:
+        """The change (3,) with the least disagreement, and that."""
+        # Both directions, as the search is local.
+        simplices = (
+            [[0, 0, 0], [sign * STRETCH, 0, 0], [0, SHIFT, 0], [0, 0, SHIFT]] for sign in (-1, 1)
         )
-        for simplex in simplices
-    ]
-    best = min(ends, key=lambda end: float(end.fun))
-    # What the three numbers gain by chance is the mean of so many pairs.
-    convincing = CONVINCING * math.sqrt(PAIRS / len(samples))
-    if best.fun > (1.0 - convincing) * disagreement(start):
-        return None
-    return ColourCamera(camera(best.x))
+        ends = [
+            minimize(
+                self.disagreement,
+                np.zeros(3),
+                method="Nelder-Mead",
+                options={"initial_simplex": simplex, "maxfev": EVALUATIONS, "xatol": 1e-3},
+            )
+            for simplex in simplices
+        ]
+        end = min(ends, key=lambda end: float(end.fun))
+        return end.x, float(end.fun)
+
+    def pays(self) -> bool:
+        """Whether what one half of the pairs tells makes the other half agree better, both ways."""
+        halves = [_Fit(self.samples[first::2], self.base) for first in (0, 1)]
+        if not all(half.samples for half in halves):
+            return False
+        learned = [half.best()[0] for half in halves]
+        return all(
+            other.disagreement(change) < other.disagreement(np.zeros(3))
+            for other, change in zip(halves[::-1], learned, strict=True)
+        )
 
 
 def _sample(frames: FrameSequence, i: int, j: int) -> _Sample | None:

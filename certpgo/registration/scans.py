@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from certpgo.io import read_estimate
 from certpgo.io.exact import quaternion
 from certpgo.io.surfaces import is_ply, read_surface
 from certpgo.linalg.arrays import FloatArray, frozen_floats
+from certpgo.registration.scan_files import VTK, read_csv, read_kitti, read_vtk
 
 #: NumPy's type for PCD's letter and size.
 PCD_TYPES = {(k, s): f"<{k.lower()}{s}" for k in "IUF" for s in (1, 2, 4, 8)}
@@ -43,7 +45,7 @@ class Scan:
 
 
 def read_scan(path: str | Path) -> Scan:
-    """Read a PLY, PCD or XYZ file; the first two are known by their content.
+    """Read a PLY, PCD, VTK, CSV, KITTI (``.bin``) or XYZ file; most are known by their content.
 
     An XYZ file has a point on each line, before any other numbers. Points that are not finite, with
     which scanners mark what they did not see, are left out.
@@ -62,16 +64,25 @@ def read_scan(path: str | Path) -> Scan:
             return Scan(path.name, surface.points, surface.colours)
         with path.open("rb") as file:
             head = file.read(4096)
-        if any(line.startswith(b"VERSION") for line in head.split(b"\n")[:3]):
-            points = _read_pcd(path)
-        else:
-            points = _read_xyz(path)
+        points = _reader_of(path, head)(path)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     seen = np.isfinite(points).all(axis=1)
     if not seen.any():
         raise FormatError(path, None, "no points")
     return Scan(path.name, points[seen])
+
+
+def _reader_of(path: Path, head: bytes) -> Callable[[Path], FloatArray]:
+    """What reads the points of a file that begins like this."""
+    if head.startswith(VTK):
+        return read_vtk
+    if any(line.startswith(b"VERSION") for line in head.split(b"\n")[:3]):
+        return _read_pcd
+    if path.suffix == ".bin":
+        return read_kitti
+    first = next((line for line in head.splitlines() if line.strip()), b"")
+    return read_csv if path.suffix == ".csv" or first.count(b",") >= 2 else _read_xyz
 
 
 def _read_xyz(path: Path) -> FloatArray:

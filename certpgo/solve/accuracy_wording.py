@@ -54,7 +54,7 @@ def disagreeing(disagreement: Disagreement, certificate: Certificate) -> str:
 
 def few_edges(instance: Instance, edges: IntArray) -> str:
     """The first edges by node ids, and the number of others."""
-    pairs = instance.ids[instance.graph.edges[edges[:EDGES]]]
+    pairs = instance.pairs[edges[:EDGES]]
     named = ", ".join(ends(instance, i, j) for i, j in pairs.tolist())
     more = len(edges) - len(pairs)
     return f"{named} and {more} more" if more else named

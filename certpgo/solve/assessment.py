@@ -122,6 +122,7 @@ def assess(
     certificate: Certificate,
     *,
     ids: IntArray | None = None,
+    pairs: IntArray | None = None,
     nodes: IntArray | None = None,
     writing: Writing | None = None,
     fit: Fit | None = None,
@@ -132,6 +133,7 @@ def assess(
     ----------
     certificate : certificate of this estimate for this problem
     ids : (n,) node ids for naming edges; 0 ... n-1 by default
+    pairs : (m, 2) ids that edges are named by, see `certpgo.Instance.pairs`, instead
     nodes : (k,) poses between which the distance is, see `certpgo.Instance.poses`; all by default
     writing : number format of the estimate's file, see `certpgo.io.digits.writing_of`
     fit : chi^2 of the estimate
@@ -149,7 +151,9 @@ def assess(
         best_is_optimal=c.is_optimal(cost),
         excess=c.cost_upper - cost if math.isfinite(c.cost_upper) else math.inf,
         distance=distance(estimate.subset(nodes), best.subset(nodes)),
-        edges=costly_edges(problem, estimate, np.arange(problem.n) if ids is None else ids),
+        edges=costly_edges(
+            problem, estimate, np.arange(problem.n) if ids is None else ids, pairs=pairs
+        ),
         rounding=None if writing is None else rounding_cost(problem, estimate, best, writing),
         farthest=_farthest(problem, estimate),
         fit=fit,
@@ -166,20 +170,26 @@ def distance(estimate: Estimate, other: Estimate) -> Distance:
 
 
 def costly_edges(
-    problem: Judged, estimate: Estimate, ids: IntArray, count: int = EDGES
+    problem: Judged,
+    estimate: Estimate,
+    ids: IntArray,
+    count: int = EDGES,
+    pairs: IntArray | None = None,
 ) -> tuple[CostlyEdge, ...]:
     """The edges with the largest terms of F; none where F is zero or not finite."""
     terms, lengths = problem.edge_costs(estimate), problem.residual_lengths(estimate)
     total = float(terms.sum())
     if not 0.0 < total < math.inf:
         return ()
+    if pairs is None or len(pairs) != len(problem.graph.edges):
+        pairs = ids[problem.graph.edges]
     angles = problem.residual_angles(estimate)
     turned, moved = measured_parts(problem)
     known = np.flatnonzero(turned | moved)
     return tuple(
         CostlyEdge(
             edge=e,
-            ids=(int(ids[problem.graph.edges[e, 0]]), int(ids[problem.graph.edges[e, 1]])),
+            ids=(int(pairs[e, 0]), int(pairs[e, 1])),
             cost=float(terms[e]),
             share=float(terms[e]) / total,
             angle=float(angles[e]) if turned[e] else None,

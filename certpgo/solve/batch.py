@@ -74,6 +74,7 @@ class JudgedGraph:
             estimate,
             certificate,
             ids=self.instance.ids,
+            pairs=self.instance.pairs,
             nodes=self.instance.poses,
             writing=writing,
             fit=fit_of(self.instance, self.problem, estimate),

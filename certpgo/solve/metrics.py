@@ -11,6 +11,7 @@ from certpgo.errors import InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
+from certpgo.objective import operators
 
 #: Share of the largest extent below which positions are on a line.
 STRAIGHT = 1e-9
@@ -27,8 +28,7 @@ def f_ml(graph: RotationGraph | PoseGraph, estimate: Estimate) -> float:
     R = estimate.rotations
     total = float(np.einsum("mab,mcb,mca->", rotation.rotations, R[j], R[i]))
     if isinstance(graph, PoseGraph):
-        t = _translations(estimate)
-        r = t[j] - t[i] - np.einsum("mab,mb->ma", R[i], graph.translations)
+        r = operators.translation_residuals(graph, estimate)
         total -= 0.5 * float(np.einsum("ma,ma->", r, r))
     return total
 

@@ -110,7 +110,7 @@ class Track:
         R, forward = graph.rotation.rotations[edge], graph.edges[edge, 0] == here
         self._rotations[n] = self._rotations[known] @ (R if forward else R.T)
         if isinstance(graph, PoseGraph):
-            t, back = graph.translations[edge], n if not forward else known
+            t, back = graph.steps[edge], n if not forward else known
             step = self._rotations[back] @ t
             self._translations[n] = self._translations[known] + (step if forward else -step)
         self.numbers[labels[there]] = n

@@ -9,8 +9,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 
-import numpy as np
-
 from certpgo.errors import InputError
 from certpgo.graph.display import Brief
 from certpgo.io.writing import atomically
@@ -165,13 +163,13 @@ def outlier_report(
     angles = problem.residual_angles(found.estimate)
     lengths = problem.residual_lengths(found.estimate)
     costs, ambiguous = problem.edge_costs(found.estimate), set(found.ambiguous.tolist())
-    ids = np.arange(problem.n) if answer.instance is None else answer.instance.ids
     graph = problem.graph
+    pairs = graph.edges if answer.instance is None else answer.instance.pairs
     edges = [
         RejectedEdge(
             edge=e,
-            i=int(ids[graph.edges[e, 0]]),
-            j=int(ids[graph.edges[e, 1]]),
+            i=int(pairs[e, 0]),
+            j=int(pairs[e, 1]),
             degrees=math.degrees(angles[e]) if graph.measures_rotation[e] else None,
             metres=None
             if lengths is None or not graph.measures_translation[e]

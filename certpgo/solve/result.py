@@ -149,7 +149,9 @@ class CertifiedSolution(Speaking):
     @cached_property
     def marginals(self) -> Marginals:
         """Covariances of the nodes relative to the first pose; see `certpgo.Marginals`."""
-        return Marginals(self.problem, self.estimate, int(self.problem.tangent_layout.whole[0]))
+        held = () if self.instance is None else self.instance.held
+        anchor = int(held[0] if held else self.problem.tangent_layout.whole[0])
+        return Marginals(self.problem, self.estimate, anchor, held)
 
     def covariance(self, node: int) -> FloatArray:
         """(b, b) covariance of a node relative to the first pose, see `certpgo.Marginals`."""

@@ -112,10 +112,6 @@ def test_they_can_be_skipped(file):
         (SQUARE + "EDGE_PRIOR_SE2_XY 1 5 6 4 x 4\n", "must be decimal numbers"),
         (SQUARE + "EDGE_PRIOR_SE2 1 5 6 0 1 0 0 1 0 -1\n", "not positive definite"),
         (SPACE + f"EDGE_SE3_PRIOR 0 5 1 2 3 0 0 0 1{TAIL}", "sensor 5, which is unknown"),
-        (
-            SPACE + "PARAMS_SE3OFFSET 5 1 0 0 0 0 0 1\n" + f"EDGE_SE3_XYZPRIOR 0 5 1 2 3{XYZ}",
-            "sensor 5, which is not at its body's origin",
-        ),
         (SPACE + f"EDGE_SE3_PRIOR 0 -1 1 2 3 0 0 0 1{TAIL}", "sensor -1, which is unknown"),
         (
             SPACE

@@ -124,3 +124,15 @@ def test_damaged_databases_are_refused_or_read(database):
         path.write_bytes(bytes(damaged[: rng.integers(100, len(damaged) + 1)]))
         with suppress(FormatError):
             io.read(path, quiet=True)
+
+
+def test_gps_records_are_named(database):
+    """rtabmap has them in the nodes, and priors in links."""
+    path = database(NODES, LINKS)
+    with closing(sqlite3.connect(path)) as made, made:
+        made.execute("ALTER TABLE Node ADD COLUMN gps BLOB")
+    assert not any("GPS" in notice for notice in io.read(path, quiet=True).notices)
+    with closing(sqlite3.connect(path)) as made, made:
+        made.execute("UPDATE Node SET gps = ? WHERE id < 5", (np.ones(6).tobytes(),))
+    said = "2 GPS records of nodes not read: positions are taken from links, as priors"
+    assert said in io.read(path, quiet=True).notices

@@ -181,6 +181,14 @@ def test_the_colour_camera_is_estimated_where_it_is_another_one(frames):
     assert f"fx,fy,cx,cy {found.colour.camera.fx:.1f}" in dict(found.consistency())["colour camera"]
 
 
+def test_a_calibration_that_no_other_pair_confirms_is_not_used(frames, monkeypatch):
+    mixed = TwoLenses(**{**vars(frames.chosen(range(6))), "registered": False})
+    monkeypatch.setattr("certpgo.registration.calibration.PAIRS", 2)
+    assert calibrated(mixed) is not None
+    monkeypatch.setattr("certpgo.registration.calibration.PAIRS", 1)
+    assert calibrated(mixed) is None
+
+
 @pytest.mark.parametrize("first", [0, 4])
 def test_a_few_registered_frames_have_no_other_colour_camera(frames, first):
     assert calibrated(frames.chosen(range(first, first + 6))) is None

@@ -158,3 +158,60 @@ def test_unusable_initial_poses_are_refused(tmp_path):
     trajectory.write_text("0 0 0 0 0 0 0 1\n")
     with pytest.raises(InputError, match="2 poses expected"):
         read_initial(trajectory, ["a.ply", "b.ply"])
+
+
+CSV = "0.5,-1.25,3,9\n1,2,-0.125,9\n0,0,4,9\n"
+VTK = """# vtk DataFile Version 3.0
+File created by another program
+ASCII
+DATASET POLYDATA
+POINTS 3 float
+0.5 -1.25 3
+1 2 -0.125
+0 0 4
+VERTICES 3 6
+1 0
+1 1
+1 2
+"""
+DOUBLES = VTK.replace("ASCII", "BINARY").partition("POINTS")[0].encode() + b"POINTS 3 double\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("scan.csv", CSV.encode()),
+        ("scan.csv", b"x,y,z,intensity\r\n" + CSV.replace("\n", "\r\n").encode()),
+        ("scan.csv", b'"time","z","x","y"\n' + b"1,3,0.5,-1.25\n2,-0.125,1,2\n\n3,4,0,0\n"),
+        ("scan.txt", b"//X,Y,Z\n" + CSV.encode()),
+        ("scan.vtk", VTK.encode()),
+        ("scan.vtk", DOUBLES + POINTS.astype(">f8").tobytes() + b"\nVERTICES 0 0\n"),
+        ("0000000000.bin", np.pad(POINTS, ((0, 0), (0, 1))).astype("<f4").tobytes()),
+    ],
+)
+def test_files_of_other_programs(tmp_path, name, content):
+    path = tmp_path / name
+    path.write_bytes(content)
+    np.testing.assert_array_equal(read_scan(path).points, POINTS)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "line", "said"),
+    [
+        ("a.csv", b"a,b,c\n1,2,3\n", 1, "columns called x, y and z expected"),
+        ("a.csv", b"x,y,z\n1,2,3\n1,2\n", 3, "x, y, z expected, separated by commas"),
+        ("a.csv", b"x,y,z\n1,2,3\n1,2,?\n", 3, "x, y, z expected, separated by commas"),
+        ("a.csv", b"x,y,z\n", None, "no points"),
+        ("a.vtk", VTK.replace("POINTS 3", "POINTS 9").encode(), 5, "9 points expected after"),
+        ("a.vtk", VTK.partition("0 0 4")[0].encode(), 5, "3 points announced, 2 found"),
+        ("a.vtk", VTK.replace("POINTS", "CELLS").encode(), None, "POINTS n float or double"),
+        ("a.vtk", DOUBLES + b"\n2345678" * 4 + b"1", 5, "3 points announced"),
+        ("a.bin", b"1234" * 5, None, "20 bytes are no whole number"),
+    ],
+)
+def test_what_is_wrong_with_them(tmp_path, name, content, line, said):
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(FormatError, match=said) as error:
+        read_scan(path)
+    assert error.value.line == line

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -45,12 +46,15 @@ class Source:
         """
         return Path(self.name)
 
-    def graph(self, *, download: bool = True, **reading: Any) -> Instance:
+    def graph(
+        self, *, download: bool = True, also: Sequence[Path] = (), **reading: Any
+    ) -> Instance:
         """The graph, with its outliers and its ground truth of all nodes, if found.
 
         Parameters
         ----------
         download : whether to download a missing file
+        also : further files that are read as one graph with it
         **reading : options of `certpgo.io.read`
 
         Raises
@@ -58,7 +62,7 @@ class Source:
         InputError
             The file is missing, is not a graph, or cannot be read.
         """
-        return read(self.name, **reading)
+        return read([self.name, *also], **reading)
 
     def truth(self, instance: Instance) -> tuple[IntArray, Estimate] | None:
         """Ground truth that is in another local file, or None: nodes and their poses.
@@ -95,13 +99,17 @@ class Dataset(Source):
             return self._downloaded
         raise lookup.missing(self.entry, self.data)
 
-    def graph(self, *, download: bool = True, **reading: Any) -> Instance:
+    def graph(
+        self, *, download: bool = True, also: Sequence[Path] = (), **reading: Any
+    ) -> Instance:
         """The graph, as of a `Source`."""
         kind = self.entry.kind
         if kind not in ("graph", "adjacency"):
             raise InputError(f"{self.name} holds no graph but {kind}; fetch returns its path")
         reading["weights_are"] = reading.get("weights_are") or self.entry.weights_are or None
-        instance = read(self.path(download=download), **reading)
+        instance = read([self.path(download=download), *also], **reading)
+        if also:
+            return instance
         instance = replace(instance, name=self.entry.name, outliers=self._outliers(instance))
         known = None if instance.truth is not None else self.truth(instance)
         if known is None or len(known[0]) < instance.graph.num_nodes:

@@ -54,6 +54,7 @@ FORMAT = Format(
     recognises=_recognises,
     holds="poses and measurements",
     read_graph=partial(instance_from_lines, DIALECT),
+    joins_files=True,
     read_poses=partial(poses_from_lines, DIALECT),
     chart=Chart("quaternion", _pose_words),
 )

@@ -19,6 +19,7 @@
     EDGE_SE2_SWITCHABLE i j switch x y theta [6 numbers]
     EDGE_SE3_SWITCHABLE i j switch x y z qx qy qz qw [21 numbers]
 
+The tags of g2o's own examples begin with ONLINE_ or TUTORIAL_.
 The last two are of Vertigo (https://openslam-org.github.io/vertigo.html), loop closures that its
 optimizer can switch off, read as ordinary ones. rtabmap (corelib/src/optimizer/OptimizerG2O.cpp)
 writes them, and EDGE_POINTXYZ_PRIOR for GPS.
@@ -36,7 +37,7 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.errors import InputError
-from certpgo.graph import Estimate, Instance, PoseGraph
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph
 from certpgo.graph.information import Information
 from certpgo.graph.keys import Keys
 from certpgo.io.build_graph import instance_from_lines, poses_from_lines
@@ -59,7 +60,9 @@ _VERTICES = {2: ("VERTEX_SE2", "VERTEX_XY"), 3: ("VERTEX_SE3:QUAT", "VERTEX_TRAC
 _SIGHTINGS = {2: "EDGE_SE2_XY", 3: "EDGE_SE3_TRACKXYZ"}
 _SWITCHED = "loop closure{s} with a switch, read without: certpgo solve --robust rejects outliers"
 _SWITCHES = ("VERTEX_SWITCH", "EDGE_SWITCH_PRIOR")
-_PARAMETERS = ("PARAMS_SE2OFFSET", "PARAMS_CAMERACALIB")
+_PARAMETERS = ("PARAMS_SE2OFFSET", "TUTORIAL_PARAMS_SE2_OFFSET", "PARAMS_CAMERACALIB")
+#: Before VERTEX_SE2 and EDGE_SE2 in files of g2o's own examples.
+_EXAMPLES = ("ONLINE", "TUTORIAL")
 
 
 DIALECT = Dialect(
@@ -69,6 +72,8 @@ DIALECT = Dialect(
         b"EDGE_SE3:QUAT": Tag("edge", 3, 7),
         b"VERTEX_SE2": Tag("pose", 2, 3),
         b"EDGE_SE2": Tag("edge", 2, 3),
+        **{f"{name}_VERTEX_SE2".encode(): Tag("pose", 2, 3) for name in _EXAMPLES},
+        **{f"{name}_EDGE_SE2".encode(): Tag("edge", 2, 3) for name in _EXAMPLES},
         b"FIX": Tag("fix"),
         b"VERTEX_XY": Tag("point", 2, 2, "landmarks"),
         b"EDGE_SE2_XY": Tag("sighting", 2, 2, "landmarks"),
@@ -154,15 +159,31 @@ def _isotropic(d: int, kappa: float, tau: float) -> str:
     return f"{a} 0 0 0 0 0 {a} 0 0 0 0 {a} 0 0 0 {b} 0 0 {b} 0 {b}"
 
 
-def _prior(graph: PoseGraph, k: int, node: int, pose: str, weight: str, of_position: str) -> str:
-    """The line of an edge from the world."""
+def _prior(
+    graph: PoseGraph, k: int, node: int, mount: int, pose: str, weight: str, of_position: str
+) -> str:
+    """The line of an edge from the world, of a sensor with that number."""
     d = graph.d
-    sensor = " 0" if d == 3 else ""
-    if graph.rotation.kappa[k] > 0.0 and graph.tau[k] > 0.0:
+    sensor = f" {mount}" if d == 3 else ""
+    # Where a position's sensor is does not count, that of a pose of unknown rotation does.
+    if (graph.rotation.kappa[k] > 0.0 and graph.tau[k] > 0.0) or mount:
         return f"{_PRIORS[d][0]} {node}{sensor} {pose} {weight}\n"
     if graph.rotation.kappa[k] > 0.0:
         raise InputError("g2o has no measurements of an attitude alone")
     return f"{_POSITIONS[d][0]} {node}{sensor} {_position(pose, d)} {of_position}\n"
+
+
+def _sensors(graph: Graph) -> tuple[IntArray, list[str]]:
+    """(m,) numbers of sensors at the arms of edges, 0 for the body, and the lines of these."""
+    if not isinstance(graph, PoseGraph) or graph.arms is None:
+        return np.zeros(graph.num_edges, dtype=np.intp), []
+    places = np.concatenate([np.zeros((1, graph.d)), graph.arms])
+    distinct, number = np.unique(places, axis=0, return_inverse=True)
+    order = np.argsort(distinct.any(axis=1), kind="stable")  # the body first
+    mounts = np.argsort(order)[number.ravel()[1:]]
+    turned = np.tile(np.eye(graph.d), (len(distinct), 1, 1))
+    poses = pose_texts(turned, distinct[order])
+    return mounts, [f"PARAMS_SE3OFFSET {k} {pose}\n" for k, pose in enumerate(poses)][1:]
 
 
 def _sighting(d: int, pair: list[int], pose: str, of_position: str) -> str:
@@ -192,6 +213,7 @@ def _write_graph(path: Path, instance: Instance) -> None:
         f"{tag} {i} {j} {pose} {weight}\n"
         for (i, j), pose, weight in zip(pairs, numbers, weights, strict=True)
     ]
+    mounts, sensors = _sensors(graph)
     points = np.zeros(graph.num_nodes, dtype=bool)
     if isinstance(graph, PoseGraph) and graph.points is not None:
         points = graph.points
@@ -200,11 +222,12 @@ def _write_graph(path: Path, instance: Instance) -> None:
     if isinstance(graph, PoseGraph) and instance.world is not None:
         for k in np.flatnonzero((graph.edges == instance.world).any(axis=1)).tolist():
             node, given = ids[graph.edges[k, 1]], (weights[k], of_positions[k])
-            lines[k] = _prior(graph, k, node, numbers[k], *given)
+            lines[k] = _prior(graph, k, node, int(mounts[k]), numbers[k], *given)
     known = slice(instance.world)
     with path.open("w", encoding="ascii") as file:
-        if points.any() and graph.d == 3:
+        if (points.any() or sensors) and graph.d == 3:
             file.write("PARAMS_SE3OFFSET 0 0 0 0 0 0 0 1\n")
+            file.writelines(sensors)
         if instance.initial is not None:
             values = instance.in_world(instance.initial) if instance.world else instance.initial
             file.writelines(_vertex_lines(ids[known], values, points[known]))
@@ -218,6 +241,7 @@ FORMAT = Format(
     recognises=_recognises,
     holds="poses and measurements",
     read_graph=partial(instance_from_lines, DIALECT),
+    joins_files=True,
     read_poses=partial(poses_from_lines, DIALECT),
     write_graph=_write_graph,
     write_poses=_write_poses,

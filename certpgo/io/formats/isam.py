@@ -51,4 +51,5 @@ FORMAT = Format(
     recognises=_recognises,
     holds="measurements",
     read_graph=partial(instance_from_lines, DIALECT),
+    joins_files=True,
 )

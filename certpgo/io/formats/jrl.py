@@ -28,6 +28,7 @@ import numpy as np
 from certpgo.errors import FormatError, InputError, NoMeasurements
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.graph.edges import symmetric
+from certpgo.graph.information import joined_information
 from certpgo.graph.phrases import counted
 from certpgo.io.build_graph import anchored
 from certpgo.io.compressed import opened, uncompressed_name
@@ -35,7 +36,7 @@ from certpgo.io.edge_weights import Weighing, weighed
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Format, LabelledPoses, ReadOptions
 from certpgo.io.nodes import Nodes, distinct
-from certpgo.io.records import Rows, joined_information
+from certpgo.io.records import Rows
 from certpgo.linalg.arrays import FloatArray, numbered
 
 #: From rotation before translation to translation before rotation.

@@ -69,6 +69,8 @@ _GRAPH_OPTIONAL = {
     "truth_rotations": ("f", "ndd"),
     "truth_translations": ("f", "nd"),
     "times_ns": ("i", "t"),
+    "arms": ("f", "md"),
+    "stated": ("i", "m2"),
 }
 _ESTIMATE = {"rotations": ("f", "ndd"), "ids": ("i", "n")}
 _ESTIMATE_OPTIONAL = {
@@ -163,8 +165,8 @@ def _instance(arrays: _Arrays, source: str) -> Instance:
         if "translations" not in arrays:
             raise InputError("the array 'translations' is missing")
         measured = arrays["translations"], arrays["tau"]
-        flags = (arrays.get(name) for name in ("points", "assumed", "absolute"))
-        graph = PoseGraph(rotation, *measured, None, *flags)
+        more = (arrays.get(name) for name in ("arms", "points", "assumed", "absolute"))
+        graph = PoseGraph(rotation, *measured, *more)
     fixed = arrays["fixed"]
     if ((fixed < 0) | (fixed >= n)).any():
         raise InputError(f"fixed nodes are numbered 0 to {n - 1}")
@@ -186,6 +188,7 @@ def _instance(arrays: _Arrays, source: str) -> Instance:
         apart=arrays.get("apart"),
         moved_by=int(arrays.get("moved_by", 0)),
         times_ns=arrays.get("times_ns"),
+        stated=arrays.get("stated"),
     )
 
 
@@ -259,11 +262,9 @@ def _write_graph(path: Path, instance: Instance) -> None:
     }
     if isinstance(graph, PoseGraph):
         arrays |= {"translations": graph.translations, "tau": graph.tau}
-        if graph.points is not None:
-            arrays["points"] = graph.points
-        for name in ("assumed", "absolute"):
-            if (flags := getattr(graph, name)) is not None:
-                arrays[name] = flags
+        for name in ("arms", "points", "assumed", "absolute"):
+            if (given := getattr(graph, name)) is not None:
+                arrays[name] = given
     if instance.world is not None:
         arrays["world"] = instance.world
     if instance.origin is not None:
@@ -272,8 +273,9 @@ def _write_graph(path: Path, instance: Instance) -> None:
         arrays |= {"apart": instance.apart, "moved_by": instance.moved_by}
     if instance.names:
         arrays["names"] = np.array(instance.names)
-    if instance.times_ns is not None:
-        arrays["times_ns"] = instance.times_ns
+    for name in ("times_ns", "stated"):
+        if (given := getattr(instance, name)) is not None:
+            arrays[name] = given
     if instance.information is not None:
         arrays["information"] = instance.information.distinct
         arrays["information_index"] = instance.information.index

@@ -27,10 +27,11 @@ from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.graph.keys import Keys
 from certpgo.graph.phrases import counted
 from certpgo.graph.trees import tree_initialization
-from certpgo.io.compressed import opened, uncompressed_name
+from certpgo.io.compressed import uncompressed_name
 from certpgo.io.edge_weights import weighed
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Format, LabelledPoses, ReadOptions
+from certpgo.io.json_files import read_json
 from certpgo.linalg.arrays import FloatArray, IntArray
 
 _CLASS = re.compile(rb'"class_name"\s*:\s*"PoseGraph(Node|Edge)?"')
@@ -85,13 +86,7 @@ def _read_poses(path: Path) -> LabelledPoses:
 
 
 def _content(path: Path) -> dict[str, Any]:
-    try:
-        with opened(path) as file:
-            content = json.loads(file.read().decode("utf-8-sig"))
-    except json.JSONDecodeError as error:
-        raise FormatError(path, error.lineno, f"JSON expected: {error.msg}") from None
-    except (UnicodeDecodeError, RecursionError):
-        raise FormatError(path, None, "JSON expected, in UTF-8") from None
+    content = read_json(path)
     if not isinstance(content, dict) or content.get("class_name") != "PoseGraph":
         raise FormatError(path, None, 'class_name: "PoseGraph" expected')
     return content

@@ -228,6 +228,7 @@ FORMAT = Format(
     recognises=recognises,
     holds="poses, points, measurements and ranges",
     read_graph=partial(instance_from_lines, DIALECT),
+    joins_files=True,
     read_poses=partial(poses_from_lines, DIALECT),
     write_graph=_write_graph,
     write_poses=_write_poses,

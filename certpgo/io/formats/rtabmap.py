@@ -20,13 +20,14 @@ import numpy as np
 
 from certpgo.errors import FormatError, InputError, NoMeasurements
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
+from certpgo.graph.information import joined_information
 from certpgo.graph.phrases import counted
 from certpgo.io.build_graph import anchored
 from certpgo.io.edge_weights import Weighing, weighed
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Format, LabelledPoses, ReadOptions, estimate_at
 from certpgo.io.nodes import Nodes, distinct
-from certpgo.io.records import Rows, joined_information
+from certpgo.io.records import Rows
 from certpgo.io.rtabmap_links import BETWEEN, PRIOR, skipped_links
 from certpgo.io.sqlite import MAGIC, columns_of, found_rows, numbers_of
 from certpgo.io.timestamps import decimals, times_and_ids
@@ -78,6 +79,9 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
         raise NoMeasurements(path, None, "no links between poses")
     once = _first_of_both(between)
     notices = list(skipped_links(kinds, priors=options.skip_priors))
+    if fixes := _gps_fixes(path):
+        said = "GPS record{s} of nodes not read: positions are taken from links, as priors"
+        notices.append(counted(fixes, said))
     if reversed_links := int(np.sum(~once)):
         notices.append(counted(reversed_links, "link{s} stored again in reverse left out"))
     between = between.subset(once)
@@ -98,6 +102,14 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
     if len(priors.ends) and not options.skip_priors:
         instance = _with_priors(path, instance, priors, options)
     return _with_poses(path, instance)
+
+
+def _gps_fixes(path: Path) -> int:
+    """How many nodes have a GPS fix: six doubles, from stamp to bearing."""
+    if "gps" not in columns_of(path, "Node", _PROGRAM):
+        return 0
+    query = "SELECT COUNT(*) FROM Node WHERE length(gps) = 48"
+    return int(next(iter(found_rows(path, query, _PROGRAM)))[0])
 
 
 def _links(path: Path) -> tuple[IntArray, _Links]:

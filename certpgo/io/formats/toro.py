@@ -4,7 +4,8 @@
     EDGE2 i j x y theta [Ixx Ixy Iyy Itt Ixt Iyt]
     EDGE3 i j x y z roll pitch yaw [21 numbers, upper triangle row by row]
 
-R = Rz(yaw) Ry(pitch) Rx(roll). EQUIV (known correspondences) and BR (laser) lines are skipped.
+VERTEX and EDGE are older names of VERTEX2 and EDGE2. R = Rz(yaw) Ry(pitch) Rx(roll).
+EQUIV (known correspondences) and BR (laser) lines are skipped.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ DIALECT = Dialect(
     tags={
         b"VERTEX2": Tag("pose", 2, 3),
         b"EDGE2": Tag("edge", 2, 3),
+        b"VERTEX": Tag("pose", 2, 3),
+        b"EDGE": Tag("edge", 2, 3),
         b"VERTEX3": Tag("pose", 3, 6),
         b"EDGE3": Tag("edge", 3, 6),
         b"EQUIV": Tag("skip", what="equivalences of nodes"),
@@ -50,5 +53,6 @@ FORMAT = Format(
     recognises=_recognises,
     holds="poses and measurements",
     read_graph=partial(instance_from_lines, DIALECT),
+    joins_files=True,
     read_poses=partial(poses_from_lines, DIALECT),
 )

@@ -1,0 +1,135 @@
+"""Several poses that a source holds where they are: their relative poses are not estimated.
+
+Measurements of a held pose become measurements of the first one, from where the held pose is on
+it. The held pose stays as a node that one more edge joins to the first one, in their relative
+pose: the least cost of that edge is zero wherever the others are, so that the minimum, and every
+lower bound, is that of the problem with the constraint. A world, from which priors are measured,
+is held too, and keeps its edge as an exact prior.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from certpgo.errors import InputError
+from certpgo.graph.concatenate import joined
+from certpgo.graph.dataset import Instance
+from certpgo.graph.estimate import Estimate
+from certpgo.graph.graph import Graph, PoseGraph
+from certpgo.graph.information import Information, joined_information
+from certpgo.graph.mounted import Frames, mounted
+from certpgo.graph.phrases import counted, few
+from certpgo.graph.rotation_graph import RotationGraph
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+
+#: What becomes of fixed nodes that are not held: one chooses the frame, more are constraints.
+FREED = "all are estimated, and only differences between poses are measured"
+#: The reading option that says which it is.
+HELD = "held"
+
+
+def with_held(instance: Instance, *, hold: bool = True) -> Instance:
+    """The instance whose fixed nodes are held at their initial values, if that is a constraint.
+
+    One fixed pose is none, unless there is a world. A notice says what is held, or why nothing is.
+
+    Parameters
+    ----------
+    hold : else all nodes are estimated
+
+    Raises
+    ------
+    InputError
+        There are distances.
+    """
+    fixed = np.unique(np.array(instance.fixed, dtype=np.intp))
+    constrained = len(fixed) + (instance.world is not None) > 1 and len(fixed) > 0
+    if not constrained or instance.stated is not None:
+        return instance
+    poses = fixed[~instance.graph.is_point[fixed]]
+    if not hold or not len(poses) or instance.initial is None:
+        said = f"{counted(len(fixed), 'node{s}')} fixed by the file: {FREED}"
+        if hold:
+            said += "; to hold them takes a pose among them, and initial values of all nodes"
+        return replace(instance, notices=(*instance.notices, said))
+    named = few(instance.ids[fixed].tolist())
+    where, release = instance.source or instance.name, "(--no-fixed releases them)"
+    if instance.ranges is not None:
+        raise InputError(f"{where}: nodes {named} are fixed, and distances are measured {release}")
+    root, others = int(poses[0]), fixed[fixed != poses[0]]
+    held = np.append(others, [] if instance.world is None else instance.world).astype(np.intp)
+    there = instance.initial.anchored(root)
+    graph, information, between = _on_one(instance, there, root, held)
+    within, stated = int((~between).sum()), instance.graph.edges[between]
+    graph, information = _with_exact(instance, graph, information, there, root, others)
+    said = f"{counted(len(fixed), 'node{s}')} held where the file fixes them ({named}): "
+    said += f"relative poses of these are constraints {release}"
+    if within:
+        said += f"; {counted(within, 'measurement{s}')} between them left out"
+    return replace(
+        instance,
+        graph=graph,
+        information=information,
+        stated=np.concatenate([stated, graph.edges[len(stated) :]]),
+        outliers=None,
+        options={**instance.options, "fixed": HELD},
+        notices=(*instance.notices, said),
+    )
+
+
+def _on_one(
+    instance: Instance, there: Estimate, root: int, held: IntArray
+) -> tuple[Graph, Information | None, BoolArray]:
+    """The measurements with those of held nodes as of one, and which these are, (m,): not all."""
+    graph, place = instance.graph, np.arange(instance.graph.num_nodes)
+    place[held] = root
+    edges = place[graph.edges]
+    between = edges[:, 0] != edges[:, 1]
+    rest, (i, j) = graph.with_edges(between), graph.edges[between].T
+    information = instance.information and instance.information.subset(between)
+    frames = Frames.none(graph.num_nodes, graph.d)
+    R, t = _poses(there, held)
+    frames.rotations[held], frames.translations[held] = R, t
+    on_nodes = mounted(rest, information, edges[between], frames.subset(i), frames.subset(j))
+    return *on_nodes, between
+
+
+def _poses(values: Estimate, nodes: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Rotations and translations of some nodes, zeros where there are none."""
+    R, t = values.rotations[nodes], values.translations
+    return R, np.zeros(R.shape[:2]) if t is None else t[nodes]
+
+
+def _with_exact(
+    instance: Instance,
+    graph: Graph,
+    information: Information | None,
+    there: Estimate,
+    root: int,
+    others: IntArray,
+) -> tuple[Graph, Information | None]:
+    """The graph with an edge to each held node, weighed as the best measurement is."""
+    d, n, world = graph.d, graph.num_nodes, instance.world
+    seen, (R, t) = np.stack([np.full(len(others), root), others], axis=1), _poses(there, others)
+    if world is not None and instance.initial is not None:
+        seen = np.concatenate([[[world, root]], seen])
+        in_world = _poses(instance.initial, np.array([root]))
+        R, t = (np.concatenate(pair) for pair in zip(in_world, (R, t), strict=True))
+    is_point = graph.is_point[seen[:, 1]]
+    kappa = np.where(is_point, 0.0, graph.rotation.kappa.max() or 1.0)
+    rotation = RotationGraph(n, seen, np.where(is_point[:, None, None], np.eye(d), R), kappa)
+    if not isinstance(graph, PoseGraph):
+        return joined([graph, rotation], n), None
+    tau = np.full(len(seen), graph.tau.max() or 1.0)
+    absolute = seen[:, 0] == world if world is not None else None
+    exact = PoseGraph(rotation, t, tau, None, graph.points, None, absolute)
+    if world is not None and graph.assumed is not None:  # the world's position is known now
+        graph = replace(graph, tau=np.where(graph.assumed, 0.0, graph.tau), assumed=None)
+    of_axes = kappa * (1.0 if d == 2 else 2.0)
+    weights = [tau[:, None]] * d + [of_axes[:, None]] * (d * (d - 1) // 2)
+    matrices = np.concatenate(weights, axis=1)[:, :, None] * np.eye(d * (d + 1) // 2)
+    own = information and Information(matrices, np.arange(len(seen)), information.residual)
+    both = joined_information([information, own]) if information else None
+    return joined([graph, exact], n, graph.points), both

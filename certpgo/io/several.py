@@ -1,0 +1,123 @@
+"""Several files of tagged lines that are read as one graph.
+
+Ids and names mean the same node in all of them. A vertex that several files have has the values of
+the first. A measurement that is in several files, in the same numbers, is one measurement: robots
+often store both the measurements between them. Parallel measurements of one file are kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from certpgo.errors import FormatError
+from certpgo.io.compressed import uncompressed_name
+from certpgo.io.dialect import Kind
+from certpgo.io.records import Records, Rows
+from certpgo.linalg.arrays import BoolArray, IntArray
+
+#: What becomes of vertices and measurements that several files have.
+VALUED = "node{s} with values in several files: the first one's are used"
+REPEATED = "measurement{s} in several files, in the same numbers: counted once"
+_VALUES: tuple[Kind, ...] = ("pose", "point")
+_MEASUREMENTS: tuple[Kind, ...] = ("edge", "sighting", "range", "prior")
+#: Names that are written in full.
+NAMED = 3
+
+
+def joined_name(paths: Sequence[Path]) -> str:
+    """The name of the graph in all the files."""
+    names = [uncompressed_name(path).stem for path in paths]
+    more = [f"{len(names) - NAMED} more"] if len(names) > NAMED else []
+    return "+".join([*names[:NAMED], *more])
+
+
+def joined_source(paths: Sequence[Path]) -> str:
+    """Where it is from."""
+    return ", ".join(map(str, paths))
+
+
+@contextmanager
+def located(paths: Sequence[Path], firsts: Sequence[int]) -> Iterator[None]:
+    """Errors about lines, counted through all files, name the file and its own line.
+
+    Parameters
+    ----------
+    firsts : numbers of the files' first lines
+    """
+    try:
+        yield
+    except FormatError as error:
+        if len(paths) == 1:
+            raise
+        if error.line is None:
+            raise type(error)(joined_source(paths), None, error.expected) from None
+        file = int(np.searchsorted(firsts, error.line, side="right")) - 1
+        line = error.line - firsts[file] + 1
+        raise type(error)(paths[file], line, error.expected) from None
+
+
+def counted_once(content: Records, path: Path, firsts: Sequence[int]) -> None:
+    """Leave out what an earlier file has, with notices.
+
+    Raises
+    ------
+    FormatError
+        A fixed node has another pose in another file.
+    """
+    if len(firsts) == 1:
+        return
+    for kind in _VALUES:
+        rows = content.take(kind)
+        again = _again(rows.nodes, rows, firsts)
+        _refuse_moved(path, content, rows, again)
+        content.counts[VALUED] += int(again.sum())
+        content.rows[kind] = [rows.subset(~again)]
+    for kind in _MEASUREMENTS:
+        if not len(rows := content.take(kind)):
+            continue
+        again = _again(_numbers(rows), rows, firsts)
+        content.counts[REPEATED] += int(again.sum())
+        content.rows[kind] = [rows.subset(~again)]
+
+
+def _again(keys: IntArray, rows: Rows, firsts: Sequence[int]) -> BoolArray:
+    """(k,) which rows have the keys (k, c) of one in an earlier file."""
+    if not len(rows):
+        return np.zeros(0, dtype=bool)
+    file = np.searchsorted(firsts, rows.lines, side="right")
+    _, which = np.unique(keys, axis=0, return_inverse=True)
+    first = np.full(which.max() + 1, len(firsts) + 1)
+    np.minimum.at(first, which.ravel(), file)
+    return np.asarray(file > first[which.ravel()])
+
+
+def _numbers(rows: Rows) -> IntArray:
+    """(k, c) all numbers of measurements, as integers that are equal where those are."""
+    k = len(rows)
+    floats = [rows.rotations, rows.translations, rows.kappa, rows.tau]
+    if rows.information is not None:
+        floats.append(rows.information.matrices)
+    numbers = np.concatenate([np.reshape(x, (k, -1)) for x in floats], axis=1) + 0.0
+    columns = [rows.nodes, np.ascontiguousarray(numbers).view(np.int64)]
+    if len(rows.sensors):
+        columns.append(rows.sensors[:, None])
+    return np.concatenate(columns, axis=1)
+
+
+def _refuse_moved(path: Path, content: Records, rows: Rows, again: BoolArray) -> None:
+    """Refuse a fixed node that has another pose in a later file: which is meant is not known."""
+    kept, other = (rows.subset(which) for which in (~again, again))
+    fixed = np.flatnonzero(np.isin(other.nodes[:, 0], content.fixed))
+    place = {node: k for k, node in enumerate(kept.nodes[:, 0].tolist())}
+    for row in fixed.tolist():
+        node, line = int(other.nodes[row, 0]), int(other.lines[row])
+        first = place[node]
+        here = other.rotations[row], other.translations[row]
+        there = kept.rotations[first], kept.translations[first]
+        if any((a != b).any() for a, b in zip(here, there, strict=True)):
+            said = f"node {node} is fixed, and has another pose here than in an earlier file"
+            raise FormatError(path, line, said)

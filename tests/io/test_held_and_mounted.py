@@ -1,0 +1,215 @@
+"""Several fixed poses, and priors of sensors that are somewhere on their bodies."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import certpgo
+from certpgo.errors import InputError
+from certpgo.linalg import rotations as so
+from certpgo.objective.choose_cost import information_problem, problem_under
+from certpgo.objective.information_problem import surrogate
+
+#: Two rotations of sensors, as in rtabmap's exports; 0.149434741972 by scipy's least squares.
+OFFSET = """PARAMS_SE3OFFSET 0 0.2 0 0.5 0 0 0.7071067811865476 0.7071067811865476
+VERTEX_SE3:QUAT 1 0 0 0 0 0 0 1
+VERTEX_SE3:QUAT 2 1 0 0 0 0 0 1
+VERTEX_SE3:QUAT 3 2 0.5 0 0 0 0 1
+EDGE_SE3:QUAT 1 2 1 0 0 0 0 0 1 {I}
+EDGE_SE3:QUAT 2 3 1 0.5 0 0 0 0 1 {I}
+EDGE_SE3_PRIOR 1 0 0.2 0 0.5 0 0 0.7071067811865476 0.7071067811865476 {I}
+EDGE_SE3_PRIOR 3 0 2.2 0.6 0.5 0 0 0.7071067811865476 0.7071067811865476 {I}
+""".replace("{I}", "100 0 0 0 0 0 100 0 0 0 0 100 0 0 0 400 0 0 400 0 400")
+#: Where the sensor of the generated priors is on its body.
+SENSOR = np.array([0.4, 0.1, -0.6]), Rotation.from_rotvec([0.3, -0.2, 0.7])
+PAIRS = [*((k, k + 1) for k in range(7)), (0, 4), (6, 2), (7, 3), (5, 1), (5, 0), (7, 5), (7, 0)]
+
+
+def _text(d, t, R):
+    numbers = [*t[:d], *(R.as_quat() if d == 3 else R.as_rotvec()[2:])]
+    return " ".join(repr(float(x)) for x in numbers)
+
+
+def written(path, d, rng, fixed=(), priors=(), positions=(), sigma=0.01, wrong=0.03):
+    """A file of eight poses, its poses as written, and its information matrices."""
+    turn, p = np.array([1.0, 1.0, 1.0]) * ([1, 1, 1] if d == 3 else [0, 0, 1]), d * (d + 1) // 2
+
+    def drawn(scale):
+        return rng.normal(0, scale, 3) * [1, 1, d == 3], rng.normal(0, scale, 3) * turn
+
+    def noisy(t, R, scale):
+        dt, w = drawn(scale)
+        return t + R.apply(dt), R * Rotation.from_rotvec(w)
+
+    def information(size=p):
+        A = 3.0 * rng.normal(size=(size, size)) + 10.0 * np.eye(size)
+        return " ".join(repr(float(x)) for x in (A @ A.T)[np.triu_indices(size)])
+
+    poses = [(np.zeros(3), Rotation.identity())]
+    while len(poses) < 8:
+        (t, R), (dt, w) = poses[-1], drawn(0.4)
+        poses.append((t + R.apply(dt + np.eye(3)[0]), R * Rotation.from_rotvec(w)))
+    tag = ("VERTEX_SE2", "EDGE_SE2", "EDGE_PRIOR_SE2")
+    if d == 3:
+        tag = ("VERTEX_SE3:QUAT", "EDGE_SE3:QUAT", "EDGE_SE3_PRIOR")
+    lines = [f"PARAMS_SE3OFFSET 4 {_text(3, *SENSOR)}"] if d == 3 else []
+    lines += [f"{tag[0]} {k} {_text(d, *noisy(*pose, wrong))}" for k, pose in enumerate(poses)]
+    lines += [f"FIX {k}" for k in fixed]
+    for i, j in PAIRS:
+        (a, A), (b, B) = poses[i], poses[j]
+        found = noisy(A.inv().apply(b - a), A.inv() * B, sigma)
+        lines.append(f"{tag[1]} {i} {j} {_text(d, *found)} {information()}")
+    for k in priors:
+        t, R = poses[k]
+        if d == 3:
+            t, R = t + R.apply(SENSOR[0]), R * SENSOR[1]
+        sensor = " 4" if d == 3 else ""
+        lines.append(f"{tag[2]} {k}{sensor} {_text(d, *noisy(t, R, sigma))} {information()}")
+    for k in positions:
+        where = " ".join(repr(float(x)) for x in poses[k][0] + drawn(sigma)[0])
+        lines.append(f"EDGE_SE3_XYZPRIOR {k} 4 {where} {information(3)}")
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+CASES = [
+    pytest.param(2, {"fixed": (0, 5)}, id="plane"),
+    pytest.param(2, {"fixed": (3,), "priors": (2, 5, 6)}, id="plane with a world"),
+    pytest.param(3, {"fixed": (0, 5, 6)}, id="space"),
+    pytest.param(3, {"priors": (2, 5, 6)}, id="sensors"),
+    pytest.param(3, {"fixed": (5, 0), "priors": (2, 5), "positions": (1, 4, 7)}, id="all together"),
+]
+
+
+@pytest.mark.parametrize(("d", "kinds"), CASES)
+@pytest.mark.parametrize("cost", ["chordal", "g2o"])
+def test_where_poses_are_held_the_cost_is_that_of_the_file(tmp_path, d, kinds, cost):
+    rng = np.random.default_rng(3)
+    path = written(tmp_path / "g.g2o", d, rng, **kinds)
+    held, free = (certpgo.read(path, fixed=fixed, quiet=True) for fixed in (True, False))
+    fixed = [*kinds.get("fixed", ())]
+    if free.world is not None:
+        fixed.append(free.world)
+    n = free.graph.num_nodes
+    t = free.initial.translations + rng.normal(0, 1.0, (n, d))
+    R = free.initial.rotations @ so.exp(rng.normal(0, 1.0, (n, 1 if d == 2 else 3)))
+    R[fixed], t[fixed] = free.initial.rotations[fixed], free.initial.translations[fixed]
+    anywhere = certpgo.Estimate(R, t)
+    terms = problem_under(free, cost).edge_costs(anywhere)
+    constant = np.isin(free.graph.edges, fixed).all(axis=1)
+    expected = float(terms[~constant].sum()) if len(fixed) > 1 else float(terms.sum())
+    assert problem_under(held, cost).cost(anywhere) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize(("d", "kinds"), CASES)
+def test_held_poses_are_where_they_are_and_the_answer_is_proven(tmp_path, d, kinds):
+    path = written(
+        tmp_path / "g.g2o", d, np.random.default_rng(4), **kinds, sigma=0.003, wrong=0.001
+    )
+    instance = certpgo.read(path, quiet=True)
+    answer = certpgo.solve(instance)
+    assert answer.verdict.value == "CERTIFIED"
+    fixed = [*kinds.get("fixed", ())]
+    if instance.world is not None:
+        fixed.append(instance.world)
+    if len(fixed) > 1:
+        there = answer.estimate.anchored(fixed[0], instance.initial)
+        moved = there.translations - instance.initial.translations
+        assert np.abs(moved[fixed]).max() < 1e-7
+        assert np.abs(moved).max() > 1e-4
+        assert not answer.marginals.covariances[fixed].any()
+        # The file's poses are not where the measurements alone would have them.
+        free = certpgo.solve(certpgo.read(path, fixed=False, quiet=True))
+        assert answer.cost > 1.001 * free.cost
+
+
+def test_the_sensors_of_rtabmap(tmp_path):
+    path = tmp_path / "off.g2o"
+    path.write_text(OFFSET)
+    answer = certpgo.solve(certpgo.read(path, quiet=True))
+    assert answer.verdict.value == "CERTIFIED"
+    assert answer.cost == pytest.approx(0.149434741972, abs=1e-11)
+    certpgo.write(tmp_path / "again.g2o", certpgo.read(path, quiet=True))
+    again = certpgo.solve(certpgo.read(tmp_path / "again.g2o", quiet=True))
+    assert again.cost == pytest.approx(0.149434741972, abs=1e-11)
+
+
+def test_a_position_is_of_the_body(tmp_path):
+    """As in g2o's EdgeSE3XYZPrior, whose error has no sensor."""
+    path = tmp_path / "g.g2o"
+    path.write_text(OFFSET.replace("PRIOR 3 0 2.2 0.6 0.5 0 0 0.70", "XYZPRIOR 3 0 2.2 0.6 0.5 # "))
+    said = " ".join(certpgo.read(path, quiet=True).notices)
+    assert "1 position of bodies whose sensor is elsewhere: taken as the body's" in said
+
+
+def _problem(tmp_path, **kinds):
+    path = written(tmp_path / "g.g2o", 3, np.random.default_rng(5), **kinds)
+    instance = certpgo.read(path, quiet=True)
+    return instance, information_problem(instance, "g2o")
+
+
+def _moved(estimate, x):
+    n, d = estimate.translations.shape
+    x = x.reshape(n, -1)
+    return certpgo.Estimate(estimate.rotations @ so.exp(x[:, d:]), estimate.translations + x[:, :d])
+
+
+def test_derivatives_with_arms_are_those_of_the_cost(tmp_path):
+    instance, problem = _problem(tmp_path, fixed=(0, 5), priors=(2, 5, 6))
+    assert instance.graph.arms.any()
+    here = _moved(instance.initial, np.random.default_rng(6).normal(0, 0.1, 9 * 6))
+    _, gradient = problem.equations.first(here)
+    for direction in np.random.default_rng(7).normal(size=(4, 9 * 6)):
+        along = [problem.cost(_moved(here, h * direction)) for h in (1e-5, -1e-5)]
+        slope = (along[0] - along[1]) / 2e-5
+        assert 2.0 * float((gradient.ravel() * direction).sum()) == pytest.approx(slope, rel=1e-6)
+
+
+def test_surrogates_with_arms_are_below_the_cost_and_touch_it(tmp_path):
+    instance, problem = _problem(tmp_path, fixed=(0, 5), priors=(2, 5, 6))
+    below = surrogate(problem, instance.initial)
+    touching = below.problem.cost(instance.initial) + below.constant
+    assert touching == pytest.approx(problem.cost(instance.initial), rel=1e-9)
+    for x in np.random.default_rng(8).normal(0, 0.5, (20, 9 * 6)):
+        there = _moved(instance.initial, x)
+        assert below.problem.cost(there) + below.constant <= problem.cost(there)
+        low, high = problem.enclosure(there)
+        assert low <= problem.cost(there) <= high < low + 1e-6 * high
+
+
+def test_a_wrong_loop_to_a_held_pose_is_named_as_in_the_file(tmp_path):
+    path = written(tmp_path / "g.g2o", 2, np.random.default_rng(9), (0, 5, 7), wrong=0.0)
+    lines = path.read_text().splitlines()
+    at = next(k for k, line in enumerate(lines) if line.startswith("EDGE_SE2 7 3 "))
+    words = lines[at].split()
+    words[3] = repr(float(words[3]) + 2.0)
+    lines[at] = " ".join(words)
+    path.write_text("\n".join(lines) + "\n")
+    instance = certpgo.read(path, quiet=True)
+    robust = certpgo.solve_robustly(instance)
+    assert instance.pairs[robust.solution.rejected].tolist() == [[7, 3]]
+
+
+def test_what_cannot_be_held_is_said(tmp_path):
+    path = written(tmp_path / "g.g2o", 2, np.random.default_rng(1), fixed=(0, 5))
+    instance = certpgo.read(path, quiet=True)
+    with pytest.raises(InputError, match="gtsam knows no sensors apart"):
+        certpgo.solve(instance, cost="gtsam")
+    with pytest.raises(InputError, match=r"only \.npz files hold fixed nodes as constraints"):
+        certpgo.write(tmp_path / "out.g2o", instance)
+    certpgo.write(tmp_path / "out.npz", instance)
+    again = certpgo.read(tmp_path / "out.npz", quiet=True)
+    assert again.notices == instance.notices
+    assert (again.graph.arms == instance.graph.arms).all()
+    assert (again.pairs == instance.pairs).all()
+    assert again.held == instance.held == (0, 5)
+    answer = certpgo.solve(instance, cost="chordal")
+    proof = tmp_path / "x.cert", path, instance, answer.estimate, answer.certificate
+    with pytest.raises(InputError, match="the checker holds no nodes that a file fixes"):
+        certpgo.write_proof(*proof)
+    rest = path.read_text().split("\n", 1)[1]
+    path.write_text(rest)
+    free = certpgo.read(path, quiet=True)
+    assert "2 nodes fixed by the file: all are estimated" in free.notices[-1]
+    assert free.notices[-1].endswith("initial values of all nodes")
+    assert (free.graph.num_edges, free.held) == (len(PAIRS), ())
