@@ -83,12 +83,19 @@ class Resistances:
         return self._factor.solve(np.eye(rows)) if rows < columns and rows <= WHOLE else None
 
 
-def packed(found: Resistances, at: Truncation) -> tuple[FloatArray, FloatArray]:
+def packed(
+    found: Resistances, at: Truncation, *, isotropic: bool = False
+) -> tuple[FloatArray, FloatArray]:
     """Weights W (k, b, b) that may all be taken off together, and loads (k,), as far as computed.
 
     The edges of smallest load come first; where that is too large, W is zero.
+
+    Parameters
+    ----------
+    isotropic : whether W are diag(beta_t, beta_R, ...)
     """
-    W, loads = at.reaching(found.blocks)
+    reaching = Truncation.splitting if isotropic else Truncation.reaching
+    W, loads = reaching(at, found.blocks)
     order = np.argsort(loads, kind="stable")
     light = 0
     if len(loads) * found.b > DENSE:
@@ -100,7 +107,7 @@ def packed(found: Resistances, at: Truncation) -> tuple[FloatArray, FloatArray]:
     G = found.products(dense) / (1.0 - used)
     for _ in range(len(dense)):
         own = np.einsum("kakb->kab", G)
-        rest, load = at.subset(dense).reaching(own)
+        rest, load = reaching(at.subset(dense), own)
         load[W[dense].any(axis=(1, 2))] = math.inf
         e = int(np.argmin(load))
         loads[dense] = np.where(np.isfinite(load), load, loads[dense])

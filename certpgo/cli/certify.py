@@ -109,7 +109,7 @@ def command(
     from certpgo.solve.batch import JudgedGraph
 
     _refuse_mixtures(estimates, csv, truth=truth, best=best, proof=proof, html=html)
-    _refuse_rejected(rejected, quantile, proof=proof, html=html)
+    _refuse_rejected(rejected, quantile, html=html)
     refuse_chordal_only(cost, rejected=rejected)
     tier = tier_for(proof, tier, cost) or "standard"
     outputs = Outputs(estimate=best, csv=csv, proof=proof, html=html, json=json)
@@ -226,8 +226,9 @@ class _Assessed(Result):
             yield "--best OUT writes the lower-cost estimate"
 
     def prove(self, out: Path, source: Path, *, json: bool) -> bool:
-        certificate = self.found.certificate
-        return prove(out, source, self.part.instance, self.given, certificate, json=json)
+        prices = getattr(self.part.problem, "prices", None)
+        of = self.part.instance, self.given, self.found.certificate
+        return prove(out, source, *of, prices=prices, json=json)
 
     def write_page(self, out: Path, outputs: Outputs) -> None:
         from certpgo.solve.accuracy_wording import disagreeing

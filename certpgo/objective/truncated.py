@@ -41,6 +41,8 @@ STEEPEST, FLATTEST = 1e6, 1e-9
 #: By which weights are raised, so that rounding does not lower the price that is reached.
 RAISED = 1e-13
 EPS = float(np.finfo(float).eps)
+#: Where a price is split, from the least to the largest share of the rotation; None as the cost is.
+SPLITS = (None, *np.linspace(0.0, 1.0, 13).tolist())
 #: Bisections of the logarithm, for the weight that reaches a price.
 BISECTIONS = 40
 
@@ -133,6 +135,33 @@ class Truncation:
             low, high = np.where(reached, low, s), np.where(reached, s, high)
         return _inverse(values, half, high), np.where(self.is_far, high, np.inf)
 
+    def splitting(self, resistances: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """As `reaching`, with weights diag(beta_t, beta_R, ...), as proof files have them.
+
+        Of the price c, a share x is that of the rotation's term b, and the rest of the other one a:
+        beta_R = kappa x c / (b - x c). The best of some shares is chosen.
+        """
+        c, p = self.prices, self.moved
+        terms = (self.residuals**2).sum(axis=1) * self.weights
+        a, b = terms[:, :p].sum(axis=1), terms[:, p:].sum(axis=1)
+        low, high = np.maximum(1.0 - a / c, 0.0), np.minimum(b / c, 1.0)
+        best, loads = np.zeros_like(self._diagonal), np.full(len(c), np.inf)
+        for place in SPLITS:
+            x = b / (a + b) if place is None else low + place * (high - low)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                ratio = np.stack([(1.0 - x) * c / (a - (1.0 - x) * c), x * c / (b - x * c)])
+                ratio = np.where(np.stack([x < 1.0, x > 0.0]), ratio, 0.0)
+            known = self.is_far & ((ratio >= 0.0) & (ratio <= STEEPEST)).all(axis=0)
+            ratio = np.where(known, (1.0 + RAISED) * ratio, 0.0)
+            turned = np.repeat(ratio[1:].T, self.graph.d, axis=1)
+            W = self.weights * np.concatenate([ratio[:p].T, turned], axis=1)
+            root = np.sqrt(W)
+            load = np.linalg.eigvalsh(root[:, :, None] * resistances * root[:, None, :])[:, -1]
+            better = known & (load < loads)
+            loads = np.where(better, load, loads)
+            best[better] = (W[:, :, None] * np.eye(W.shape[1]))[better]
+        return best, loads
+
     def loaded(self, resistances: FloatArray, load: float) -> tuple[FloatArray, FloatArray]:
         """The largest weights of a load, and the values (k,) that their minorants have, uncut.
 
@@ -150,14 +179,19 @@ class Truncation:
         half = root[:, :, None] * U
         return values, ((self.residuals @ half) ** 2).sum(axis=1), half
 
+    def outward(self, W: FloatArray) -> FloatArray:
+        """(k,) how far centres are from the measurements, over the distance of the estimate."""
+        used = W.any(axis=(1, 2))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(used & ~self.is_far, self.prices / self.costs, 1.0)
+
     def minorants(self, W: FloatArray) -> Minorants:
         """The minorants with these weights (k, b, b); zero where they are zero.
 
         Their constants are rounded down for exactly the other doubles.
         """
         used = W.any(axis=(1, 2))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            out = np.where(used & ~self.is_far, self.prices / self.costs, 1.0)
+        out = self.outward(W)
         tau, arms = np.zeros(len(W)), np.zeros_like(self.v)
         if self.moved:
             tau = W[:, 0, 0]

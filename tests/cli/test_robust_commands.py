@@ -146,6 +146,20 @@ def test_rejections_are_listed_written_and_certified_again(certpgo, wrong, tmp_p
     assert again["lower_bound"] == pytest.approx(report["lower_bound"])
 
 
+def test_rejections_have_a_proof_that_both_checkers_accept(certpgo, wrong, tmp_path):
+    csv, estimate, proof = tmp_path / "rejected.csv", tmp_path / "estimate.g2o", tmp_path / "p.cert"
+    done = certpgo("solve", wrong, "--robust", "-o", estimate, "--proof", proof)
+    assert done.code == 0
+    assert "truncated: 40 rejected ones cost" in flat(done.out)
+    for exact in ((), ("--exact",)):
+        assert "PROVED" in certpgo("check", wrong, proof, *exact).out
+    certpgo("outliers", wrong, "--csv", csv)
+    again = tmp_path / "again.cert"
+    done = certpgo("certify", wrong, estimate, "--rejected", csv, "--proof", again)
+    assert done.code == 0
+    assert certpgo("check", wrong, again).out == certpgo("check", wrong, proof).out
+
+
 @pytest.mark.parametrize(
     ("line", "said"),
     [("0,0", "expected integers"), ("1,998,999", "edge 1"), ("x,0,1", "expected integers")],
