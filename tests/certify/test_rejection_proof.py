@@ -81,7 +81,7 @@ def test_points_and_priors_have_proofs(tmp_path):
     doubtful = np.zeros(graph.num_edges, dtype=bool)
     doubtful[sighted[0]] = True
     posed = certpgo.PoseGraph(graph.rotation, t, graph.tau, points=graph.points)
-    path, proof, problem = proven(tmp_path, posed, doubtful)
+    path, proof, _ = proven(tmp_path, posed, doubtful)
     for of in BOTH:
         said = of.check(path, proof)
         assert said.relative_gap < 1e-9
@@ -283,7 +283,7 @@ def test_costs_are_cut_off_at_their_prices(tmp_path, price):
 
 
 def test_other_costs_have_no_proof_of_rejections(tmp_path):
-    graph, doubtful = doubtful_graph(np.random.default_rng(3), 3, poses=True)
+    graph, _ = doubtful_graph(np.random.default_rng(3), 3, poses=True)
     path = tmp_path / "graph.g2o"
     certpgo.write(path, graph)
     instance = certpgo.read(path, quiet=True)
