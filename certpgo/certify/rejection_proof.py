@@ -79,25 +79,25 @@ def _claimed(
     graph: checker.Graph, problem: TruncatedProblem, at: Truncation, W: FloatArray
 ) -> checker.Rejections:
     """What minorants with weights W claim; those whose prices are not reached get none."""
-    moved, out = at.moved, at.outward(W)
-    R, t = at.graph.rotation.rotations, at.translations
+    moved, C = at.moved, at.centres(W)
+    from_measured = C - np.dstack([at.translations, at.graph.rotation.rotations])[:, :, 1 - moved :]
 
-    def claimed(out: FloatArray) -> checker.Rejections:
+    def claimed() -> checker.Rejections:
         return checker.Rejections(
             rejected=problem.rejected.astype(np.intp),
             prices=at.prices,
             kappa=W[:, moved, moved],
-            centres=R + out[:, None, None] * (at.Q - R),
+            centres=C[:, :, moved:],
             tau=W[:, 0, 0] * moved,
-            arms=t + out[:, None] * (at.v - t),
+            arms=C[:, :, 0] * moved,
         )
 
-    held = np.zeros(len(out), dtype=bool)
+    held = np.zeros(len(C), dtype=bool)
     for share in OUT:
-        given = claimed(out)
+        given = claimed()
         held = checker.rejections_hold(graph, given)
         if held.all():
             return given
-        out = np.where(held, out, (1.0 + share) * out)
+        C = C + np.where(held, 0.0, share)[:, None, None] * from_measured
     W[~held] = 0.0
-    return claimed(out)
+    return claimed()

@@ -121,6 +121,34 @@ def packed(
     return W, loads
 
 
+def together(found: Resistances, W: FloatArray, part: IntArray, room: FloatArray) -> list[IntArray]:
+    """Groups of some measurements whose weights may be taken off together, as far as is foreseen.
+
+    S - sum B W B^T >= 0 if the blocks of W^1/2 B^T S^+ B W^1/2 have row sums of at most one. Those
+    of each measurement's ``room`` (k,) are beyond its own load.
+    """
+    k = len(part)
+    values, U = np.linalg.eigh(W[part])
+    half = U * np.sqrt(np.maximum(values, 0.0))[:, None, :]
+    G = found.products(part)
+    G = np.einsum("eax,eafc,fcy->exfy", half, G, half, optimize=True)
+    shared = np.sqrt((G**2).sum(axis=(1, 3)))
+    np.fill_diagonal(shared, 0.0)
+    groups: list[list[int]] = []
+    sums: list[FloatArray] = []  # over the members of each group
+    for e in range(k):
+        for group, total in zip(groups, sums, strict=True):
+            if total[e] <= room[e] and (total[group] + shared[group, e] <= room[group]).all():
+                break
+        else:
+            group, total = [], np.zeros(k)
+            groups.append(group)
+            sums.append(total)
+        group.append(e)
+        total += shared[e]
+    return [part[group] for group in groups]
+
+
 def _anchor(problem: Problem) -> IntArray:
     layout = problem.pattern.layout_of(problem.matrix)
     return layout.first_row(problem.anchor) + np.arange(layout.sizes[problem.anchor])

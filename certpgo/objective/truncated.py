@@ -15,7 +15,8 @@ matrix of all poses, it is an edge of negative weight.
 
 Where a measurement is rejected at an estimate, f > c there, C is the estimate's own relative pose:
 the edge has no residual and no gradient, and touches min(f, c) if c' = c. Where f < c, C lies
-further out, M + (c / f) (F - M), and W = f / (c - f) D: value and gradient are those of f.
+further out, F + (F - M) D W^-1: value and gradient are those of f, if c' <= c. That is
+M + (c / f) (F - M) for W = f / (c - f) D.
 
 The constants that are used do not rely on these formulas, and are slightly better: for all
 rotations Q and all v, by the nuclear norm |X|_* = max <X, Q> over orthogonal Q.
@@ -30,14 +31,18 @@ from functools import cached_property
 import numpy as np
 
 from certpgo.graph import Graph, PoseGraph
+from certpgo.graph.relaxed_point import Point
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import Ball, sums
 from certpgo.linalg.rotations import rotation_defect
 from certpgo.objective.edge_cost import Minorants
+from certpgo.objective.edge_equations import relative
 
 #: Weights over those of the measurement beyond which an edge has no minorant, as its cost is too
 #: close to its price, and below which a cost under the price counts as zero.
 STEEPEST, FLATTEST = 1e6, 1e-9
+#: Share by which loads of kept measurements are above what has no centre.
+APART = 1e-3
 #: By which weights are raised, so that rounding does not lower the price that is reached.
 RAISED = 1e-13
 EPS = float(np.finfo(float).eps)
@@ -67,6 +72,16 @@ class Truncation:
     v: FloatArray
     Q: FloatArray
     exact: bool = True
+
+    @staticmethod
+    def at_point(graph: Graph, prices: FloatArray, point: Point, exact: bool = True) -> Truncation:
+        """Those of a graph (k edges) at the relative poses of a point."""
+        if isinstance(graph, PoseGraph):
+            v, Q = relative(graph.edges, point)
+        else:
+            R, (i, j) = point.rotations, graph.edges.T
+            v, Q = np.zeros((len(i), graph.d)), np.swapaxes(R[i], 1, 2) @ R[j]
+        return Truncation(graph, prices, v, Q, exact)
 
     def subset(self, chosen: IntArray) -> Truncation:
         """Some of them."""
@@ -179,29 +194,49 @@ class Truncation:
         half = root[:, :, None] * U
         return values, ((self.residuals @ half) ** 2).sum(axis=1), half
 
-    def outward(self, W: FloatArray) -> FloatArray:
-        """(k,) how far centres are from the measurements, over the distance of the estimate."""
-        used = W.any(axis=(1, 2))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(used & ~self.is_far, self.prices / self.costs, 1.0)
+    def dropping(self, resistances: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """As `reaching`, of kept measurements, whose resistances are those of S with them.
+
+        W = s G^-1 - D replaces D, so that s is the load, for the least s with c' <= c. Infinite
+        loads where the cost is more than the price.
+        """
+        values, squares, half = self._modes(resistances)
+        values = np.maximum(values, FLATTEST)
+        least = (1.0 + APART) * values[:, -1]
+        low, high = least, np.full(len(squares), 1e15)
+        for _ in range(BISECTIONS):
+            s = np.sqrt(low * high)
+            needed = (squares * s[:, None] / (s[:, None] - values)).sum(axis=1)
+            low, high = (
+                np.where(needed > self.prices, s, low),
+                np.where(needed > self.prices, high, s),
+            )
+        W = (half * (high[:, None] / values - 1.0)[:, None, :]) @ np.swapaxes(half, 1, 2)
+        return W, np.where(self.is_far, np.inf, high)
+
+    def centres(self, W: FloatArray) -> FloatArray:
+        """(k, d, b) C for weights W (k, b, b)."""
+        near = W.any(axis=(1, 2)) & ~self.is_far
+        C = self.residuals.copy()
+        C[near] += (self.residuals * self.weights[:, None, :])[near] @ np.linalg.pinv(W[near])
+        C[:, :, self.moved :] += self.graph.rotation.rotations
+        if self.moved:
+            C[:, :, 0] += self.translations
+        return C
 
     def minorants(self, W: FloatArray) -> Minorants:
         """The minorants with these weights (k, b, b); zero where they are zero.
 
         Their constants are rounded down for exactly the other doubles.
         """
-        used = W.any(axis=(1, 2))
-        out = self.outward(W)
+        used, C = W.any(axis=(1, 2)), self.centres(W)
         tau, arms = np.zeros(len(W)), np.zeros_like(self.v)
         if self.moved:
             tau = W[:, 0, 0]
             arms = W[:, 1:, 0] / np.where(tau > 0.0, tau, 1.0)[:, None]
         K = W[:, self.moved :, self.moved :] - tau[:, None, None] * _outer(arms, arms)
-        Z = self.graph.rotation.rotations + out[:, None, None] * (
-            self.Q - self.graph.rotation.rotations
-        )
-        z = self.translations + out[:, None] * (self.v - self.translations)
-        b = z + (Z @ arms[:, :, None])[:, :, 0]
+        Z = C[:, :, self.moved :]
+        b = C[:, :, 0] * self.moved + (Z @ arms[:, :, None])[:, :, 0]
         N = -Z @ K
         constant = np.where(used, self._constants(tau, arms, b, N), 0.0)
         return Minorants(-tau, arms, b, N, constant)

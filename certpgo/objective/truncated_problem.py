@@ -22,13 +22,15 @@ from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_floats
 from certpgo.linalg.ball_arithmetic import U
 from certpgo.objective.chi_squared import flagged_from, quantiles
 from certpgo.objective.edge_cost import Minorants
-from certpgo.objective.edge_equations import relative
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.marginalized import isotropic_below
 from certpgo.objective.problem import PoseProblem, Problem, RotationProblem
 from certpgo.objective.rotation_problem import RotationsOfPoses
 from certpgo.objective.signed_weights import SignedGraph, SignedProblem
 from certpgo.objective.truncated import Truncation, untruncated
+
+#: Relative difference of costs that are computed in two ways.
+SAME = 1e-12
 
 
 class UncertifiableError(InputError):
@@ -188,8 +190,8 @@ class TruncatedProblem(Brief):
         return TruncatedProblem(self.whole.scaled(factor), factor * self.prices)
 
     def with_prices_of(self, point: Estimate) -> TruncatedProblem:
-        """The problem with the costs at a point as prices: nothing is cut off there."""
-        costs = np.maximum(self.terms(point), np.finfo(float).tiny)
+        """The problem with the costs at a point as prices: hardly anything is cut off there."""
+        costs = np.maximum((1.0 - SAME) * self.terms(point), np.finfo(float).tiny)
         return TruncatedProblem(self.whole, np.where(self.is_rejected, costs, np.inf))
 
     def check(self, estimate: Estimate) -> None:
@@ -231,13 +233,8 @@ class TruncatedProblem(Brief):
 
     def truncation(self, point: Point) -> Truncation:
         """The rejected measurements at the relative poses of a point."""
-        rejected, prices = self.below, self.prices[self.is_rejected]
-        if isinstance(rejected, PoseGraph):
-            v, Q = relative(rejected.edges, point)
-        else:
-            R, (i, j) = point.rotations, rejected.edges.T
-            v, Q = np.zeros((len(i), self.d)), np.swapaxes(R[i], 1, 2) @ R[j]
-        return Truncation(rejected, prices, v, Q, self.whole.is_chordal)
+        prices = self.prices[self.is_rejected]
+        return Truncation.at_point(self.below, prices, point, self.whole.is_chordal)
 
     def minorants(self, point: Point, W: FloatArray | None = None) -> Minorants:
         """Minorants of the terms of all measurements, see `surrogate`."""

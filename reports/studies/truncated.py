@@ -7,7 +7,9 @@ to so many doubtful measurements, a third of which are right and the others wron
 between a hundredth and three radians and metres. The price is between 3 and 60. For every choice
 of doubtful measurements, the graph of the others and these is solved. A bound is false if it is
 above the lowest cost found, CERTIFIED if another choice costs less than the tolerance allows, a
-rise if taking the measurement back costs less, and a refutation if the measurement is right.
+rise if taking the measurement back costs less, and a refutation if the measurement is right. That
+a kept measurement is worth keeping, proven, is false if some choice without it costs less; of each
+graph, so many proven ones are tried.
 Proof files are written, checked by both checkers, and damaged in what they say of rejected
 measurements: one is false if a checker accepts it and its bound is above the lowest cost found for
 the prices that it states. Printed as CSV: per kind of graph, the verdicts and what was false.
@@ -24,6 +26,7 @@ from pathlib import Path
 import numpy as np
 
 from certpgo import (
+    Estimate,
     NumericalError,
     PoseGraph,
     RotationGraph,
@@ -36,6 +39,10 @@ from certpgo import (
     write_proof,
 )
 from certpgo.certify import Certificate
+from certpgo.certify.leave_one_out import worth_keeping
+from certpgo.certify.tolerances import ATOL, RTOL
+from certpgo.certify.truncated_case import TruncatedCase
+from certpgo.errors import GraphError
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.objective.problem import problem_of
@@ -46,8 +53,8 @@ from reports.studies._printing import print_table
 
 #: Relative rounding of costs that are compared.
 SAME = 1e-9
-#: Damaged copies of each proof.
-DAMAGED = 8
+#: Damaged copies of each proof, and kept measurements that are left out.
+DAMAGED, LEFT_OUT = 8, 3
 
 
 def random_graph(
@@ -109,9 +116,36 @@ def examined(seed: int, most: int) -> tuple[str, Counter[str]]:
         lowest = min(cost + prices @ (1.0 - np.array(choice)) for choice, cost in costs)
         found["damaged accepted" if is_damaged else "proofs"] += 1
         found["false proofs"] += lower > lowest * (1.0 + SAME)
+    case = TruncatedCase.of(problem, "standard", RTOL, ATOL)
+    prices_of_all = np.full(len(doubtful), price)
+    worth = worth_keeping(case, certificate.refined, prices_of_all / case.unit)
+    found["worth keeping"] += int(worth.sum())
+    for e in rng.permutation(np.flatnonzero(worth))[:LEFT_OUT].tolist():
+        lowest = min(
+            _cost(graph, np.where(doubtful, choice, np.arange(len(doubtful)) != e), kept.estimate)
+            + price * (doubtful & ~choice).sum()
+            for choice in _choices(doubtful)
+        )
+        allowed = certificate.refined_cost - certificate.tolerance - room
+        found["false keeping"] += lowest + price < allowed
     found["refuted"] += int(refuted.sum())
     found["right refuted"] += int((refuted & ~wrong[doubtful]).sum())
     return f"{'poses' if poses else 'rotations'} {d}D", found
+
+
+def _choices(doubtful: BoolArray) -> Iterator[BoolArray]:
+    for choice in itertools.product((False, True), repeat=int(doubtful.sum())):
+        whole = np.zeros_like(doubtful)
+        whole[doubtful] = choice
+        yield whole
+
+
+def _cost(graph: PoseGraph | RotationGraph, taken: BoolArray, start: Estimate) -> float:
+    """F of some measurements at its optimum; of the part that they determine, if not all."""
+    try:
+        return solve(graph.reweighted(1.0 * taken), initial=start, time_limit=5.0).cost
+    except GraphError:
+        return math.inf
 
 
 def proofs(
@@ -174,7 +208,8 @@ def main() -> None:
         kinds.setdefault(kind, Counter()).update(found)
     verdicts = ("CERTIFIED", "BOUNDED", "REFUTED", "UNDECIDED")
     false = ("false bounds", "false CERTIFIED", "false rises", "right refuted", "false proofs")
-    columns = ("graphs", *verdicts, "rises", "refuted", "proofs", "damaged accepted", *false)
+    found = ("rises", "refuted", "worth keeping", "proofs", "damaged accepted")
+    columns = ("graphs", *verdicts, *found, *false, "false keeping")
     table = [{"kind": kind, **{c: kinds[kind][c] for c in columns}} for kind in sorted(kinds)]
     print_table(table, asked.out)
 
