@@ -26,6 +26,8 @@ from certpgo.objective.truncated import Truncation
 
 #: Columns that are solved for at once, and those of edges that are packed one by one at most.
 BATCH, DENSE = 256, 450
+#: Edges whose loads are computed anew at once.
+BEST = 16
 #: Rows up to which an inverse is computed as a whole.
 WHOLE = 5000
 #: Load up to which edges are taken off, so that S stays definite despite rounding, and what those
@@ -105,19 +107,23 @@ def packed(
     W[order[light:]] = 0.0
     # With a load taken off, S is no less than the rest of itself.
     G = found.products(dense) / (1.0 - used)
-    for _ in range(len(dense)):
-        own = np.einsum("kakb->kab", G)
-        rest, load = reaching(at.subset(dense), own)
-        load[W[dense].any(axis=(1, 2))] = math.inf
-        e = int(np.argmin(load))
-        loads[dense] = np.where(np.isfinite(load), load, loads[dense])
-        if not load[e] < FULL:
-            break
-        W[dense[e]] = rest[e]
+    left = loads[
+        dense
+    ]  # of what is not taken; they only grow, and are brought up to date as needed
+    while len(left) and left.min() < FULL:
+        first = np.argsort(left)[: min(BEST, int(np.isfinite(left).sum()))]
+        own = G[first, :, first]
+        rest, left[first] = reaching(at.subset(dense[first]), own)
+        k = int(np.argmin(left[first]))
+        e = first[k]
+        if left[e] > left.min() or not left[e] < FULL:
+            continue
+        W[dense[e]], loads[dense[e]], left[e] = rest[k], left[e], math.inf
         # S - B W B^T, by Woodbury's identity.
-        taken = rest[e] @ G[e].reshape(found.b, -1)
-        pull = np.linalg.solve(np.eye(found.b) - rest[e] @ own[e], taken)
+        taken = rest[k] @ G[e].reshape(found.b, -1)
+        pull = np.linalg.solve(np.eye(found.b) - rest[k] @ own[k], taken)
         G = G + np.tensordot(G[:, :, e], pull.reshape(found.b, *G.shape[2:]), 1)
+    loads[dense] = np.where(np.isfinite(left), left, loads[dense])
     return W, loads
 
 

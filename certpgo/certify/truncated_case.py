@@ -176,7 +176,8 @@ class TruncatedCase(Case):
         self, point: Estimate, cost: float, W: FloatArray, *, sharp: bool, tight: bool
     ) -> RejectionBound | None:
         """The bound with minorants of these weights (k, b, b)."""
-        minorants = self.problem.minorants(point, W)
+        at = self.problem.truncation(point)
+        minorants = self.problem.minorants(point, W, at)
         below, constant = self.problem.surrogate_of(minorants)
         found = bound_below(
             below,
@@ -193,7 +194,6 @@ class TruncatedCase(Case):
             found = proven_surrogate(below, minorants.constant, rested, found, at_rest=True)
         if found is None:
             return None
-        at = self.problem.truncation(point)
         left_out = ~W.any(axis=(1, 2)) & (at.costs > FLATTEST * at.prices)
         values = {of.name: getattr(found, of.name) for of in fields(found)}
         return RejectionBound(**values, ambiguous=self.problem.rejected[left_out])

@@ -49,7 +49,7 @@ EPS = float(np.finfo(float).eps)
 #: Where a price is split, from the least to the largest share of the rotation; None as the cost is.
 SPLITS = (None, *np.linspace(0.0, 1.0, 13).tolist())
 #: Bisections of the logarithm, for the weight that reaches a price.
-BISECTIONS = 40
+BISECTIONS = 32
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,7 +229,12 @@ class Truncation:
 
         Their constants are rounded down for exactly the other doubles.
         """
-        used, C = W.any(axis=(1, 2)), self.centres(W)
+        used = np.asarray(W.any(axis=(1, 2)))
+        if not used.any():
+            return self.nothing
+        if not used.all():
+            return self.nothing.replaced(used, self.subset(np.flatnonzero(used)).minorants(W[used]))
+        C = self.centres(W)
         tau, arms = np.zeros(len(W)), np.zeros_like(self.v)
         if self.moved:
             tau = W[:, 0, 0]
@@ -238,8 +243,13 @@ class Truncation:
         Z = C[:, :, self.moved :]
         b = C[:, :, 0] * self.moved + (Z @ arms[:, :, None])[:, :, 0]
         N = -Z @ K
-        constant = np.where(used, self._constants(tau, arms, b, N), 0.0)
-        return Minorants(-tau, arms, b, N, constant)
+        return Minorants(-tau, arms, b, N, self._constants(tau, arms, b, N))
+
+    @property
+    def nothing(self) -> Minorants:
+        """Minorants that are zero."""
+        none = np.zeros(len(self.prices))
+        return Minorants(none, 0.0 * self.v, 0.0 * self.v, 0.0 * self.Q, none)
 
     def _constants(
         self, tau: FloatArray, a: FloatArray, b: FloatArray, N: FloatArray

@@ -236,9 +236,16 @@ class TruncatedProblem(Brief):
         prices = self.prices[self.is_rejected]
         return Truncation.at_point(self.below, prices, point, self.whole.is_chordal)
 
-    def minorants(self, point: Point, W: FloatArray | None = None) -> Minorants:
-        """Minorants of the terms of all measurements, see `surrogate`."""
-        at = self.truncation(point)
+    def minorants(
+        self, point: Point, W: FloatArray | None = None, at: Truncation | None = None
+    ) -> Minorants:
+        """Minorants of the terms of all measurements, see `surrogate`.
+
+        Parameters
+        ----------
+        at : the truncation at the point, if it is known
+        """
+        at = self.truncation(point) if at is None else at
         negative = at.minorants(at.plain() if W is None else W)
         return self._untruncated(point).replaced(self.is_rejected, negative)
 
@@ -266,12 +273,17 @@ class TruncatedProblem(Brief):
     def _untruncated(self, point: Point) -> Minorants:
         """Minorants of the measurements' costs that touch at a point, zero where there are none."""
         if not isinstance(self.whole, InformationProblem):
-            return untruncated(self.whole.graph)
+            return self._exact_terms
         found = self.whole.edge_cost.minorants(*self.whole.relative(point))
         missing = ~found.exist
         nothing = replace(found.subset(missing), tau=np.zeros(int(missing.sum())))
         none = replace(nothing, N=0.0 * nothing.b[:, :, None] * nothing.b[:, None, :])
         return found.replaced(missing, replace(none, constant=0.0 * none.tau))
+
+    @cached_property
+    def _exact_terms(self) -> Minorants:
+        """The terms of F as minorants, wherever they touch."""
+        return untruncated(self.graph)
 
     @cached_property
     def _general(self) -> Problem:
