@@ -143,7 +143,7 @@ def test_what_does_not_reach_its_price_is_refused(tmp_path, spatial, damage):
     assert used.any()
     rows = arrays["rejections"][used]
     damage(rows)
-    arrays["rejections"][used] = rows
+    arrays["rejections"][np.flatnonzero(used)[0]] = rows[0]  # one among others
     changed = tmp_path / "changed.cert"
     changed.write_bytes(repacked(arrays))
     for of in BOTH:
@@ -218,56 +218,106 @@ def test_prices_are_compared_exactly(seed, d, less):
 
     reached = parallel(kappa, beta) * turned + parallel(tau, gamma) * moved
     price = float(reached) * (1.0 + less)
-    graph = checker.Graph(
-        2,
-        np.array([0]),
-        np.array([1]),
-        checker.rotations(q),
-        t[None],
-        np.array([kappa]),
-        np.array([tau]),
-    )
-    given = checker.Rejections(
-        np.array([0]),
-        np.array([price]),
-        np.array([beta]),
-        C[None],
-        np.array([gamma]),
-        b[None],
-    )
-    holds = bool(checker.rejections_hold(graph, given)[0])
+    holds, claimed = verdicts(q, t, kappa, tau, price, beta, C, gamma, b)
     assert not (holds and reached < Fraction(price))
     assert holds or reached < Fraction(price) * (1 + Fraction(1, 2**150))
+    if reached < Fraction(price):
+        assert claimed is None
+        return
+    size = sum(Fraction(float(x)) ** 2 for x in C.ravel())
+    constant = Fraction(price) + Fraction(beta) * (d - size)
+    assert claimed == constant
+
+
+def verdicts(q, t, kappa, tau, price, beta, C, gamma, b):
+    """Whether doubles accept a claim about one measurement, and the constant in integers."""
+    one = np.array([0])
+    graph = checker.Graph(
+        2, one, one + 1, checker.rotations(q), t[None], np.array([kappa]), np.array([tau])
+    )
+    given = checker.Rejections(
+        one, np.array([price]), np.array([beta]), C[None], np.array([gamma]), b[None]
+    )
+    holds = bool(checker.rejections_hold(graph, given)[0])
 
     def exact(x):
         return int(Fraction(float(x)) * integer_checker.ONE)
 
-    edge = integer_checker.Edge(
-        0,
-        1,
-        integer_checker.quaternion([*map(exact, q[0])]),
-        tuple(map(exact, t)),
-        exact(kappa),
-        exact(tau),
-        "pose",
+    def all_exact(x):
+        return [exact(number) for number in x]
+
+    turn = integer_checker.quaternion(all_exact(q[0]))
+    edge = integer_checker.Edge(0, 1, turn, all_exact(t), exact(kappa), exact(tau), "pose")
+    weights = exact(price), exact(beta), exact(gamma)
+    cut = integer_checker.Rejected(0, *weights, [all_exact(row) for row in C], all_exact(b))
+    unused = beta == gamma == 0.0
+    try:
+        below, constants = checker.truncated(graph, given)
+    except checker.Refused:
+        assert not holds
+        with pytest.raises(integer_checker.Refused):
+            integer_checker.constant(edge, cut, len(t))
+        return holds, None
+    found = integer_checker.constant(edge, cut, len(t)) / integer_checker.ONE
+    assert holds or unused
+    assert (below.kappa[0], below.tau[0]) == (-beta, -gamma)
+    rounding = (price + beta * (len(t) + float((C**2).sum()))) * 2.0**-50
+    assert 0 <= found - Fraction(float(constants[0])) <= rounding
+    return holds, found
+
+
+STILL = np.array([[1.0, 0.0]])  # half-angle pair of the identity
+ORIGIN = np.zeros(2)
+
+
+def test_a_price_that_is_just_reached_is_accepted_and_no_more():
+    # 2 || 2 = 1, and the centre is 2 away.
+    C = np.array([[1.0, 2.0], [0.0, 1.0]])
+    assert verdicts(STILL, ORIGIN, 2.0, 1.0, 1.0, 2.0, C, 0.0, ORIGIN)[0]
+    moved = np.array([2.0, 0.0])
+    for price, holds in ((4.0, True), (np.nextafter(4.0, 5.0), False)):
+        found = verdicts(STILL, ORIGIN, 2.0, 2.0, price, 0.0, np.eye(2), 2.0, moved)
+        assert (found[0], found[1] is not None) == (holds, holds)
+
+
+def test_weights_and_prices_have_signs():
+    far, C = np.array([100.0, 0.0]), 100.0 * np.eye(2)
+    for price, beta, gamma in (
+        (1.0, -1e-3, 1.0),
+        (1.0, 1.0, -1e-3),
+        (1.0, -1e-3, 0.0),
+        (1.0, 0.0, -1e-3),
+        (1.0, -1e-3, -1e-3),
+        (0.0, 1.0, 1.0),
+        (-1.0, 1.0, 1.0),
+        (0.0, 0.0, 0.0),
+        (-1.0, 0.0, 0.0),
+    ):
+        assert verdicts(STILL, ORIGIN, 2.0, 2.0, price, beta, C, gamma, far) == (False, None)
+
+
+def test_without_weights_a_price_does_not_count():
+    assert verdicts(STILL, ORIGIN, 2.0, 2.0, 9.0, 0.0, np.eye(2), 0.0, ORIGIN) == (False, 0)
+
+
+@pytest.mark.parametrize(("away", "holds"), [(2.0, False), (3.0, True)])
+def test_positions_reach_prices_by_their_distance_alone(away, holds):
+    moved, C = np.array([away, 0.0]), 100.0 * np.eye(2)
+    assert verdicts(STILL, ORIGIN, 0.0, 2.0, 5.0, 0.0, C, 2.0, moved)[0] is holds
+
+
+def test_distances_are_not_taken_to_be_larger_than_they_are():
+    """Measured rotations are known to less than a unit of 2^-160, on either side."""
+    q = np.array([[1.0, 1.3 * 2.0**-160]])  # sines of 2.6 units, between 2 and 3
+    C = np.array([[1.0, 0.0], [5.0 * 2.0**-160, 1.0]])
+    # 2.4^2 + 2.6^2 = 12.52, where rounded distances give 18.
+    one = np.array([0])
+    graph = checker.Graph(
+        2, one, one + 1, checker.rotations(q), ORIGIN[None], np.array([2.0]), np.array([1.0])
     )
-    cut = integer_checker.Rejected(
-        0,
-        exact(price),
-        exact(beta),
-        exact(gamma),
-        [[*map(exact, row)] for row in C],
-        tuple(map(exact, b)),
-    )
-    if reached < Fraction(price):
-        with pytest.raises(integer_checker.Refused, match="price"):
-            integer_checker.constant(edge, cut, d)
-        return
-    size = sum(Fraction(float(x)) ** 2 for x in C.ravel())
-    constant = Fraction(price) + Fraction(beta) * (d - size)
-    assert integer_checker.constant(edge, cut, d) == constant * integer_checker.ONE
-    below = Fraction(float(checker.truncated(graph, given)[1][0]))
-    assert 0 <= constant - below <= (price + beta * (d + float(size))) * 2.0**-50
+    for price, holds in ((7.0, True), (15.0, False)):
+        parts = np.array([price * 2.0**-320]), np.array([2.0]), C[None], np.zeros(1), ORIGIN[None]
+        assert checker.rejections_hold(graph, checker.Rejections(one, *parts))[0] == holds
 
 
 @pytest.mark.parametrize("price", [1.0, 4.0, 16.0, 64.0])
