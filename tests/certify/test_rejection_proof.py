@@ -280,6 +280,17 @@ def test_a_price_that_is_just_reached_is_accepted_and_no_more():
         assert (found[0], found[1] is not None) == (holds, holds)
 
 
+def test_large_distances_are_exact():
+    moved = np.array([2.0**60, 0.0])
+    for price, holds in ((2.0**120, True), (np.nextafter(2.0**120, np.inf), False)):
+        found = verdicts(STILL, ORIGIN, 2.0, 2.0, price, 0.0, np.eye(2), 2.0, moved)
+        assert found[0] is holds
+
+
+def test_what_is_measured_at_the_centre_reaches_nothing():
+    assert verdicts(STILL, ORIGIN, 2.0, 2.0, 2.0**-321, 2.0, np.eye(2), 0.0, ORIGIN)[0] is False
+
+
 def test_weights_and_prices_have_signs():
     far, C = np.array([100.0, 0.0]), 100.0 * np.eye(2)
     for price, beta, gamma in (
