@@ -6,7 +6,8 @@ needs only this file, Python and NumPy. GRAPH is g2o or 1DSfM text; PROOF contai
 multipliers Lam, both untrusted. The output is ``PROVED: F(x) <= ..., F* >= ...`` or one line with
 the reason why not. Here F(R, t) = sum kappa |R_j - R_i R_ij|^2 + sum tau |t_j - t_i - R_i t_ij|^2,
 without the second sum for rotations alone, or g2o's chi2, f = sum e^T Omega e (see `g2o_cost`), for
-which PROOF contains a minorant of each summand. F* is the minimum over rotations R and points t.
+which PROOF contains a minorant of each summand, or F with summands of rejected measurements cut off
+at their prices. F* is the minimum over rotations R and points t.
 
 Trusted are IEEE 754 doubles rounded to nearest, Python, and that NumPy's matrix product adds up
 products in some order (where exactness matters they are integers below 2^53). The Cholesky factors
@@ -479,6 +480,17 @@ class EdgeBounds(NamedTuple):
     constants: Array  # (m,)
 
 
+class Rejections(NamedTuple):
+    """Claims min(f_e, c) >= c - kappa |Q - C|^2 - tau |v - b|^2; see `rejections_hold`."""
+
+    rejected: Ints  # (k,) numbers of measurements, ascending
+    prices: Array  # (k,): c
+    kappa: Array  # (k,) not negative, as tau
+    centres: Array  # (k, d, d): C, to be rounded down to multiples of 2^-POINT
+    tau: Array  # (k,)
+    arms: Array  # (k, d): b
+
+
 class Proof(NamedTuple):
     """The content of a proof file; none of it is trusted."""
 
@@ -490,6 +502,7 @@ class Proof(NamedTuple):
     pin: int  # the pose whose translation is pinned
     exponent: int  # base-2 exponent of the translations' weights in row sums
     minorants: EdgeBounds | None = None  # for the cost of g2o
+    rejections: Rejections | None = None  # for a truncated cost
 
 
 _OPTIONS: dict[str, tuple[Any, ...]] = {
@@ -503,9 +516,9 @@ _OPTIONS: dict[str, tuple[Any, ...]] = {
 def read_claim(archive: Any) -> dict[str, Any]:
     """The header of a proof: its graph file, reading options and cost."""
     claim = json.loads(bytes(archive["claim"]))
-    kinds = (1, None), (2, "g2o")
+    kinds = (1, None), (2, "g2o"), (3, None)
     if claim["format"] != "certpgo proof" or (claim["version"], claim.get("cost")) not in kinds:
-        raise Unreadable("not a proof of version 1, or of version 2 about the cost of g2o")
+        raise Unreadable("not a proof of version 1, or of version 2 about the cost of g2o, or of 3")
     if any(type(claim[name]) is not int for name in ("version", "d", "pin", "exponent")):
         raise Unreadable("integers expected")
     for name, choices in _OPTIONS.items():
@@ -559,6 +572,20 @@ def read_proof(archive: Any, claim: dict[str, Any], n: int, m: int = 0) -> Proof
             array("touching", "<f8", m, 1 if d == 2 else 5),
             array("constants", "<f8", m),
         )
+    rejections, k = None, len(archive["rejected"]) if claim["version"] == 3 else 0
+    if claim["version"] == 3:
+        rows = array("rejections", "<f8", k, 2 + d * d + (1 + d) * poses)
+        rejections = Rejections(
+            rejected=array("rejected", "<i4", k).astype(np.intp),
+            prices=rows[:, 0],
+            kappa=rows[:, 1],
+            centres=rows[:, 2 : 2 + d * d].reshape(k, d, d),
+            tau=rows[:, 2 + d * d] if poses else np.zeros(k),
+            arms=rows[:, 3 + d * d :] if poses else np.zeros((k, d)),
+        )
+        chosen = np.r_[-1, rejections.rejected, m]
+        if not (0 < k < m and (chosen[:-1] < chosen[1:]).all()):
+            raise Refused("rejected measurements must be given by ascending numbers, and not all")
     proof = Proof(
         q=array("rotations", "<f8", n, 4 if d == 3 else 2),
         t=array("translations", "<f8", n, d) if poses else None,
@@ -568,6 +595,7 @@ def read_proof(archive: Any, claim: dict[str, Any], n: int, m: int = 0) -> Proof
         pin=claim["pin"],
         exponent=claim["exponent"],
         minorants=minorants,
+        rejections=rejections,
     )
     if not np.array_equal(np.sort(proof.order), np.arange(n)):
         raise Refused("order is no permutation")
@@ -579,31 +607,35 @@ def read_proof(archive: Any, claim: dict[str, Any], n: int, m: int = 0) -> Proof
 # --- The upper bound ------------------------------------------------------------------------------
 
 
-def upper_bound(graph: Graph, q: Array, t: Array | None) -> float:
-    """A double not below F(x), computed in integers."""
+def upper_bound(graph: Graph, q: Array, t: Array | None, cut: Rejections | None = None) -> float:
+    """A double not below F(x), computed in integers; terms of rejected ones are cut off."""
     i, j, d, R = graph.i, graph.j, graph.t.shape[1], rotations(q)
     Ri, Rj = R[i], R[j]
     moved = sum(Ri[:, :, c, None] * graph.R[:, None, c, :] for c in range(d))
     # Entries of R_i R_ij are off by less than (2 d + 1) 2^POINT, those of R_j by 2^POINT.
     off = (2 * d + 2) << POINT
-    total = _sum_of_squares(graph.kappa, abs((Rj << POINT) - moved) + off, 2 * POINT)
-    if t is None:
-        return total
-    (at, a), (step, b) = integers(t), integers(graph.t)
-    at, step, a = at << max(b - a, 0), step << max(a - b, 0), max(a, b)  # to one unit
-    moved = sum(Ri[:, :, c] * step[:, None, c] for c in range(d))
-    off = abs(step).sum(axis=1)[:, None]
-    sizes = abs(((at[j] - at[i]) << POINT) - moved) + off
-    return math.nextafter(total + _sum_of_squares(graph.tau, sizes, a + POINT), math.inf)
+    terms, e = _squares(graph.kappa, abs((Rj << POINT) - moved) + off, 2 * POINT)
+    if t is not None:
+        (at, a), (step, b) = integers(t), integers(graph.t)
+        at, step, a = at << max(b - a, 0), step << max(a - b, 0), max(a, b)  # to one unit
+        moved = sum(Ri[:, :, c] * step[:, None, c] for c in range(d))
+        off = abs(step).sum(axis=1)[:, None]
+        sizes = abs(((at[j] - at[i]) << POINT) - moved) + off
+        others, f = _squares(graph.tau, sizes, a + POINT)
+        terms, e = (terms << max(f - e, 0)) + (others << max(e - f, 0)), max(e, f)
+    if cut is not None:
+        prices, f = integers(cut.prices)
+        terms, prices, e = terms << max(f - e, 0), prices << max(e - f, 0), max(e, f)
+        terms[cut.rejected] = np.minimum(terms[cut.rejected], prices)
+    return _rounded_up(terms.sum(), e)
 
 
-def _sum_of_squares(weights: Array, sizes: Any, unit: int) -> float:
-    """A double not below the sum of weights times squares, sizes (m, ...) in units of 2^-unit."""
+def _squares(weights: Array, sizes: Any, unit: int) -> tuple[Any, int]:
+    """Integers and an exponent: weights times squares (m,) of sizes (m, ...) 2^-unit, at least."""
     kept = 100 + max(math.frexp(float(weights.max()))[1], 0) // 2
     sizes = (sizes >> max(unit - kept, 0)) + 1  # to units of 2^-kept, rounded up
     w, e = integers(weights)
-    rows = (sizes * sizes).reshape(len(w), -1).sum(axis=1)
-    return _rounded_up((w * rows).sum(), e + 2 * min(unit, kept))
+    return w * (sizes * sizes).reshape(len(w), -1).sum(axis=1), e + 2 * min(unit, kept)
 
 
 def _rounded_up(n: int, e: int) -> float:
@@ -805,6 +837,54 @@ def _spatial_hold(S: Any, linear: Any, N: Any, touching: Array, wanted: Any, uni
     return np.asarray(fits & _definite(form))
 
 
+# --- Rejected measurements ------------------------------------------------------------------------
+
+
+def rejections_hold(graph: Graph, given: Rejections) -> Bools:
+    """(k,) which prices are reached: (kappa || beta_R) p_R^2 + (tau || beta_t) p_t^2 >= c > 0.
+
+    Here a || b = a b / (a + b), and p_R and p_t are how far C and b are from the measurement; with
+    weights beta. Then c - beta_R |Q - C|^2 - beta_t |v - b|^2 is nowhere above min(f_e, c).
+    """
+    e, count = given.rejected, len(given.rejected)
+    weights = [given.prices, given.kappa, given.tau, graph.kappa[e], graph.tau[e]]
+    c, turn, move, kappa, tau = integers(np.stack(weights))[0]
+    # Measured rotations are less than a unit above their integers.
+    apart = np.maximum(abs(_centres(given) - graph.R[e]) - 1, 0).reshape(count, -1)
+    (b, t), unit = integers(np.stack([given.arms, graph.t[e]]))
+    steps, unit = (b - t) << max(-unit, 0), max(unit, 0)
+    turning, moving = (np.where(both == 0, 1, both) for both in (turn + kappa, move + tau))
+    reached = (turn * kappa * moving * (apart * apart).sum(axis=1)) << (2 * unit)
+    reached += (move * tau * turning * (steps * steps).sum(axis=1)) << (2 * POINT)
+    signs = (c > 0) & (turn >= 0) & (move >= 0)
+    return np.asarray(signs & (reached >= (c * turning * moving) << (2 * POINT + 2 * unit)))
+
+
+def _centres(given: Rejections) -> Any:
+    """Integers (k, d, d): C in units of 2^-POINT, rounded down."""
+    C, e = integers(given.centres)
+    return _floored(C, POINT - e)
+
+
+def truncated(graph: Graph, given: Rejections) -> tuple[Graph, Array]:
+    """The graph with edges of negative weight, and constants (k,): below the truncated cost.
+
+    kappa |Q - C|^2 is kappa (d + |C|^2) less the coupling, of which 2 d kappa are on the diagonal.
+    A measurement without weights is nowhere below zero, and its price does not count.
+    """
+    e, C, d = given.rejected, _centres(given), graph.t.shape[1]
+    used = (given.kappa != 0.0) | (given.tau != 0.0)
+    if not (rejections_hold(graph, given) | (~used & (given.prices > 0.0))).all():
+        raise Refused("a rejected measurement was not proven to reach its price")
+    (prices, kappa), unit = integers(np.stack([given.prices, given.kappa]))
+    less = (C * C).reshape(len(e), -1).sum(axis=1) - (d << (2 * POINT))
+    constants = [-_rounded_up(n, unit + 2 * POINT) for n in kappa * less - (prices << (2 * POINT))]
+    R, t, weights = graph.R.copy(), graph.t.copy(), [graph.kappa.copy(), graph.tau.copy()]
+    R[e], t[e], weights[0][e], weights[1][e] = C, given.arms, -given.kappa, -given.tau
+    below = graph._replace(R=R, t=t, kappa=weights[0], tau=weights[1])
+    return below, np.where(used, constants, 0.0)
+
+
 # --- The certificate matrix -----------------------------------------------------------------------
 
 
@@ -887,7 +967,7 @@ def certificate_matrix(graph: Graph, proof: Proof) -> Blocks:
         between[pairs[:, 1] == proof.pin, :, 0] = 0
     truncated = np.zeros(between.shape)  # bounds in units of 2^-POINT; the rest is exact
     if N is None:
-        truncated[:, -d:, -d:] = np.bincount(place, graph.kappa)[:, None, None]
+        truncated[:, -d:, -d:] = np.bincount(place, abs(graph.kappa))[:, None, None]
     return _equilibrated(diagonal, pairs, between, truncated, unit, normal, proof.exponent)
 
 
@@ -1193,7 +1273,10 @@ def prove(graph: Graph, proof: Proof) -> Answer:
     given, on_diagonal = proof.minorants, np.equal(*np.triu_indices(graph.t.shape[1]))
     terms = proof.multipliers[:, on_diagonal].ravel()
     if given is None:
-        upper = upper_bound(graph, proof.q, proof.t)
+        upper = upper_bound(graph, proof.q, proof.t, proof.rejections)
+        if proof.rejections is not None:
+            graph, constants = truncated(graph, proof.rejections)
+            terms = np.concatenate([terms, constants])
     else:
         upper = g2o_cost(graph, proof.q, proof.t)
         if not minorants_hold(graph, given).all():
@@ -1258,14 +1341,14 @@ def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
         raise Unreadable(f"{proof_path}: not a readable proof ({type(error).__name__})") from None
     try:
         with np.errstate(all="ignore"):
-            return prove(graph, proof)._replace(about=_about(graph, claim))
+            return prove(graph, proof)._replace(about=_about(graph, claim, proof.rejections))
     except OverflowError:
         raise Refused("numbers beyond the range of doubles") from None
     except MemoryError:
         raise Refused("more memory is needed than there is") from None
 
 
-def _about(graph: Graph, claim: dict[str, Any]) -> str:
+def _about(graph: Graph, claim: dict[str, Any], cut: Rejections | None = None) -> str:
     """Describes F, as the reading options come from the proof."""
     said = [f"the {claim['kind']} of {graph.n} nodes from {len(graph.i)} measurements"]
     if claim.get("cost") is not None:
@@ -1285,6 +1368,10 @@ def _about(graph: Graph, claim: dict[str, Any]) -> str:
     added = claim["keep"] == "all"
     said.append("parallel edges added" if added else f"only the {claim['keep']} of parallel edges")
     said += ["nodes of cc.txt alone"] * (claim["component_sha256"] is not None)
+    if cut is not None:
+        ends = [price.as_integer_ratio() for price in (cut.prices.min(), cut.prices.max())]
+        low, high = (Context(6, ROUND_FLOOR).divide(*map(Decimal, ratio)) for ratio in ends)
+        said.append(f"truncated: {len(cut.prices)} rejected ones cost {low:g} to {high:g} at most")
     return ", ".join(said)
 
 

@@ -17,11 +17,12 @@ import sys
 import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from decimal import Decimal
+from decimal import ROUND_FLOOR, Context, Decimal
 from fractions import Fraction
 from functools import cache
+from itertools import chain
 from math import isqrt
-from operator import mul
+from operator import lt, mul
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -399,6 +400,17 @@ def with_own_ids(edges: list[Edge]) -> tuple[list[Edge], set[int]]:
 # --- The proof ------------------------------------------------------------------------------------
 
 
+class Rejected(NamedTuple):
+    """A claim min(f_e, price) >= price - kappa |Q - C|^2 - tau |v - t|^2, see `constant`."""
+
+    edge: int
+    price: int
+    kappa: int
+    tau: int
+    C: list[list[int]]
+    t: tuple[int, ...]
+
+
 class Proof(NamedTuple):
     """The content of a proof file; none of it is trusted."""
 
@@ -408,6 +420,7 @@ class Proof(NamedTuple):
     order: list[int]
     pin: int
     exponent: int
+    rejected: list[Rejected]  # empty but for a truncated cost
 
 
 def read_claim(data: bytes) -> dict[str, Any]:
@@ -419,7 +432,7 @@ def read_claim(data: bytes) -> dict[str, Any]:
         raise Unreadable("a proof of --cost chordal is expected; checker.py knows others")
     known: dict[str, list[Any]] = {
         "format": ["certpgo proof"],
-        "version": [1],
+        "version": [1, 3],
         "kind": ["poses", "rotations"],
         "d": [2, 3],
         "keep": ["all", "first", "last"],
@@ -473,12 +486,12 @@ def read_proof(files: dict[str, bytes], claim: dict[str, Any], graph: Graph) -> 
     """The arrays of a proof."""
     n, d, poses = graph.n, claim["d"], claim["kind"] == "poses"
 
-    def doubles(name: str, columns: int) -> list[list[int]]:
+    def doubles(name: str, n: int, columns: int) -> list[list[int]]:
         return [[from_bits(word) for word in row] for row in stored(files[name], "<f8", n, columns)]
 
-    q = [quaternion(row) for row in doubles("rotations", 2 * d - 2)]
-    t = doubles("translations", d) if poses else []
-    multipliers = doubles("multipliers", d * (d + 1) // 2)
+    q = [quaternion(row) for row in doubles("rotations", n, 2 * d - 2)]
+    t = doubles("translations", n, d) if poses else []
+    multipliers = doubles("multipliers", n, d * (d + 1) // 2)
     (order,), (delta,) = (
         stored(files["order"], "<i4", n),
         stored(files["delta"], "<f4", n * (d + poses)),
@@ -491,29 +504,63 @@ def read_proof(files: dict[str, bytes], claim: dict[str, Any], graph: Graph) -> 
         raise Refused("pin or exponent out of range")
     if any(any(multipliers[k]) for k in graph.points):
         raise Refused("a multiplier of a point, which has no rotation")
-    return Proof(q, t, multipliers, order, claim["pin"], claim["exponent"])
+    rejected: list[Rejected] = []
+    if claim["version"] == 3:
+        found = stored(files["rejected"], "<i4")[0]
+        k, ends = len(found), [-1, *found, len(graph.edges)]
+        if not (0 < k < len(graph.edges) and all(map(lt, ends, ends[1:]))):
+            raise Refused("rejected measurements must be given by ascending numbers, and not all")
+        rows = doubles("rejections", k, 2 + d * d + (1 + d) * poses)
+        for e, (price, kappa, *row) in zip(found, rows, strict=True):
+            tau, *b = row[d * d :] or [0] * (d + 1)
+            C = [row[d * a : d * a + d] for a in range(d)]
+            rejected.append(Rejected(e, price, kappa, tau, C, tuple(b)))
+    return Proof(q, t, multipliers, order, claim["pin"], claim["exponent"], rejected)
 
 
 # --- Both sides -----------------------------------------------------------------------------------
 
 
 def upper_bound(graph: Graph, proof: Proof, d: int) -> Fraction:
-    """F(x), each term rounded up to a multiple of 2^-FINE."""
+    """F(x), each term rounded up to a multiple of 2^-FINE; those of rejected ones are cut off."""
     norms, N = [norm(q) for q in proof.q], [matrix(q, d) for q in proof.q]
     flat = [x for t in (*proof.t, *(edge.t for edge in graph.edges)) for x in t]
     numbers, unit = trimmed(flat)
     t = [numbers[k : k + d] for k in range(0, len(numbers), d)]
-    total = 0
+    total, prices = 0, {r.edge: r.price << (FINE - ULP) for r in proof.rejected}
     for k, (i, j, q, _, kappa, tau, _) in enumerate(graph.edges, len(proof.t)):
+        term = 0
         if kappa:
             below = norms[i] * norms[j] * norm(q)
             cosine = sum(map(mul, proof.q[j], product(proof.q[i], q)))
-            total -= shifted(8 * kappa * (cosine * cosine - below), FINE - ULP) // below
+            term -= shifted(8 * kappa * (cosine * cosine - below), FINE - ULP) // below
         if proof.t:
             arms = [sum(map(mul, row, t[k])) for row in N[i]]
             off = [norms[i] * (b - a) - arm for a, b, arm in zip(t[i], t[j], arms, strict=True)]
-            total -= shifted(-tau * norm(off), FINE - ULP - 2 * unit) // norms[i] ** 2
+            term -= shifted(-tau * norm(off), FINE - ULP - 2 * unit) // norms[i] ** 2
+        total += min(term, prices.get(k - len(proof.t), term))
     return Fraction(total, 1 << FINE)
+
+
+def constant(edge: Edge, cut: Rejected, d: int) -> Fraction:
+    """What to add to an edge of negative weight, in units of 2^-ULP: it is below min(f_e, price).
+
+    If C and t are p_R and p_t away from the measurement, the price must be at most
+    (kappa || beta_R) p_R^2 + (tau || beta_t) p_t^2 for the weights beta and a || b = a b / (a + b).
+    Without weights it does not count: f_e is never negative.
+    """
+    C, N, D = [*chain(*cut.C)], chain(*matrix(edge.q, d)), norm(edge.q)
+    turned = norm([D * x - ONE * y for x, y in zip(C, N, strict=True)])
+    moved = norm([x - y for x, y in zip(cut.t, edge.t, strict=True)])
+    if min(cut.kappa, cut.tau) < 0 or cut.price <= 0 or (cut.kappa and not edge.kappa):
+        raise Refused("a price or a weight of a rejected measurement is out of range")
+    if not (cut.kappa or cut.tau):
+        return Fraction(0)
+    reached = Fraction(cut.kappa * edge.kappa * turned, (cut.kappa + edge.kappa or 1) * D * D)
+    reached += Fraction(cut.tau * edge.tau * moved, cut.tau + edge.tau)
+    if reached < cut.price * ONE * ONE:
+        raise Refused("a rejected measurement was not proven to reach its price")
+    return cut.price + cut.kappa * (d - Fraction(norm(C), ONE * ONE))
 
 
 Entries = dict[tuple[int, int], int]
@@ -527,26 +574,28 @@ def certificate_matrix(
 
     Node k has rows at[k], its position (-1: the pinned one), and turn[k] ..., its rotation.
     """
-    taus, tau_unit = trimmed([weight for edge in graph.edges for weight in edge[4:6]])
-    steps, step_unit = trimmed([ONE, *(x for edge in graph.edges for x in edge.t)])
+    terms = [(e.i, e.j, matrix(e.q, d), norm(e.q), e.t, e.kappa, e.tau) for e in graph.edges]
+    for cut in proof.rejected:
+        i, j, *_ = terms[cut.edge]
+        terms[cut.edge] = (i, j, cut.C, ONE, cut.t, -cut.kappa, -cut.tau)
+    taus, tau_unit = trimmed([weight for term in terms for weight in term[5:]])
+    steps, step_unit = trimmed([ONE, *(x for term in terms for x in term[4])])
     Lams, Lam_unit = trimmed([x for row in proof.multipliers for x in row])
     unit, size = max(tau_unit + 2 * step_unit, Lam_unit), d * (d + 1) // 2
     A: Counter[tuple[int, int]] = Counter()
     blocks = []
-    for k, (i, j, q, *_) in enumerate(graph.edges):
+    for k, (i, j, N, D, *_) in enumerate(terms):
         kappa, tau = (weight << (unit - tau_unit) for weight in taus[2 * k : 2 * k + 2])
         if kappa:
-            blocks.append(
-                (turn[i], turn[j], [[-kappa * x for x in row] for row in matrix(q, d)], norm(q))
-            )
+            blocks.append((turn[i], turn[j], [[-kappa * x for x in row] for row in N], D))
             for row in (turn[i], turn[j]):
                 A.update({(row + a, row + a): kappa for a in range(d)})
         if proof.t:
-            terms = [(at[j], steps[0]), (at[i], -steps[0])]
-            terms += [(turn[i] + a, -x) for a, x in enumerate(steps[1 + d * k : 1 + d * (k + 1)])]
-            terms, tau = [term for term in terms if term[0] >= 0], tau >> 2 * step_unit
-            for r, x in terms:
-                for s, y in terms:
+            arms = [(at[j], steps[0]), (at[i], -steps[0])]
+            arms += [(turn[i] + a, -x) for a, x in enumerate(steps[1 + d * k : 1 + d * (k + 1)])]
+            arms, tau = [arm for arm in arms if arm[0] >= 0], tau >> 2 * step_unit
+            for r, x in arms:
+                for s, y in arms:
                     if r <= s:
                         A[r, s] += tau * x * y
     for k, row in turn.items():
@@ -740,6 +789,8 @@ def digits(x: Fraction, count: int, up: bool) -> Decimal:
 
 def prove(graph: Graph, proof: Proof, d: int) -> tuple[Fraction, Fraction]:
     """Both bounds."""
+    total = sum(row[k] for row in proof.multipliers for k in ((0, 2), (0, 3, 5))[d - 2])
+    constants = sum(constant(graph.edges[cut.edge], cut, d) for cut in proof.rejected)
     found = fronts({(edge.i, edge.j) for edge in graph.edges}, proof.order)
     at, turn, rows, n = {}, {}, {}, 0
     for node in (node for pivots, _, _ in found for node in pivots):
@@ -766,8 +817,7 @@ def prove(graph: Graph, proof: Proof, d: int) -> tuple[Fraction, Fraction]:
         for bits in PRECISIONS
     ):
         raise Refused("the certificate matrix was not proven positive semidefinite")
-    trace = sum(row[k] for row in proof.multipliers for k in ((0, 2), (0, 3, 5))[d - 2])
-    return upper_bound(graph, proof, d), max(Fraction(trace, ONE), Fraction(0))
+    return upper_bound(graph, proof, d), max(Fraction(total + constants, ONE), Fraction(0))
 
 
 def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
@@ -794,7 +844,7 @@ def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
         raise Unreadable(f"{proof_path}: {error.strerror or 'not a readable proof'}") from None
     except Exception as error:  # damaged archives can raise anything
         raise Unreadable(f"{proof_path}: not a readable proof ({type(error).__name__})") from None
-    return Answer(*prove(graph, proof, claim["d"]), about(graph, claim))
+    return Answer(*prove(graph, proof, claim["d"]), about(graph, claim, proof.rejected))
 
 
 def component(path: Path, sha256: str | None) -> set[int] | None:
@@ -812,7 +862,7 @@ def component(path: Path, sha256: str | None) -> set[int] | None:
     return set(map(int, text.split()))
 
 
-def about(graph: Graph, claim: dict[str, Any]) -> str:
+def about(graph: Graph, claim: dict[str, Any], rejected: list[Rejected]) -> str:
     """The measurements and how they were read: what F is."""
     said = [f"the {claim['kind']} of {graph.n} nodes from {len(graph.edges)} measurements"]
     for name in ("kappa", "tau")[: 1 + (claim["kind"] == "poses")]:
@@ -827,6 +877,10 @@ def about(graph: Graph, claim: dict[str, Any]) -> str:
     added = claim["keep"] == "all"
     said.append("parallel edges added" if added else f"only the {claim['keep']} of parallel edges")
     said += ["nodes of cc.txt alone"] * (claim["component_sha256"] is not None)
+    if rejected:
+        prices, six = [Decimal(cut.price) for cut in rejected], Context(6, ROUND_FLOOR)
+        low, high = (six.divide(price, Decimal(ONE)) for price in (min(prices), max(prices)))
+        said.append(f"truncated: {len(prices)} rejected ones cost {low:g} to {high:g} at most")
     return ", ".join(said)
 
 

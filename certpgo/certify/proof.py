@@ -64,7 +64,12 @@ class Witness:
 
 
 def prove(
-    problem: Problem, graph: checker.Graph, point: Point, fallback: FloatArray
+    problem: Problem,
+    graph: checker.Graph,
+    point: Point,
+    fallback: FloatArray | None = None,
+    *,
+    at_rest: bool = False,
 ) -> tuple[FloatArray, Witness] | None:
     """Multipliers Lam' (n, d, d) with a witness that F* >= tr(Lam'); None if there are none.
 
@@ -77,12 +82,13 @@ def prove(
     point : near-stationary, of any rank; an estimate first descends to where it is stationary, as a
         proof shows more digits than a descent for other purposes finds
     fallback : less sharp multipliers, e.g. of another point if the relaxation is loose
+    at_rest : whether the estimate does not descend
     """
     from threadpoolctl import threadpool_limits
 
     # Threads slow down the checker's many small products.
     with threadpool_limits(limits=1):
-        if isinstance(point, Estimate):
+        if isinstance(point, Estimate) and not at_rest:
             point = newton(
                 problem, problem.with_optimal_translations(point), CLOSE, near=True
             ).estimate
@@ -93,7 +99,10 @@ def prove(
             if found is not None:
                 return found
             shift *= GROWTH
-        return prover.settle(lambda _: recentred(problem, fallback))
+        if fallback is None:
+            return None
+        other = recentred(problem, graph, fallback)
+        return prover.settle(lambda _: other)
 
 
 def proven_bound(
@@ -135,34 +144,44 @@ def exact_cost(problem: Problem, graph: checker.Graph, estimate: Estimate) -> fl
 
 
 def proven_surrogate(
-    problem: Problem, constants: FloatArray, point: Point, bound: DualBound
+    problem: Problem,
+    constants: FloatArray,
+    point: Point,
+    bound: DualBound,
+    *,
+    at_rest: bool = False,
 ) -> DualBound | None:
     """A bound on a surrogate's cost plus constants (m,), proven without trusting a factorization.
 
     The couplings, arms and weights are the data, to the last bit; None if that fails.
     """
-    found = prove(problem, exact_graph(problem), point, bound.multipliers)
+    graph = exact_graph(problem)
+    found = prove(problem, graph, point, bound.multipliers, at_rest=at_rest)
     if found is None:
         return None
     diagonal = np.einsum("naa->na", found[0])
     centre = np.repeat(-problem.graph.rotation.kappa, 2 * problem.d)
     total = math.fsum(np.concatenate([diagonal.ravel(), constants, centre]))
-    multipliers = recentred(problem, found[0], -1.0)
+    multipliers = recentred(problem, graph, found[0], -1.0)
     taken = np.einsum("naa->na", problem.multipliers(point) - multipliers)
     value, shift = math.nextafter(total, -math.inf), float(taken.max())
     return replace(bound, value=value, multipliers=multipliers, shift=shift)
 
 
-def recentred(problem: Problem, multipliers: FloatArray, sign: float = 1.0) -> FloatArray:
-    """Multipliers (n, d, d) where kappa I replaces general edges' polar factors, or the reverse."""
+def recentred(
+    problem: Problem, taken: checker.Graph, multipliers: FloatArray, sign: float = 1.0
+) -> FloatArray:
+    """Multipliers (n, d, d) where the checker's kappa I replaces polar factors, or the reverse."""
     graph, n = problem.rotation.graph, problem.n
     if not graph.is_general:
         return multipliers
     _, K, K_left = graph.polar
-    centre = graph.kappa[:, None, None] * np.eye(problem.d)
+    centre = taken.kappa[:, None, None] * np.eye(problem.d)
+    gained = scatter_sum(taken.i, centre, n) + scatter_sum(taken.j, centre, n)
     i, j = graph.edges.T
-    gained = scatter_sum(i, centre - K_left, n) + scatter_sum(j, centre - K, n)
-    return np.asarray(multipliers + sign * gained)
+    return np.asarray(
+        multipliers + sign * (gained - scatter_sum(i, K_left, n) - scatter_sum(j, K, n))
+    )
 
 
 class _Prover:
@@ -178,7 +197,7 @@ class _Prover:
         identity = np.tile(np.eye(d), (problem.n, 1, 1))
         self.posed = Estimate(identity, None if t is None else np.zeros((problem.n, d)))
         shifted = Shifted.of(problem, point)
-        self.shifted = replace(shifted, multipliers=recentred(problem, shifted.multipliers))
+        self.shifted = replace(shifted, multipliers=recentred(problem, graph, shifted.multipliers))
         self.layout = problem.pattern.layout_of(problem.matrix)
         self.diagonal = self.layout.unpack(problem.matrix.diagonal())
         if graph.points is not None:

@@ -13,7 +13,11 @@ nodes are those of the edges, by ascending id:
 Points have rotations, zero multipliers and delta like all nodes; the world is the last node.
 
 That is version 1, about F. Version 2, about g2o's cost, also has the arrays of
-``EdgeBounds`` in `certpgo.checker`, a row per edge.
+``EdgeBounds`` in `certpgo.checker`, a row per edge. Version 3, about the truncated F, has a row per
+rejected edge:
+
+    rejected      (k,) int32, which edges, ascending
+    rejections    (k, 2 + d^2) price, weight beta_R and centre; for poses also beta_t and its centre
 """
 
 from __future__ import annotations
@@ -30,6 +34,7 @@ from certpgo.certify.certificate import CHORDAL, Certificate, Tier
 from certpgo.certify.chordal_case import Case
 from certpgo.certify.cost_proof import cost_evidence, problem_of_certificate
 from certpgo.certify.proof import Witness, proof_of, prove
+from certpgo.certify.rejection_proof import rejection_evidence
 from certpgo.errors import FormatError, InputError, NumericalError
 from certpgo.graph import Estimate, Instance, PoseGraph
 from certpgo.graph.held import HELD
@@ -39,6 +44,7 @@ from certpgo.io.writing import atomically
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective import choose_cost as costs
 from certpgo.objective.problem import problem_of
+from certpgo.objective.truncated_problem import TruncatedProblem
 
 #: Formats that the checker can read.
 FORMATS = ("g2o", "1dsfm")
@@ -76,11 +82,13 @@ def write_proof(
     instance: Instance,
     estimate: Estimate,
     certificate: Certificate,
+    *,
+    prices: FloatArray | None = None,
 ) -> checker.Answer:
     """Write the proof that an estimate of a graph file is as good as its certificate says.
 
-    It is about the certificate's cost, F or that of g2o, of the numbers in the file, to the last
-    bit, and is only written if the checker accepts it.
+    It is about the certificate's cost, F or that of g2o or F truncated, of the numbers in the file,
+    to the last bit, and is only written if the checker accepts it.
 
     Parameters
     ----------
@@ -89,6 +97,8 @@ def write_proof(
     instance : the whole graph of the file, connected
     estimate : the estimate for the upper bound
     certificate : certificate of that estimate, or of another of the same graph
+    prices : (m,) where the certificate is about a truncated cost: of rejected measurements, and
+        infinite for kept ones, as in ``rejection.problem.prices``
 
     Returns
     -------
@@ -117,7 +127,7 @@ def write_proof(
     True
     """
     source = provable(source)
-    claim, proof = _proof(source, instance, estimate, certificate)
+    claim, proof = _proof(source, instance, estimate, certificate, prices)
     found: list[checker.Answer] = []
 
     def accepted(beside: Path) -> None:
@@ -134,12 +144,21 @@ def write_proof(
 
 
 def _proof(
-    source: Path, instance: Instance, estimate: Estimate, certificate: Certificate
+    source: Path,
+    instance: Instance,
+    estimate: Estimate,
+    certificate: Certificate,
+    prices: FloatArray | None,
 ) -> tuple[dict[str, Any], checker.Proof]:
     """What the proof is about, and its content."""
     _refuse_priors_of_rotations(instance)
-    minorants = None
-    if certificate.objective == CHORDAL:
+    minorants, rejections = None, None
+    if prices is not None:
+        claim, graph = _claim(source, instance)
+        cut = TruncatedProblem(problem_of(instance.graph), prices)
+        multipliers, witness, rejections = rejection_evidence(cut, graph, certificate)
+        claim |= {"version": 3}
+    elif certificate.objective == CHORDAL:
         claim, graph = _claim(source, instance)
         multipliers, witness = _evidence(instance, graph, certificate)
     else:
@@ -149,7 +168,8 @@ def _proof(
         multipliers, witness = evidence.multipliers, evidence.witness
         minorants = evidence.minorants
     claim |= {"pin": witness.pin, "exponent": witness.exponent}
-    return claim, proof_of(estimate, multipliers, witness, minorants)
+    proof = proof_of(estimate, multipliers, witness, minorants)
+    return claim, proof._replace(rejections=rejections)
 
 
 class RefusedProof(NumericalError, checker.Refused):  # noqa: N818 - the condition is the name
@@ -313,4 +333,10 @@ def _arrays(proof: checker.Proof) -> dict[str, Any]:
         arrays["translations"] = proof.t
     if proof.minorants is not None:
         arrays |= proof.minorants._asdict()
+    if (cut := proof.rejections) is not None:
+        k = len(cut.prices)
+        columns = [cut.prices, cut.kappa, cut.centres.reshape(k, -1)]
+        if proof.t is not None:
+            columns += [cut.tau, cut.arms]
+        arrays |= {"rejected": cut.rejected.astype("<i4"), "rejections": np.column_stack(columns)}
     return arrays

@@ -26,6 +26,8 @@ from certpgo.objective.truncated import Truncation
 
 #: Columns that are solved for at once, and those of edges that are packed one by one at most.
 BATCH, DENSE = 256, 450
+#: Edges whose loads are computed anew at once.
+BEST = 16
 #: Rows up to which an inverse is computed as a whole.
 WHOLE = 5000
 #: Load up to which edges are taken off, so that S stays definite despite rounding, and what those
@@ -83,12 +85,19 @@ class Resistances:
         return self._factor.solve(np.eye(rows)) if rows < columns and rows <= WHOLE else None
 
 
-def packed(found: Resistances, at: Truncation) -> tuple[FloatArray, FloatArray]:
+def packed(
+    found: Resistances, at: Truncation, *, isotropic: bool = False
+) -> tuple[FloatArray, FloatArray]:
     """Weights W (k, b, b) that may all be taken off together, and loads (k,), as far as computed.
 
     The edges of smallest load come first; where that is too large, W is zero.
+
+    Parameters
+    ----------
+    isotropic : whether W are diag(beta_t, beta_R, ...)
     """
-    W, loads = at.reaching(found.blocks)
+    reaching = Truncation.splitting if isotropic else Truncation.reaching
+    W, loads = reaching(at, found.blocks)
     order = np.argsort(loads, kind="stable")
     light = 0
     if len(loads) * found.b > DENSE:
@@ -98,20 +107,52 @@ def packed(found: Resistances, at: Truncation) -> tuple[FloatArray, FloatArray]:
     W[order[light:]] = 0.0
     # With a load taken off, S is no less than the rest of itself.
     G = found.products(dense) / (1.0 - used)
-    for _ in range(len(dense)):
-        own = np.einsum("kakb->kab", G)
-        rest, load = at.subset(dense).reaching(own)
-        load[W[dense].any(axis=(1, 2))] = math.inf
-        e = int(np.argmin(load))
-        loads[dense] = np.where(np.isfinite(load), load, loads[dense])
-        if not load[e] < FULL:
-            break
-        W[dense[e]] = rest[e]
+    left = loads[
+        dense
+    ]  # of what is not taken; they only grow, and are brought up to date as needed
+    while len(left) and left.min() < FULL:
+        first = np.argsort(left)[: min(BEST, int(np.isfinite(left).sum()))]
+        own = G[first, :, first]
+        rest, left[first] = reaching(at.subset(dense[first]), own)
+        k = int(np.argmin(left[first]))
+        e = first[k]
+        if left[e] > left.min() or not left[e] < FULL:
+            continue
+        W[dense[e]], loads[dense[e]], left[e] = rest[k], left[e], math.inf
         # S - B W B^T, by Woodbury's identity.
-        taken = rest[e] @ G[e].reshape(found.b, -1)
-        pull = np.linalg.solve(np.eye(found.b) - rest[e] @ own[e], taken)
+        taken = rest[k] @ G[e].reshape(found.b, -1)
+        pull = np.linalg.solve(np.eye(found.b) - rest[k] @ own[k], taken)
         G = G + np.tensordot(G[:, :, e], pull.reshape(found.b, *G.shape[2:]), 1)
+    loads[dense] = np.where(np.isfinite(left), left, loads[dense])
     return W, loads
+
+
+def together(found: Resistances, W: FloatArray, part: IntArray, room: FloatArray) -> list[IntArray]:
+    """Groups of some measurements whose weights may be taken off together, as far as is foreseen.
+
+    S - sum B W B^T >= 0 if the blocks of W^1/2 B^T S^+ B W^1/2 have row sums of at most one. Those
+    of each measurement's ``room`` (k,) are beyond its own load.
+    """
+    k = len(part)
+    values, U = np.linalg.eigh(W[part])
+    half = U * np.sqrt(np.maximum(values, 0.0))[:, None, :]
+    G = found.products(part)
+    G = np.einsum("eax,eafc,fcy->exfy", half, G, half, optimize=True)
+    shared = np.sqrt((G**2).sum(axis=(1, 3)))
+    np.fill_diagonal(shared, 0.0)
+    groups: list[list[int]] = []
+    sums: list[FloatArray] = []  # over the members of each group
+    for e in range(k):
+        for group, total in zip(groups, sums, strict=True):
+            if total[e] <= room[e] and (total[group] + shared[group, e] <= room[group]).all():
+                break
+        else:
+            group, total = [], np.zeros(k)
+            groups.append(group)
+            sums.append(total)
+        group.append(e)
+        total += shared[e]
+    return [part[group] for group in groups]
 
 
 def _anchor(problem: Problem) -> IntArray:

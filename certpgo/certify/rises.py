@@ -14,11 +14,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from certpgo.certify.resistances import Resistances
+from certpgo.certify.resistances import together
 from certpgo.certify.truncated_case import TruncatedCase
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray, IntArray
-from certpgo.objective.truncated import largest
+from certpgo.objective.truncated import Truncation, largest
 
 #: Load of each measurement, and what those proven together may share.
 LOAD, SHARED = 0.8, 0.18
@@ -42,13 +42,14 @@ def rises(case: TruncatedCase, estimate: Estimate) -> FloatArray:
         return proven
     uncut = case.problem.with_prices_of(point)
     own = replace(case, problem=uncut)
-    W, _ = uncut.truncation(point).loaded(found.blocks, LOAD)
+    at, cost = uncut.truncation(point), uncut.kept.enclosure(point)[1]
+    W, _ = at.loaded(found.blocks, LOAD)
     size = max(MANY // found.b, 1)
     parts = [np.arange(at, min(at + size, len(W))) for at in range(0, len(W), size)]
-    waiting = [group for part in parts for group in _together(found, W, part)]
+    waiting = [group for part in parts for group in together(found, W, part, SHARED + 0.0 * part)]
     while waiting and not case.stop.should_stop():
         group = waiting.pop()
-        risen = _proven(own, point, W, group)
+        risen = _proven(own, point, cost, at, W, group)
         if risen is None and len(group) > 1:
             waiting += [group[::2], group[1::2]]
         elif risen is not None:
@@ -57,43 +58,20 @@ def rises(case: TruncatedCase, estimate: Estimate) -> FloatArray:
 
 
 def _proven(
-    case: TruncatedCase, point: Estimate, W: FloatArray, group: IntArray
+    case: TruncatedCase,
+    point: Estimate,
+    cost: float,
+    at: Truncation,
+    W: FloatArray,
+    group: IntArray,
 ) -> FloatArray | None:
     """The rises of measurements that are proven together; None if they are not."""
     chosen = np.zeros_like(W)
     chosen[group] = W[group]
-    cost = case.problem.kept.enclosure(point)[1]
     bound = case.bound_by(point, cost, chosen, sharp=True, tight=True)
     if bound is None:
         return None
-    most = largest(case.problem.truncation(point).minorants(chosen))[group]
+    most = largest(at.subset(group).minorants(W[group]))
     rest = bound.value - cost - (most.sum() - most)
     # The sums, in any order.
     return np.asarray(rest - 1e-15 * (len(group) + 8) * (np.abs(most).sum() + cost))
-
-
-def _together(found: Resistances, W: FloatArray, part: IntArray) -> list[IntArray]:
-    """Groups of some measurements whose weights may be taken off together, as far as is foreseen.
-
-    S - sum B W B^T >= 0 if the blocks of W^1/2 B^T S^+ B W^1/2 have row sums of at most one.
-    """
-    k = len(part)
-    values, U = np.linalg.eigh(W[part])
-    half = U * np.sqrt(np.maximum(values, 0.0))[:, None, :]
-    G = found.products(part)
-    G = np.einsum("eax,eafc,fcy->exfy", half, G, half, optimize=True)
-    shared = np.sqrt((G**2).sum(axis=(1, 3)))
-    np.fill_diagonal(shared, 0.0)
-    groups: list[list[int]] = []
-    sums: list[FloatArray] = []  # over the members of each group
-    for e in range(k):
-        for group, total in zip(groups, sums, strict=True):
-            if total[e] <= SHARED and (total[group] + shared[group, e] <= SHARED).all():
-                break
-        else:
-            group, total = [], np.zeros(k)
-            groups.append(group)
-            sums.append(total)
-        group.append(e)
-        total += shared[e]
-    return [part[group] for group in groups]

@@ -20,7 +20,7 @@ from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.chordal_case import Case, LocalMinimum
 from certpgo.certify.dual import DualBound
 from certpgo.certify.obstacle import LimitedBy
-from certpgo.certify.proof import proven_surrogate
+from certpgo.certify.proof import CLOSE, proven_surrogate
 from certpgo.certify.resistances import Resistances, packed
 from certpgo.certify.surrogate_bound import bound_below
 from certpgo.certify.surrogate_case import OwnCostCase
@@ -106,6 +106,18 @@ class TruncatedCase(Case):
         """The end of a descent that begins near it."""
         return self.descent(start).estimate
 
+    def at_rest(self, point: Estimate, W: FloatArray) -> Estimate:
+        """Where minorants of weights W (k, b, b) balance, near a point, to more digits.
+
+        Those of far measurements have no gradient. Not by descent on the surrogate: with negative
+        weights it need not have a minimum.
+        """
+        counted = ~self.problem.is_rejected
+        near = W.any(axis=(1, 2)) & ~self.problem.truncation(point).is_far
+        counted[self.problem.rejected] = near
+        case = self._of(counted)
+        return case.completed(case.short_descent(point, CLOSE))
+
     def bound(
         self,
         point: Point,
@@ -138,7 +150,7 @@ class TruncatedCase(Case):
         at, found = self.problem.truncation(point), self.resistances(point)
         if found is None:
             return basin
-        W, loads = packed(found, at)
+        W, loads = packed(found, at, isotropic=self.tier is Tier.PROOF)
         better = None
         while better is None and W.any() and not self.stop.should_stop():
             better = self.bound_by(point, basin.cost, W, sharp=True, tight=True)
@@ -164,7 +176,8 @@ class TruncatedCase(Case):
         self, point: Estimate, cost: float, W: FloatArray, *, sharp: bool, tight: bool
     ) -> RejectionBound | None:
         """The bound with minorants of these weights (k, b, b)."""
-        minorants = self.problem.minorants(point, W)
+        at = self.problem.truncation(point)
+        minorants = self.problem.minorants(point, W, at)
         below, constant = self.problem.surrogate_of(minorants)
         found = bound_below(
             below,
@@ -177,10 +190,10 @@ class TruncatedCase(Case):
             floor=-constant,
         )
         if found is not None and self.tier is Tier.PROOF:
-            found = proven_surrogate(below, minorants.constant, point, found)
+            rested = self.at_rest(point, W)
+            found = proven_surrogate(below, minorants.constant, rested, found, at_rest=True)
         if found is None:
             return None
-        at = self.problem.truncation(point)
         left_out = ~W.any(axis=(1, 2)) & (at.costs > FLATTEST * at.prices)
         values = {of.name: getattr(found, of.name) for of in fields(found)}
         return RejectionBound(**values, ambiguous=self.problem.rejected[left_out])

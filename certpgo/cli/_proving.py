@@ -14,6 +14,7 @@ REFUSED = 6
 if TYPE_CHECKING:
     from certpgo.certify import Certificate
     from certpgo.graph import Estimate, Instance
+    from certpgo.linalg.arrays import FloatArray
 
 
 def prove(
@@ -23,9 +24,12 @@ def prove(
     estimate: Estimate,
     certificate: Certificate,
     *,
+    prices: FloatArray | None = None,
     json: bool,
 ) -> bool:
     """Write the proof and print the checker's result (to stderr if stdout has a JSON document).
+
+    With ``prices`` it is about the truncated cost.
 
     Returns False, with a notice, if there is no proof; the verdict stands without it.
     """
@@ -34,7 +38,7 @@ def prove(
 
     try:
         with working(f"proving the bound for {instance.name}"):
-            proven = write_proof(out, source, instance, estimate, certificate)
+            proven = write_proof(out, source, instance, estimate, certificate, prices=prices)
     except NumericalError as reason:
         notice(f"no proof was written to {out}: {reason}")
         return False

@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from certpgo.solve.result import CertifiedSolution
 
 UNPROVABLE = (
-    "a proof is about all measurements of a file, not about those that a robust method keeps; "
-    "write a graph of these (see Reject outliers) and prove its estimate"
+    "a proof is about all measurements of a file, or about rejected ones at their prices, which "
+    "only --robust certifies"
 )
 
 #: Gigabytes from which it is said how many were needed.
@@ -247,13 +247,15 @@ class Solved(Result):
 
     def prove(self, out: Path, source: Path, *, json: bool) -> bool:
         """Write the proof; returns False if there is none."""
+        certificate, prices, estimate = self.certificate, None, self.solution.estimate
         if len(self.solution.rejected):
-            notice(f"no proof is written: {UNPROVABLE}")
-            return False
-        if self.certificate is None:
+            if self.rejection is None:
+                notice(f"no proof is written: {UNPROVABLE}")
+                return False
+            certificate, prices = self.rejection.certificate, self.rejection.problem.prices
+        if certificate is None:
             return True
-        estimate = self.solution.estimate
-        return prove(out, source, self.part, estimate, self.certificate, json=json)
+        return prove(out, source, self.part, estimate, certificate, prices=prices, json=json)
 
     def write_covariances(self, out: Path, *, quiet: bool) -> None:
         """Write the covariances of all nodes."""

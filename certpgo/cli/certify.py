@@ -32,7 +32,7 @@ from certpgo.cli._outputs import Outputs, Result, emit
 from certpgo.cli._paging import origin_of, write_page
 from certpgo.cli._proving import prove
 from certpgo.cli._reading import Reading, covered, restricted_to, takes_reading
-from certpgo.cli._show import StatusLine, document, working
+from certpgo.cli._show import StatusLine, document, notice, working
 from certpgo.cli._truth import KnownPoses, TruthFile, TruthOffset
 from certpgo.errors import InputError
 
@@ -109,8 +109,8 @@ def command(
     from certpgo.solve.batch import JudgedGraph
 
     _refuse_mixtures(estimates, csv, truth=truth, best=best, proof=proof, html=html)
-    _refuse_rejected(rejected, quantile, proof=proof, html=html)
-    refuse_chordal_only(cost, rejected=rejected)
+    _refuse_rejected(rejected, quantile, html=html)
+    refuse_chordal_only(cost, **{"rejected --proof": rejected and proof})
     tier = tier_for(proof, tier, cost) or "standard"
     outputs = Outputs(estimate=best, csv=csv, proof=proof, html=html, json=json)
     outputs.refuse()
@@ -226,8 +226,9 @@ class _Assessed(Result):
             yield "--best OUT writes the lower-cost estimate"
 
     def prove(self, out: Path, source: Path, *, json: bool) -> bool:
-        certificate = self.found.certificate
-        return prove(out, source, self.part.instance, self.given, certificate, json=json)
+        prices = getattr(self.part.problem, "prices", None)
+        of = self.part.instance, self.given, self.found.certificate
+        return prove(out, source, *of, prices=prices, json=json)
 
     def write_page(self, out: Path, outputs: Outputs) -> None:
         from certpgo.solve.accuracy_wording import disagreeing
@@ -262,14 +263,18 @@ def _refuse_mixtures(
 def _posed(part: Instance, cost: str, rejected: Path | None, quantile: float | None) -> Judged:
     """The problem under a cost, truncated if measurements are rejected."""
     from certpgo.io.rejections import read_rejected
-    from certpgo.objective.choose_cost import certifiable
+    from certpgo.objective.choose_cost import CHORDAL, certifiable
     from certpgo.objective.truncated_problem import rejecting
 
     problem = certifiable(part, cost)
     if rejected is None:
         return problem
     edges, prices = read_rejected(rejected, part)
-    return rejecting(problem, edges, quantile, prices=None if quantile else prices)
+    if prices is not None and (quantile is not None or cost != CHORDAL):
+        if quantile is None:
+            notice(f"the prices in {rejected} are of F: those of {cost} are the default quantile")
+        prices = None
+    return rejecting(problem, edges, quantile, prices=prices)
 
 
 def _refuse_rejected(rejected: Path | None, quantile: float | None, **outputs: Path | None) -> None:

@@ -137,6 +137,7 @@ def _as_json(name: str, report: OutlierReport) -> dict[str, Any]:
         "complete": report.is_complete,
         "wrong_at_least": len(report.cores),
         "wrong_at_least_over_odometry": len(report.cores_over_odometry),
+        "doubtful_kept": report.doubtful_kept.tolist(),
         "cores": [members.tolist() for members in report.cores],
         "rejected": [
             {

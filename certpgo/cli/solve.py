@@ -31,7 +31,7 @@ from certpgo.cli._options import (
 from certpgo.cli._outputs import Outputs, emit
 from certpgo.cli._reading import Reading, restricted_to, takes_reading
 from certpgo.cli._show import StatusLine, notice, noticing, working
-from certpgo.cli._solved import UNPROVABLE, Solved
+from certpgo.cli._solved import Solved
 from certpgo.cli._truth import KnownPoses, TruthFile, TruthOffset
 from certpgo.errors import InputError
 
@@ -134,9 +134,7 @@ def command(
     _refuse_mixtures(method, settings, certify, robust, time_limit, max_rank, stored)
     if quantile is not None and not robust:
         raise InputError("--quantile needs --robust")
-    refuse_chordal_only(cost, method=method)
-    if robust and proof is not None:
-        raise InputError(UNPROVABLE)
+    refuse_chordal_only(cost, method=method, **{"robust --proof": robust and proof})
     tier = tier_for(proof, tier, cost)
     outputs = Outputs(
         estimate=out, format=format, proof=proof, covariances=covariances, html=html, json=json

@@ -17,27 +17,38 @@ from certpgo.io.gtsam_values import estimate_from_values
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.costs.gtsam import GtsamCost
 from certpgo.objective.information_problem import InformationProblem
+from certpgo.objective.truncated_problem import TruncatedProblem
 
 _BETWEEN = {"BetweenFactorPose2": 2, "BetweenFactorPose3": 3}
+#: The robust noise whose cost is truncated least squares.
+TRUNCATED = "TruncatedLeastSquares"
 _PRIORS = ("PriorFactorPose2", "PriorFactorPose3")
 
 
-def from_gtsam(graph: Any, values: Any) -> tuple[InformationProblem, Estimate]:
+def from_gtsam(graph: Any, values: Any) -> tuple[InformationProblem | TruncatedProblem, Estimate]:
     """The problem of a factor graph's relative poses under GTSAM's own cost, and the estimate.
 
     The cost is twice GTSAM's error. Node k is the k-th key of the values, ascending. One prior on a
     pose fixes the frame at no cost, and is left out; the estimate's cost does not include it.
 
+    A robust noise model is no cost that can be certified. Its factor gets the weight that it has at
+    the values: at an optimum of GTSAM's, that cost is stationary too, but it is another one, as its
+    title says. With truncated least squares, factors that are cut off at the values cost at most
+    what GTSAM says, and the others are kept: the problem is then a `TruncatedProblem`.
+
     Parameters
     ----------
-    graph : a NonlinearFactorGraph of BetweenFactorPose2 or BetweenFactorPose3 with Gaussian noise
+    graph : a NonlinearFactorGraph of BetweenFactorPose2 or BetweenFactorPose3 with Gaussian noise,
+        or with robust noise
     values : a pose for every key of the graph
 
     Raises
     ------
     InputError
-        Another factor, several priors, a robust or constrained noise model, a key without a value,
-        or a value that is no pose.
+        Another factor, several priors, a constrained noise model, a key without a value, or a value
+        that is no pose.
+    GraphError
+        Without factors of weight zero, the others leave poses free.
 
     Examples
     --------
@@ -83,7 +94,34 @@ def from_gtsam(graph: Any, values: Any) -> tuple[InformationProblem, Estimate]:
     poses = np.array([_matrix(factor.measured()) for factor in between])
     information = np.array([_information(factor, d) for factor in between])
     estimate, _ = estimate_from_values(values, keys, d, True, exact=True)
-    return _problem(len(keys), edges, poses, information), estimate
+    problem = _problem(len(keys), edges, poses, information)
+    if not any(_is_robust(factor) for factor in between):
+        return problem, estimate
+    return _as_robust(problem, between, problem.edge_costs(estimate)), estimate
+
+
+def _is_robust(factor: Any) -> bool:
+    return type(factor.noiseModel()).__name__ == "Robust"
+
+
+def _as_robust(
+    problem: InformationProblem, factors: list[Any], costs: FloatArray
+) -> InformationProblem | TruncatedProblem:
+    """The problem with the weights of robust noise for these costs, or with truncated ones."""
+    weights, prices, kernels = np.ones(len(costs)), np.full(len(costs), np.inf), set[str]()
+    for k in (k for k, factor in enumerate(factors) if _is_robust(factor)):
+        kernel, distance = factors[k].noiseModel().robust(), float(np.sqrt(costs[k]))
+        if type(kernel).__name__ != TRUNCATED:
+            weights[k] = kernel.weight(distance)
+            kernels.add(type(kernel).__name__)
+        elif kernel.weight(distance) == 0.0:
+            prices[k] = 2.0 * kernel.loss(distance)
+    if kernels:
+        named = " and ".join(sorted(kernels))
+        cost = GtsamCost(problem.graph, f"with the weights of {named} at the given values")
+        problem = problem.with_cost(cost).reweighted(weights)
+        prices = prices[weights > 0.0]
+    return TruncatedProblem(problem, prices) if np.isfinite(prices).any() else problem
 
 
 def _require_problem(problem: object) -> None:
@@ -166,7 +204,7 @@ def _problem(
 
 def _information(factor: Any, d: int) -> FloatArray:
     """The information of a factor's noise, translation first."""
-    noise = factor.noiseModel()
+    noise = factor.noiseModel().noise() if _is_robust(factor) else factor.noiseModel()
     i, j = factor.keys()
     if not hasattr(noise, "information") or noise.isConstrained():
         kind = type(noise).__name__

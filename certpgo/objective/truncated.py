@@ -15,7 +15,8 @@ matrix of all poses, it is an edge of negative weight.
 
 Where a measurement is rejected at an estimate, f > c there, C is the estimate's own relative pose:
 the edge has no residual and no gradient, and touches min(f, c) if c' = c. Where f < c, C lies
-further out, M + (c / f) (F - M), and W = f / (c - f) D: value and gradient are those of f.
+further out, F + (F - M) D W^-1: value and gradient are those of f, if c' <= c. That is
+M + (c / f) (F - M) for W = f / (c - f) D.
 
 The constants that are used do not rely on these formulas, and are slightly better: for all
 rotations Q and all v, by the nuclear norm |X|_* = max <X, Q> over orthogonal Q.
@@ -30,19 +31,25 @@ from functools import cached_property
 import numpy as np
 
 from certpgo.graph import Graph, PoseGraph
+from certpgo.graph.relaxed_point import Point
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import Ball, sums
 from certpgo.linalg.rotations import rotation_defect
 from certpgo.objective.edge_cost import Minorants
+from certpgo.objective.edge_equations import relative
 
 #: Weights over those of the measurement beyond which an edge has no minorant, as its cost is too
 #: close to its price, and below which a cost under the price counts as zero.
 STEEPEST, FLATTEST = 1e6, 1e-9
+#: Share by which loads of kept measurements are above what has no centre.
+APART = 1e-3
 #: By which weights are raised, so that rounding does not lower the price that is reached.
 RAISED = 1e-13
 EPS = float(np.finfo(float).eps)
+#: Where a price is split, from the least to the largest share of the rotation; None as the cost is.
+SPLITS = (None, *np.linspace(0.0, 1.0, 13).tolist())
 #: Bisections of the logarithm, for the weight that reaches a price.
-BISECTIONS = 40
+BISECTIONS = 32
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +72,16 @@ class Truncation:
     v: FloatArray
     Q: FloatArray
     exact: bool = True
+
+    @staticmethod
+    def at_point(graph: Graph, prices: FloatArray, point: Point, exact: bool = True) -> Truncation:
+        """Those of a graph (k edges) at the relative poses of a point."""
+        if isinstance(graph, PoseGraph):
+            v, Q = relative(graph, point)
+        else:
+            R, (i, j) = point.rotations, graph.edges.T
+            v, Q = np.zeros((len(i), graph.d)), np.swapaxes(R[i], 1, 2) @ R[j]
+        return Truncation(graph, prices, v, Q, exact)
 
     def subset(self, chosen: IntArray) -> Truncation:
         """Some of them."""
@@ -133,6 +150,33 @@ class Truncation:
             low, high = np.where(reached, low, s), np.where(reached, s, high)
         return _inverse(values, half, high), np.where(self.is_far, high, np.inf)
 
+    def splitting(self, resistances: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """As `reaching`, with weights diag(beta_t, beta_R, ...), as proof files have them.
+
+        Of the price c, a share x is that of the rotation's term b, and the rest of the other one a:
+        beta_R = kappa x c / (b - x c). The best of some shares is chosen.
+        """
+        c, p = self.prices, self.moved
+        terms = (self.residuals**2).sum(axis=1) * self.weights
+        a, b = terms[:, :p].sum(axis=1), terms[:, p:].sum(axis=1)
+        low, high = np.maximum(1.0 - a / c, 0.0), np.minimum(b / c, 1.0)
+        best, loads = np.zeros_like(self._diagonal), np.full(len(c), np.inf)
+        for place in SPLITS:
+            x = b / (a + b) if place is None else low + place * (high - low)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                ratio = np.stack([(1.0 - x) * c / (a - (1.0 - x) * c), x * c / (b - x * c)])
+                ratio = np.where(np.stack([x < 1.0, x > 0.0]), ratio, 0.0)
+            known = self.is_far & ((ratio >= 0.0) & (ratio <= STEEPEST)).all(axis=0)
+            ratio = np.where(known, (1.0 + RAISED) * ratio, 0.0)
+            turned = np.repeat(ratio[1:].T, self.graph.d, axis=1)
+            W = self.weights * np.concatenate([ratio[:p].T, turned], axis=1)
+            root = np.sqrt(W)
+            load = np.linalg.eigvalsh(root[:, :, None] * resistances * root[:, None, :])[:, -1]
+            better = known & (load < loads)
+            loads = np.where(better, load, loads)
+            best[better] = (W[:, :, None] * np.eye(W.shape[1]))[better]
+        return best, loads
+
     def loaded(self, resistances: FloatArray, load: float) -> tuple[FloatArray, FloatArray]:
         """The largest weights of a load, and the values (k,) that their minorants have, uncut.
 
@@ -150,14 +194,47 @@ class Truncation:
         half = root[:, :, None] * U
         return values, ((self.residuals @ half) ** 2).sum(axis=1), half
 
+    def dropping(self, resistances: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """As `reaching`, of kept measurements, whose resistances are those of S with them.
+
+        W = s G^-1 - D replaces D, so that s is the load, for the least s with c' <= c. Infinite
+        loads where the cost is more than the price.
+        """
+        values, squares, half = self._modes(resistances)
+        values = np.maximum(values, FLATTEST)
+        least = (1.0 + APART) * values[:, -1]
+        low, high = least, np.full(len(squares), 1e15)
+        for _ in range(BISECTIONS):
+            s = np.sqrt(low * high)
+            needed = (squares * s[:, None] / (s[:, None] - values)).sum(axis=1)
+            low, high = (
+                np.where(needed > self.prices, s, low),
+                np.where(needed > self.prices, high, s),
+            )
+        W = (half * (high[:, None] / values - 1.0)[:, None, :]) @ np.swapaxes(half, 1, 2)
+        return W, np.where(self.is_far, np.inf, high)
+
+    def centres(self, W: FloatArray) -> FloatArray:
+        """(k, d, b) C for weights W (k, b, b)."""
+        near = W.any(axis=(1, 2)) & ~self.is_far
+        C = self.residuals.copy()
+        C[near] += (self.residuals * self.weights[:, None, :])[near] @ np.linalg.pinv(W[near])
+        C[:, :, self.moved :] += self.graph.rotation.rotations
+        if self.moved:
+            C[:, :, 0] += self.translations
+        return C
+
     def minorants(self, W: FloatArray) -> Minorants:
         """The minorants with these weights (k, b, b); zero where they are zero.
 
         Their constants are rounded down for exactly the other doubles.
         """
-        used = W.any(axis=(1, 2))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            out = np.where(used & ~self.is_far, self.prices / self.costs, 1.0)
+        used = np.asarray(W.any(axis=(1, 2)))
+        if not used.any():
+            return self.nothing
+        if not used.all():
+            return self.nothing.replaced(used, self.subset(np.flatnonzero(used)).minorants(W[used]))
+        C = self.centres(W)
         tau, arms = np.zeros(len(W)), np.zeros_like(self.v)
         if self.moved:
             tau = W[:, 0, 0]
@@ -165,14 +242,16 @@ class Truncation:
             if isinstance(self.graph, PoseGraph) and self.graph.arms is not None:
                 arms = _added_exactly(arms, self.graph.arms)
         K = W[:, self.moved :, self.moved :] - tau[:, None, None] * _outer(arms, arms)
-        Z = self.graph.rotation.rotations + out[:, None, None] * (
-            self.Q - self.graph.rotation.rotations
-        )
-        z = self.translations + out[:, None] * (self.v - self.translations)
-        b = z + (Z @ arms[:, :, None])[:, :, 0]
+        Z = C[:, :, self.moved :]
+        b = C[:, :, 0] * self.moved + (Z @ arms[:, :, None])[:, :, 0]
         N = -Z @ K
-        constant = np.where(used, self._constants(tau, arms, b, N), 0.0)
-        return Minorants(-tau, arms, b, N, constant)
+        return Minorants(-tau, arms, b, N, self._constants(tau, arms, b, N))
+
+    @property
+    def nothing(self) -> Minorants:
+        """Minorants that are zero."""
+        none = np.zeros(len(self.prices))
+        return Minorants(none, 0.0 * self.v, 0.0 * self.v, 0.0 * self.Q, none)
 
     def _constants(
         self, tau: FloatArray, a: FloatArray, b: FloatArray, N: FloatArray

@@ -21,13 +21,15 @@ from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_floats
 from certpgo.linalg.ball_arithmetic import U
 from certpgo.objective.chi_squared import flagged_from, quantiles
 from certpgo.objective.edge_cost import Minorants
-from certpgo.objective.edge_equations import relative
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.marginalized import isotropic_below
 from certpgo.objective.problem import PoseProblem, Problem, RotationProblem
 from certpgo.objective.rotation_problem import RotationsOfPoses
 from certpgo.objective.signed_weights import SignedGraph, SignedProblem
 from certpgo.objective.truncated import Truncation, untruncated
+
+#: Relative difference of costs that are computed in two ways.
+SAME = 1e-12
 
 
 class UncertifiableError(InputError):
@@ -187,8 +189,8 @@ class TruncatedProblem(Brief):
         return TruncatedProblem(self.whole.scaled(factor), factor * self.prices)
 
     def with_prices_of(self, point: Estimate) -> TruncatedProblem:
-        """The problem with the costs at a point as prices: nothing is cut off there."""
-        costs = np.maximum(self.terms(point), np.finfo(float).tiny)
+        """The problem with the costs at a point as prices: hardly anything is cut off there."""
+        costs = np.maximum((1.0 - SAME) * self.terms(point), np.finfo(float).tiny)
         return TruncatedProblem(self.whole, np.where(self.is_rejected, costs, np.inf))
 
     def check(self, estimate: Estimate) -> None:
@@ -230,17 +232,19 @@ class TruncatedProblem(Brief):
 
     def truncation(self, point: Point) -> Truncation:
         """The rejected measurements at the relative poses of a point."""
-        rejected, prices = self.below, self.prices[self.is_rejected]
-        if isinstance(rejected, PoseGraph):
-            v, Q = relative(rejected, point)
-        else:
-            R, (i, j) = point.rotations, rejected.edges.T
-            v, Q = np.zeros((len(i), self.d)), np.swapaxes(R[i], 1, 2) @ R[j]
-        return Truncation(rejected, prices, v, Q, self.whole.is_chordal)
+        prices = self.prices[self.is_rejected]
+        return Truncation.at_point(self.below, prices, point, self.whole.is_chordal)
 
-    def minorants(self, point: Point, W: FloatArray | None = None) -> Minorants:
-        """Minorants of the terms of all measurements, see `surrogate`."""
-        at = self.truncation(point)
+    def minorants(
+        self, point: Point, W: FloatArray | None = None, at: Truncation | None = None
+    ) -> Minorants:
+        """Minorants of the terms of all measurements, see `surrogate`.
+
+        Parameters
+        ----------
+        at : the truncation at the point, if it is known
+        """
+        at = self.truncation(point) if at is None else at
         negative = at.minorants(at.plain() if W is None else W)
         return self._untruncated(point).replaced(self.is_rejected, negative)
 
@@ -268,12 +272,17 @@ class TruncatedProblem(Brief):
     def _untruncated(self, point: Point) -> Minorants:
         """Minorants of the measurements' costs that touch at a point, zero where there are none."""
         if not isinstance(self.whole, InformationProblem):
-            return untruncated(self.whole.graph)
+            return self._exact_terms
         found = self.whole.edge_cost.minorants(*self.whole.relative(point))
         missing = ~found.exist
         nothing = replace(found.subset(missing), tau=np.zeros(int(missing.sum())))
         none = replace(nothing, N=0.0 * nothing.b[:, :, None] * nothing.b[:, None, :])
         return found.replaced(missing, replace(none, constant=0.0 * none.tau))
+
+    @cached_property
+    def _exact_terms(self) -> Minorants:
+        """The terms of F as minorants, wherever they touch."""
+        return untruncated(self.graph)
 
     @cached_property
     def _general(self) -> Problem:

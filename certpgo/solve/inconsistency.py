@@ -18,6 +18,7 @@ from scipy import special
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
+from certpgo.certify.leave_one_out import worth_keeping
 from certpgo.certify.rises import rises
 from certpgo.certify.tolerances import ATOL, RTOL
 from certpgo.certify.truncated_case import TruncatedCase
@@ -57,6 +58,14 @@ def proven_rises(problem: TruncatedProblem, estimate: Estimate, stop: Stop) -> F
     """(k,) by how much F rises at least if a rejected measurement is taken back, in units of F."""
     case = replace(TruncatedCase.of(problem, "standard", RTOL, ATOL), stop=stop)
     return np.asarray(case.unit * rises(case, estimate))
+
+
+def proven_worth(
+    problem: TruncatedProblem, estimate: Estimate, prices: FloatArray, stop: Stop
+) -> BoolArray:
+    """(m,) which kept measurements cost more if they are left out, each for its price, proven."""
+    case = replace(TruncatedCase.of(problem, "standard", RTOL, ATOL), stop=stop)
+    return worth_keeping(case, estimate, prices / case.unit)
 
 
 def odometry(graph: Graph) -> BoolArray:

@@ -22,10 +22,14 @@ from certpgo.solve.inconsistency import (
     cores,
     odometry,
     proven_rises,
+    proven_worth,
     rises_over,
 )
 from certpgo.solve.rejection import Rejection
 from certpgo.solve.result import CertifiedSolution
+
+#: Kept measurements that a sentence names.
+SHOWN = 8
 
 
 @dataclass(frozen=True)
@@ -82,6 +86,8 @@ class OutlierReport(Brief):
     edges : those of lowest rise first
     cores : sets of measurements, by index, of which no two share one and none is right as a whole
     cores_over_odometry : the same, where they may share measurements from each node to the next
+    doubtful_kept : (k,) kept measurements, by index, of which it is not proven that leaving any
+        single one out, for a price of the same quantile, costs more, whatever else changes
     level : probability that right measurements are called wrong
     is_complete : whether the proofs were not stopped; else what is not proven may be provable
     """
@@ -90,6 +96,7 @@ class OutlierReport(Brief):
     edges: tuple[RejectedEdge, ...]
     cores: tuple[IntArray, ...]
     cores_over_odometry: tuple[IntArray, ...]
+    doubtful_kept: IntArray
     level: float
     is_complete: bool = True
 
@@ -106,6 +113,13 @@ class OutlierReport(Brief):
         yield "wrong at least", wrong
         odometry = len(self.cores_over_odometry)
         yield "", f"{odometry}, if those from each node to the next are right"
+        kept = int((~self.rejection.problem.is_rejected).sum())
+        of_kept = f"{kept - len(self.doubtful_kept)} of {kept} kept ones"
+        yield "worth keeping", f"{of_kept}: leaving any single one of them out costs more, proven"
+        if len(self.doubtful_kept):
+            names = ", ".join(map(str, self.doubtful_kept[:SHOWN].tolist()))
+            more = ", ..." if len(self.doubtful_kept) > SHOWN else ""
+            yield "", f"not proven of edges {names}{more}"
         noise = self.rejection.noise
         yield "level", f"{self.level:.3g}: probability that {noise} refutes a right one"
 
@@ -159,6 +173,7 @@ def outlier_report(
         over = rises_over(problem, trusted & kept, rejected, stop)
         sets = cores(problem, kept, rejected, budget, stop)
         shared = cores(problem, kept, rejected, budget, stop, trusted & kept)
+        worth = proven_worth(found.problem, found.certificate.best, found.prices_of_all, stop)
     core = {int(e): number for number, members in enumerate(sets) for e in members[-1:]}
     angles = problem.residual_angles(found.estimate)
     lengths = problem.residual_lengths(found.estimate)
@@ -186,7 +201,8 @@ def outlier_report(
     ]
     ordered = tuple(sorted(edges, key=lambda edge: edge.rise))
     complete = stop.ended_by is None
-    return OutlierReport(found, ordered, tuple(sets), tuple(shared), level, complete)
+    of_kept = np.flatnonzero(kept & ~worth)
+    return OutlierReport(found, ordered, tuple(sets), tuple(shared), of_kept, level, complete)
 
 
 def write_report(path: Path, edges: Sequence[RejectedEdge]) -> None:

@@ -14,7 +14,7 @@ from certpgo.graph import Estimate
 from certpgo.graph.display import Brief
 from certpgo.graph.phrases import bound_shown, cost_shown, counted
 from certpgo.linalg.arrays import FloatArray, IntArray
-from certpgo.objective.chi_squared import flagged_from
+from certpgo.objective.chi_squared import flagged_from, quantiles
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import Problem
 from certpgo.objective.truncated_problem import TruncatedProblem, rejecting
@@ -52,6 +52,11 @@ class Rejection(Brief):
     def prices(self) -> FloatArray:
         """(k,) their prices c_e, in units of F."""
         return self.problem.prices[self.edges]
+
+    @property
+    def prices_of_all(self) -> FloatArray:
+        """(m,) what leaving any measurement out costs, by the same quantile."""
+        return self.scale**2 * quantiles(self.problem.whole, self.quantile)
 
     @property
     def ambiguous(self) -> IntArray:

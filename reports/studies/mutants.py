@@ -56,7 +56,11 @@ TESTS = {
     ),
     "certpgo/certify/bridge_blocks.py": ("certify/test_parts*",),
     "certpgo/certify/proof.py": ("certify/test_proof*", "test_checker*"),
-    "certpgo/certify/proof_file.py": ("certify/test_proof*", "test_checker*"),
+    "certpgo/certify/proof_file.py": (
+        "certify/test_proof*",
+        "certify/test_rejection_proof*",
+        "test_checker*",
+    ),
     "certpgo/certify/residual.py": ("certify/test_residual*",),
     "certpgo/objective/enclosure.py": (
         "certify/test_rounding*",
@@ -65,8 +69,13 @@ TESTS = {
     ),
     "certpgo/certify/multipliers.py": ("certify/test_shifted*", "certify/test_dual*"),
     "certpgo/certify/units.py": ("certify/test_extremes*",),
-    "certpgo/integer_checker.py": ("test_integer_checker*",),
-    "certpgo/checker.py": ("test_checker*", "certify/test_proof*", "certify/test_cost_proof*"),
+    "certpgo/integer_checker.py": ("test_integer_checker*", "certify/test_rejection_proof*"),
+    "certpgo/checker.py": (
+        "test_checker*",
+        "certify/test_proof*",
+        "certify/test_cost_proof*",
+        "certify/test_rejection_proof*",
+    ),
 }
 #: Share of the mutants that may survive, of those that are not equivalent.
 ALLOWED = 0.05

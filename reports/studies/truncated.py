@@ -7,21 +7,44 @@ to so many doubtful measurements, a third of which are right and the others wron
 between a hundredth and three radians and metres. The price is between 3 and 60. For every choice
 of doubtful measurements, the graph of the others and these is solved. A bound is false if it is
 above the lowest cost found, CERTIFIED if another choice costs less than the tolerance allows, a
-rise if taking the measurement back costs less, and a refutation if the measurement is right.
-Printed as CSV: per kind of graph, the verdicts and what was false.
+rise if taking the measurement back costs less, and a refutation if the measurement is right. That
+a kept measurement is worth keeping, proven, is false if some choice without it costs less; of each
+graph, so many proven ones are tried.
+Proof files are written, checked by both checkers, and damaged in what they say of rejected
+measurements: one is false if a checker accepts it and its bound is above the lowest cost found for
+the prices that it states. Printed as CSV: per kind of graph, the verdicts and what was false.
 """
 
 import argparse
 import itertools
 import math
+import tempfile
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from certpgo import PoseGraph, RotationGraph, certify, solve
+from certpgo import (
+    Estimate,
+    NumericalError,
+    PoseGraph,
+    RotationGraph,
+    certify,
+    checker,
+    integer_checker,
+    read,
+    solve,
+    write,
+    write_proof,
+)
+from certpgo.certify import Certificate
+from certpgo.certify.leave_one_out import worth_keeping
+from certpgo.certify.tolerances import ATOL, RTOL
+from certpgo.certify.truncated_case import TruncatedCase
+from certpgo.errors import GraphError
 from certpgo.linalg import rotations as so
-from certpgo.linalg.arrays import BoolArray
+from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.objective.problem import problem_of
 from certpgo.objective.truncated_problem import TruncatedProblem
 from certpgo.optimize.progress import Stop
@@ -30,6 +53,8 @@ from reports.studies._printing import print_table
 
 #: Relative rounding of costs that are compared.
 SAME = 1e-9
+#: Damaged copies of each proof, and kept measurements that are left out.
+DAMAGED, LEFT_OUT = 8, 3
 
 
 def random_graph(
@@ -71,11 +96,13 @@ def examined(seed: int, most: int) -> tuple[str, Counter[str]]:
     certificate = certify(problem, kept.estimate)
     rises = proven_rises(problem, kept.estimate, Stop())
     best, single = math.inf, np.full(int(doubtful.sum()), math.inf)
+    costs: list[tuple[tuple[float, ...], float]] = []
     for choice in itertools.product((0.0, 1.0), repeat=len(single)):
         factors = np.ones(len(doubtful))
         factors[doubtful] = choice
         cost = solve(graph.reweighted(factors), initial=kept.estimate, time_limit=5.0).cost
         best = min(best, cost + price * choice.count(0.0))
+        costs.append((choice, cost))
         if sum(choice) == 1.0:
             single[choice.index(1.0)] = cost
     found = Counter({certificate.verdict.value: 1, "graphs": 1, "rises": len(rises)})
@@ -85,9 +112,86 @@ def examined(seed: int, most: int) -> tuple[str, Counter[str]]:
     found["false CERTIFIED"] += certificate.verdict.value == "CERTIFIED" and claimed
     found["false rises"] += int((rises > single - kept.certificate.lower_bound + room).sum())
     refuted = rises > budgets(whole)[doubtful]
+    for prices, lower, is_damaged in proofs(graph, problem, certificate, rng):
+        lowest = min(cost + prices @ (1.0 - np.array(choice)) for choice, cost in costs)
+        found["damaged accepted" if is_damaged else "proofs"] += 1
+        found["false proofs"] += lower > lowest * (1.0 + SAME)
+    case = TruncatedCase.of(problem, "standard", RTOL, ATOL)
+    prices_of_all = np.full(len(doubtful), price)
+    worth = worth_keeping(case, certificate.refined, prices_of_all / case.unit)
+    found["worth keeping"] += int(worth.sum())
+    for e in rng.permutation(np.flatnonzero(worth))[:LEFT_OUT].tolist():
+        lowest = min(
+            _cost(graph, np.where(doubtful, choice, np.arange(len(doubtful)) != e), kept.estimate)
+            + price * (doubtful & ~choice).sum()
+            for choice in _choices(doubtful)
+        )
+        allowed = certificate.refined_cost - certificate.tolerance - room
+        found["false keeping"] += lowest + price < allowed
     found["refuted"] += int(refuted.sum())
     found["right refuted"] += int((refuted & ~wrong[doubtful]).sum())
     return f"{'poses' if poses else 'rotations'} {d}D", found
+
+
+def _choices(doubtful: BoolArray) -> Iterator[BoolArray]:
+    for choice in itertools.product((False, True), repeat=int(doubtful.sum())):
+        whole = np.zeros_like(doubtful)
+        whole[doubtful] = choice
+        yield whole
+
+
+def _cost(graph: PoseGraph | RotationGraph, taken: BoolArray, start: Estimate) -> float:
+    """F of some measurements at its optimum; of the part that they determine, if not all."""
+    try:
+        return solve(graph.reweighted(1.0 * taken), initial=start, time_limit=5.0).cost
+    except GraphError:
+        return math.inf
+
+
+def proofs(
+    graph: PoseGraph | RotationGraph,
+    problem: TruncatedProblem,
+    certificate: Certificate,
+    rng: np.random.Generator,
+) -> Iterator[tuple[FloatArray, float, bool]]:
+    """Prices and lower bounds of proofs that a checker accepts, and whether they were damaged."""
+    with tempfile.TemporaryDirectory() as folder:
+        source, proof = Path(folder) / "graph.g2o", Path(folder) / "proof"
+        write(source, graph)
+        instance = read(source, quiet=True)
+        try:
+            write_proof(
+                proof, source, instance, certificate.refined, certificate, prices=problem.prices
+            )
+        except NumericalError:
+            return
+        with np.load(proof) as archive:
+            arrays = dict(archive)
+        rows = arrays["rejections"]
+        for k in range(DAMAGED + 1):
+            if k > 0:
+                arrays["rejections"] = _damaged(rows, rng)
+                np.savez(proof.open("wb"), **arrays)
+            for check in (checker.check, integer_checker.check):
+                try:
+                    lower = float(check(source, proof).lower)
+                except (
+                    checker.Refused,
+                    checker.Unreadable,
+                    integer_checker.Refused,
+                    integer_checker.Unreadable,
+                ):
+                    continue
+                yield arrays["rejections"][:, 0], lower, k > 0
+
+
+def _damaged(rows: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Rows with a column, or a number, that is more or less by a factor or by itself."""
+    found = rows.copy()
+    place = (rng.integers(len(rows)), rng.integers(rows.shape[1]))
+    chosen = place if rng.integers(2) else (slice(None), place[1])
+    found[chosen] *= 1.0 + rng.choice([-2.0, -1.0, 1.0]) * 10.0 ** rng.uniform(-16.0, 1.0)
+    return found
 
 
 def main() -> None:
@@ -103,8 +207,9 @@ def main() -> None:
         kind, found = examined(seed, asked.doubtful)
         kinds.setdefault(kind, Counter()).update(found)
     verdicts = ("CERTIFIED", "BOUNDED", "REFUTED", "UNDECIDED")
-    false = ("false bounds", "false CERTIFIED", "false rises", "right refuted")
-    columns = ("graphs", *verdicts, "rises", "refuted", *false)
+    false = ("false bounds", "false CERTIFIED", "false rises", "right refuted", "false proofs")
+    found = ("rises", "refuted", "worth keeping", "proofs", "damaged accepted")
+    columns = ("graphs", *verdicts, *found, *false, "false keeping")
     table = [{"kind": kind, **{c: kinds[kind][c] for c in columns}} for kind in sorted(kinds)]
     print_table(table, asked.out)
 

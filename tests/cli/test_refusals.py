@@ -155,7 +155,10 @@ def test_frames_are_not_read_for_outputs_of_no_format(certpgo, option):
         (("--method", "eigen_ma", "--no-file-start"), "cannot be combined with --method"),
         (("--robust", "--no-file-start"), "cannot be combined with --method or --robust"),
         (("--method", "eigen_ma", "--initial", "square.g2o"), "eigen_ma takes no initial estimate"),
-        (("--robust", "--proof", "out.cert"), "not about those that a robust method keeps"),
+        (
+            ("--robust", "--cost", "g2o", "--proof", "out.cert"),
+            "--robust --proof is for --cost chord",
+        ),
         (("--kappa", "-1"), "kappa"),
         (("--unit-weights", "--tau", "2"), "unit weights"),
         (("-o", "out.docx"), "out.docx"),

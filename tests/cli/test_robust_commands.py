@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from certpgo import Disagreement, certify
+from certpgo import Disagreement, PoseGraph, RotationGraph, certify
 from certpgo.io import write
 from certpgo.io.datasets import thesis
-from certpgo.io.datasets.synthetic import winding_cycle
+from certpgo.io.datasets.synthetic import helix, winding_cycle
 from certpgo.solve.accuracy_wording import disagreeing
 
 
@@ -144,6 +144,49 @@ def test_rejections_are_listed_written_and_certified_again(certpgo, wrong, tmp_p
     assert again["verdict"] == "CERTIFIED"
     assert again["objective"] == "truncated cost"
     assert again["lower_bound"] == pytest.approx(report["lower_bound"])
+
+
+@pytest.mark.parametrize("cost", ["g2o", "gtsam"])
+def test_rejections_are_certified_again_under_other_costs(certpgo, tmp_path, cost):
+    graph, found = tmp_path / "doubtful.g2o", tmp_path / "found.g2o"
+    instance = helix(12, np.random.default_rng(2))
+    wrong = pose_graph_with_a_wrong_loop(instance.graph)
+    write(graph, wrong)
+    csv = tmp_path / "rejected.csv"
+    csv.write_text(f"edge,i,j,price\n{wrong.num_edges - 1},2,8,25.0\n")
+    certpgo("solve", graph, "--robust", "--cost", cost, "-o", found)
+    done = certpgo("certify", graph, found, "--rejected", csv, "--cost", cost)
+    assert done.code == 0
+    assert "neither taking the rejected measurement back" in flat(done.out)
+    assert "are of F" in flat(done.err)
+    refused = certpgo("certify", graph, found, "--rejected", csv, "--cost", cost, "--proof", "x")
+    assert refused.code == 1
+    assert "--rejected --proof is for --cost chordal" in flat(refused.err)
+
+
+def pose_graph_with_a_wrong_loop(graph):
+    """The graph three times, and one more edge from node 2 to 8 that is wrong."""
+    edges = np.concatenate([np.tile(graph.edges, (3, 1)), [[2, 8]]])
+    R = np.concatenate([np.tile(graph.rotation.rotations, (3, 1, 1)), np.diag([-1.0, -1, 1])[None]])
+    t = np.concatenate([np.tile(graph.translations, (3, 1)), [[9.0, 9.0, 9.0]]])
+    kappa, tau = (np.r_[np.tile(w, 3), np.median(w)] for w in (graph.rotation.kappa, graph.tau))
+    return PoseGraph(RotationGraph(graph.num_nodes, edges, R, kappa), t, tau)
+
+
+def test_rejections_have_a_proof_that_both_checkers_accept(certpgo, wrong, tmp_path):
+    csv, estimate, proof = tmp_path / "rejected.csv", tmp_path / "estimate.g2o", tmp_path / "p.cert"
+    done = certpgo("solve", wrong, "--robust", "-o", estimate, "--proof", proof)
+    assert done.code == 0
+    assert "truncated: 40 rejected ones cost" in flat(done.out)
+    for exact in ((), ("--exact",)):
+        assert "PROVED" in certpgo("check", wrong, proof, *exact).out
+    certpgo("outliers", wrong, "--csv", csv)
+    again = tmp_path / "again.cert"
+    done = certpgo("certify", wrong, estimate, "--rejected", csv, "--proof", again)
+    assert done.code == 0
+    first, second = (certpgo("check", wrong, one).out.splitlines() for one in (proof, again))
+    assert first[1] == second[1]  # what the cost is
+    assert first[0][:40] == second[0][:40]  # and its first digits
 
 
 @pytest.mark.parametrize(
