@@ -96,7 +96,7 @@ def test_landmarks_of_a_file_come_with_the_poses_that_see_them(certpgo, tmp_path
 
 
 def test_the_map_is_shown_as_it_grows(certpgo, lines, monkeypatch):
-    pytest.importorskip("viser", reason="viser is not installed: pip install 'certpgo[view]'")
+    pytest.importorskip("viser", reason="viser is not installed")
     scenes = []
 
     class Drawn:

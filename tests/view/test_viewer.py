@@ -15,7 +15,7 @@ from certpgo.io.surfaces import Surface
 from certpgo.view import viewer
 from certpgo.view.load_scene import scene_of
 
-pytest.importorskip("viser", reason="viser is not installed: pip install 'certpgo[view]'")
+pytest.importorskip("viser", reason="viser is not installed")
 import trimesh
 
 
