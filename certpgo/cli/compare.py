@@ -59,7 +59,7 @@ def command(
     ] = None,
     cost: CostOption = None,
     out: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="Folder for the results.")
+        Path, typer.Option("-o", "--out", metavar="DIR", help="Folder for the results.")
     ] = Path("compare-results"),
     quick: Annotated[bool, typer.Option("--quick", help="Only small graphs.")] = False,
     phases: Annotated[

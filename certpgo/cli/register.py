@@ -33,7 +33,10 @@ def command(
         list[Path], typer.Argument(metavar="SCANS...", help="Point clouds: PLY, PCD or XYZ files.")
     ],
     out: Annotated[
-        Path, typer.Option("-o", "--out", help="Write all points to this PLY file, in one frame.")
+        Path,
+        typer.Option(
+            "-o", "--out", metavar="OUT", help="Write all points to this PLY file, in one frame."
+        ),
     ],
     initial: Annotated[
         Path | None,

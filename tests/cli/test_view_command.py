@@ -70,7 +70,7 @@ def test_files_are_told_apart_by_what_they_hold(certpgo, square, tmp_path, monke
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("{graph}", "--play"), "--play is for -o"),
+        (("{graph}", "--play"), "--play is for pages"),
         (("{graph}", "-o", "{graph}"), "lost|overwritten"),
         (("{graph}", "{graph}.x"), "no such file"),
         (("{text}",), "text.txt: no known format"),
