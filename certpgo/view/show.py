@@ -42,7 +42,7 @@ def form_of(path: str | Path, *, play: bool = False) -> str:
     return form
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class View:
     """A scene to look at: it shows itself in a notebook, as a file, or live.
 
@@ -93,6 +93,9 @@ class View:
         """
         with live(self.scene, dark=self.dark, colour=self.colour, host=host, port=port) as address:
             yield address
+
+    def __repr__(self) -> str:
+        return f"<View: {self.scene.name}; .save(path) writes a page or picture, .serve() is live>"
 
     def _repr_html_(self) -> str:
         page = html.escape(offline(self.scene, dark=self.dark, colour=self.colour))

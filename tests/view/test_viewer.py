@@ -177,7 +177,7 @@ def test_a_view_shows_itself_in_a_notebook_and_is_served(answered):
 
 def test_without_viser_the_extra_is_named(answered, monkeypatch):
     monkeypatch.setitem(sys.modules, "viser", None)
-    with pytest.raises(MissingDependency, match=r"pip install 'certpgo\[view\]'"):
+    with pytest.raises(MissingDependency, match=r"pip install 'trimesh.*' 'viser"):
         viewer.offline(answered[1])
 
 
