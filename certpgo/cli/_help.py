@@ -19,7 +19,7 @@ _ORDER = ("Arguments", "Options", SEARCH, JUDGING, MATCHING, READING)
 
 #: The commands by what they are for, most used first; a file that is not named here comes last.
 GROUPS = {
-    "Solve and certify": ("solve", "certify", "check", "bounds", "follow"),
+    "Solve and certify": ("solve", "certify", "check", "prove", "bounds", "follow"),
     "From images and scans": ("reconstruct", "register"),
     "Look and convert": ("info", "view", "convert"),
     "Outliers, maps and loop closures": ("outliers", "merge", "sparsify", "suggest"),

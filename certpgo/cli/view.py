@@ -59,11 +59,26 @@ def command(
     robust: Annotated[
         bool, typer.Option("--robust", help="Solve it robustly, and show what is rejected.")
     ] = False,
+    rejected: Annotated[
+        Path | None,
+        typer.Option(
+            "--rejected",
+            metavar="CSV",
+            help="Draw these measurements as rejected, as certpgo outliers writes them.",
+        ),
+    ] = None,
     colour: Annotated[
         Colour | None,
         typer.Option("--colour", help="Residuals or weights that colour edges."),
     ] = None,
-    dark: Annotated[bool, typer.Option("--dark", help="Draw on a dark background.")] = False,
+    dark: Annotated[
+        bool | None,
+        typer.Option(
+            "--dark/--light",
+            show_default="pages as the reader's system is, else light",
+            help="Draw on a dark or a light background.",
+        ),
+    ] = None,
     play: Annotated[
         bool, typer.Option("--play", help="In the page, walk along the trajectory.")
     ] = False,
@@ -97,7 +112,7 @@ def command(
     outputs, reading = Outputs(scene=out, html=html), Reading(data=data)
     outputs.refuse()
     sources = [reading.resolve(name) for name in files]
-    outputs.refuse_overwriting(*sources, truth, file_of_times(timestamps))
+    outputs.refuse_overwriting(*sources, truth, file_of_times(timestamps), rejected)
     if play and not outputs.files:
         raise InputError("--play is for pages; the live view has a box to play")
     matching = {
@@ -106,7 +121,7 @@ def command(
         "max_difference": max_difference,
         "truth_offset": truth_offset,
     }
-    scene = _scene(sources, matching, solve=solve, robust=robust)
+    scene = _scene(sources, matching, rejected, solve=solve, robust=robust)
     view = View(scene, dark, None if colour is None else colour.value.replace("-", " "))
     if outputs.files:
         for path in outputs.files:
@@ -129,16 +144,29 @@ def _kept(answer: CertifiedSolution) -> str:
     return f" of {kept} measurements kept, {rejected} rejected" if rejected else ""
 
 
-def _scene(sources: list[Source], matching: dict[str, Any], *, solve: bool, robust: bool) -> Scene:
+def _scene(
+    sources: list[Source],
+    matching: dict[str, Any],
+    rejected: Path | None,
+    *,
+    solve: bool,
+    robust: bool,
+) -> Scene:
     """The scene of the files, with an answer if one is asked for."""
     import certpgo
+    from certpgo.io.rejections import read_rejected
     from certpgo.view.load_scene import scene_of
 
-    if not (solve or robust):
-        with noticing():
-            return scene_of(*sources, **matching)
+    if robust and rejected is not None:
+        raise InputError("--robust chooses what is rejected: not with --rejected")
     with noticing():
+        if not (solve or robust or rejected is not None):
+            return scene_of(*sources, **matching)
         instance = sources[0].graph(quiet=True)
+        if rejected is not None:
+            matching |= {"rejected": read_rejected(rejected, instance)[0]}
+        if not (solve or robust):
+            return scene_of(instance, *sources[1:], **matching)
         with working(f"solving {instance.name}"):
             answer = certpgo.solve_robustly(instance.graph) if robust else certpgo.solve(instance)
         notice(f"{instance.name}: {answer.certificate.in_brief}{_kept(answer)}")
