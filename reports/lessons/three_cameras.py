@@ -36,7 +36,7 @@ for k, at in enumerate(corners):
         turn = np.radians(-40.0 * k)
         turned = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ axis
         ax.annotate("", at + 0.45 * turned, at, arrowprops={"arrowstyle": "-|>", "color": ink})
-    ax.text(*(at - (0.0, 0.25)), f"camera {k}", ha="center")
+    ax.text(*(at - (0.55 if k == 2 else 0.0, 0.25 * (k < 2))), f"camera {k}", ha="center")
 ax.set(xlim=(-0.6, 2.6), ylim=(-0.5, 2.4), aspect="equal")
 ax.set_axis_off()
 
