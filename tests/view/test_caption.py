@@ -10,6 +10,7 @@ import certpgo
 from certpgo.io.datasets import synthetic
 from certpgo.view.caption import legend, overlay
 from certpgo.view.load_scene import scene_of
+from certpgo.view.show import View
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +49,7 @@ def test_dark_follows_the_system_unless_it_is_said(answered):
 def test_a_page_has_it_and_follows_the_system(answered):
     pytest.importorskip("viser", reason="viser is not installed")
     _, scene = answered
-    pages = {dark: certpgo.view.show.View(scene, dark) for dark in (None, False)}
+    pages = {dark: View(scene, dark) for dark in (None, False)}
     text = {dark: view._repr_html_() for dark, view in pages.items()}
     for page in text.values():
         assert page.count(html.escape('<div id="caption">')) == 1
