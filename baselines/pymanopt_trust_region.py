@@ -93,7 +93,7 @@ def library() -> Any:
     try:
         import pymanopt
     except ImportError:
-        raise MissingDependency("pymanopt", "test") from None
+        raise MissingDependency("pymanopt", "test", package="pymanopt") from None
     return pymanopt
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import difflib
+import re
+import sys
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -26,6 +28,30 @@ def kind_of(thing: object) -> str:
     """The name of an object's type with its article, for messages."""
     name = type(thing).__name__
     return f"{'an' if name[:1].upper() in 'AEIO' else 'a'} {name}"
+
+
+def how_to_install(extra: str, package: str = "") -> str:
+    """The command that installs the packages of an extra, or one of them, by their own names.
+
+    These are on the package index; certpgo itself may have come from a checkout or a wheel.
+    """
+    from importlib import metadata
+
+    try:
+        lines = metadata.requires("certpgo") or []
+    except metadata.PackageNotFoundError:
+        lines = []
+    wanted = []
+    for line in lines:
+        requirement, _, condition = (part.strip() for part in line.partition(";"))
+        name = re.split(r"[<>=!~\[ ]", requirement)[0]
+        if f'extra == "{extra}"' not in condition or name == "certpgo":
+            continue
+        if package in ("", name):
+            if f'sys_platform != "{sys.platform}"' in condition:
+                return f"there is no wheel of {name} for {sys.platform}"
+            wanted.append(f"'{requirement}'")
+    return " ".join(["pip install", *(wanted or [package or f"'certpgo[{extra}]'"])])
 
 
 class CertPGOError(Exception):
@@ -136,20 +162,20 @@ class MissingDependency(CertPGOError, ImportError):  # noqa: N818 - the conditio
     Parameters
     ----------
     what : the package or the feature that needs it
-    extra : extra of this package that installs it, e.g. ``"baselines"``
-    package : package to install if no extra includes it
+    extra : extra of this package that includes it, e.g. ``"baselines"``
+    package : the package to install, if not all of the extra, or if no extra includes it
+    remedy : what to do, where that is not ``pip install``
 
     Examples
     --------
     >>> from certpgo import MissingDependency
-    >>> print(MissingDependency("gtsam", "baselines"))
-    gtsam is not installed: pip install 'certpgo[baselines]'
+    >>> print(MissingDependency("Ray", package="ray"))
+    Ray is not installed: pip install ray
     """
 
-    def __init__(self, what: str, extra: str = "", *, package: str = "") -> None:
+    def __init__(self, what: str, extra: str = "", *, package: str = "", remedy: str = "") -> None:
         self.extra = extra
-        requirement = package or f"'certpgo[{extra}]'"
-        super().__init__(f"{what} is not installed: pip install {requirement}")
+        super().__init__(f"{what} is not installed: {remedy or how_to_install(extra, package)}")
 
 
 class SpecError(CertPGOError, LookupError):

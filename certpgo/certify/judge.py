@@ -20,6 +20,7 @@ from certpgo.linalg.arrays import IntArray
 from certpgo.objective.choose_cost import CHORDAL, Judged, certifiable
 from certpgo.objective.truncated_problem import rejecting
 from certpgo.optimize.monitor import Iteration, Monitor, silent
+from certpgo.optimize.notebook import watched
 from certpgo.optimize.progress import Hopeful
 from certpgo.optimize.solution import Status
 
@@ -44,7 +45,7 @@ def certify(
     refine: bool = True,
     angles: bool = False,
     time_limit: float | None = None,
-    monitor: Monitor = silent,
+    monitor: Monitor | None = None,
 ) -> Certificate:
     """Certify an estimate: prove how far it is from the optimum.
 
@@ -104,17 +105,18 @@ def certify(
         posed = rejecting(posed, rejected, quantile)
     elif quantile is not None:
         raise InputError("a quantile is for rejected measurements, and none are given")
-    judge = Judge(
-        posed,
-        tier=tier,
-        rtol=rtol,
-        atol=atol,
-        refine=refine,
-        angles=angles,
-        time_limit=time_limit,
-        monitor=monitor,
-    )
-    return judge.certify(given)
+    with watched(monitor) as shown:
+        judge = Judge(
+            posed,
+            tier=tier,
+            rtol=rtol,
+            atol=atol,
+            refine=refine,
+            angles=angles,
+            time_limit=time_limit,
+            monitor=shown,
+        )
+        return judge.certify(given)
 
 
 class Judge:

@@ -19,6 +19,7 @@ from typing import Annotated
 import typer
 
 from certpgo import _start, registry
+from certpgo.cli._help import HelpfulCommand, HelpfulGroup
 from certpgo.cli._interrupting import heard_late, unmoved
 from certpgo.errors import CertPGOError
 
@@ -71,16 +72,17 @@ def application(names: Sequence[str]) -> typer.Typer:
     codes = ", ".join(f"{code} {meaning}" for code, meaning in EXIT_CODES.items())
     app = typer.Typer(
         name="certpgo",
+        cls=HelpfulGroup,
+        rich_markup_mode=None,
         help="Certifiable pose-graph optimization and rotation averaging.",
         epilog=f"Exit codes: {codes}.",
         no_args_is_help=True,
-        add_completion=False,
         pretty_exceptions_enable=False,
     )
     app.callback()(_root)
     for name in names:
         function = _function(name)
-        app.command(name, help=_paragraphs(function))(_guarded(function))
+        app.command(name, cls=HelpfulCommand, help=_paragraphs(function))(_guarded(function))
     return app
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from certpgo.cli._help import JUDGING, MATCHING
 from certpgo.cli._show import notice
 from certpgo.errors import InputError, SpecError
 from certpgo.objective.costs import CHORDAL, COSTS
@@ -14,14 +15,32 @@ from certpgo.objective.costs import CHORDAL, COSTS
 if TYPE_CHECKING:
     from certpgo.graph import Instance
 
+
+def graphs_beginning_with(incomplete: str) -> list[str]:
+    """What a shell offers for a graph: files and folders, and names of datasets."""
+    from certpgo.io.datasets.catalogue import names
+
+    folder, _, beginning = incomplete.rpartition("/")
+    here = Path(folder or ("/" if incomplete.startswith("/") else "."))
+    found = sorted(p for p in here.glob("*") if p.name.startswith(beginning))
+    shown = [f"{folder}/{p.name}" if "/" in incomplete else p.name for p in found]
+    files = [name + "/" * path.is_dir() for name, path in zip(shown, found, strict=True)]
+    return [*files, *(name for name in names("graph") if name.startswith(incomplete))]
+
+
 GraphName = Annotated[
     str,
-    typer.Argument(metavar="GRAPH", help="Graph file, or dataset name (certpgo list datasets)."),
+    typer.Argument(
+        metavar="GRAPH",
+        autocompletion=graphs_beginning_with,
+        help="Graph file, or dataset name (certpgo list datasets).",
+    ),
 ]
 GraphNames = Annotated[
     list[str],
     typer.Argument(
         metavar="GRAPH...",
+        autocompletion=graphs_beginning_with,
         help="Graph file, or dataset name (certpgo list datasets); several files are one graph.",
     ),
 ]
@@ -43,6 +62,7 @@ Quantile = Annotated[
     typer.Option(
         "--quantile",
         metavar="P",
+        rich_help_panel=JUDGING,
         show_default="1 - 0.01 / m",
         help="Price of rejecting a measurement: this quantile of a correct one's cost (chi^2).",
     ),
@@ -52,6 +72,7 @@ Timestamps = Annotated[
     typer.Option(
         "--timestamps",
         metavar="ids|index|FILE",
+        rich_help_panel=MATCHING,
         show_default="node ids if they can be",
         help="How to match poses with nodes: timestamps are node ids (ids), poses are in the order "
         "of the nodes (index), or timestamps are times and FILE has those of the nodes, by line.",
@@ -62,6 +83,7 @@ MaxDifference = Annotated[
     typer.Option(
         "--max-difference",
         metavar="SECONDS",
+        rich_help_panel=MATCHING,
         help="Largest difference in time between a node and its pose.",
     ),
 ]
@@ -179,6 +201,7 @@ def tier_option(default: str) -> Any:
     return typer.Option(
         "--tier",
         metavar="standard|proof",
+        rich_help_panel=JUDGING,
         show_default=default,
         help="What the verdict may rely on: the usual error bounds of linear algebra (standard), "
         "or IEEE 754 arithmetic alone (proof).",

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints, overload
 
 import typer
 
+from certpgo.cli._help import READING
 from certpgo.cli._show import notice, noticing, progress_bar
 from certpgo.errors import GraphError, InputError
 
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
 
 #: Seconds of reading after which a progress bar appears.
 PATIENCE = 1.0
-
-_PANEL = "Reading the graph"
 
 
 class Keep(StrEnum):
@@ -66,7 +65,7 @@ def _is_list(given: object) -> bool:
 
 
 def _option(name: str, help: str, metavar: str | None = None) -> Any:
-    return typer.Option(name, help=help, metavar=metavar, rich_help_panel=_PANEL)
+    return typer.Option(name, help=help, metavar=metavar, rich_help_panel=READING)
 
 
 @dataclass(frozen=True)

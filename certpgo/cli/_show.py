@@ -100,8 +100,8 @@ def table(
     header, rows, left_out = _fitted(header, list(rows), console.width, optional)
     shown = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
     columns = list(zip(header, *rows, strict=True))
-    for column, needed in zip(columns, _needed(columns, width), strict=True):
-        shown.add_column(Text(column[0]), overflow="fold", min_width=needed)
+    for column, wide in zip(columns, _widths(columns, width), strict=True):
+        shown.add_column(Text(column[0]), overflow="fold", min_width=wide, max_width=wide)
     for row in rows:
         shown.add_row(*(Text(cell) for cell in row))
     console.print(shown)
@@ -131,6 +131,18 @@ def _needed(columns: Sequence[Sequence[str]], width: int) -> list[int]:
     needed = [_longest_word(column) for column in columns]
     names = max(map(len, columns[0]), default=0)
     return [max(needed[0], min(names, width // 2)), *needed[1:]]
+
+
+def _widths(columns: Sequence[Sequence[str]], width: int) -> list[int]:
+    """The width of each column: what it needs, and the rest to where cells take most lines."""
+    widths = _needed(columns, width)
+    longest = [max(map(len, cells)) for cells in columns]
+    for _ in range(width - sum(widths) - GUTTER * len(columns)):
+        lines = [text / wide for text, wide in zip(longest, widths, strict=True)]
+        if max(lines) <= 1.0:
+            break
+        widths[lines.index(max(lines))] += 1
+    return widths
 
 
 def _longest_word(cells: Sequence[str]) -> int:

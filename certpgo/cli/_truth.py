@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from certpgo.cli._help import MATCHING
 from certpgo.cli._show import notice
 from certpgo.errors import InputError
 
@@ -23,6 +24,7 @@ TruthFile = Annotated[
     typer.Option(
         "--truth",
         metavar="FILE",
+        rich_help_panel=MATCHING,
         help="Ground truth of the poses, a file or dataset: print the absolute and relative "
         "trajectory errors (ATE, RPE). Matched by time where the nodes' times are known "
         "(--timestamps FILE), else by node id.",
@@ -30,7 +32,12 @@ TruthFile = Annotated[
 ]
 TruthOffset = Annotated[
     float,
-    typer.Option("--truth-offset", metavar="SECONDS", help="Added to the timestamps of the truth."),
+    typer.Option(
+        "--truth-offset",
+        metavar="SECONDS",
+        rich_help_panel=MATCHING,
+        help="Added to the timestamps of the truth.",
+    ),
 ]
 
 

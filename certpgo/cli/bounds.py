@@ -14,6 +14,7 @@ from certpgo.cli._interrupting import ends_at_once
 from certpgo.cli._options import GraphName, Json, MaxDifference, Timestamps
 from certpgo.cli._reading import Reading, covered, restricted_to, takes_reading
 from certpgo.cli._show import document, facts, notice, table, working
+from certpgo.cli._swapped import graph_comes_first
 
 if TYPE_CHECKING:
     from certpgo.graph import Estimate, Instance
@@ -50,7 +51,8 @@ def command(
     from certpgo.solve.bounds_table import ladder
 
     source, of_estimate = reading.resolve(graph), reading.resolve(estimate)
-    instance = timed(reading.open(source), timestamps)
+    with graph_comes_first("bounds", source, [] if of_estimate is None else [of_estimate]):
+        instance = timed(reading.open(source), timestamps)
     given: Estimate | None = None
     if of_estimate is not None:
         how = Matching.of(timestamps, max_difference)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, cast
 import typer
 
 from certpgo.cli import _verdict
+from certpgo.cli._help import JUDGING
 from certpgo.cli._interrupting import tell_interrupted, tells_unwritten
 from certpgo.cli._next import Asked, steps_after
 from certpgo.cli._options import (
@@ -33,6 +34,7 @@ from certpgo.cli._paging import origin_of, write_page
 from certpgo.cli._proving import prove
 from certpgo.cli._reading import Reading, covered, restricted_to, takes_reading
 from certpgo.cli._show import StatusLine, document, notice, working
+from certpgo.cli._swapped import graph_comes_first
 from certpgo.cli._truth import KnownPoses, TruthFile, TruthOffset
 from certpgo.errors import InputError
 
@@ -56,44 +58,62 @@ def command(
         typer.Argument(metavar="ESTIMATE", help="File or dataset with poses; several need --csv."),
     ],
     cost: CostOption = None,
+    best: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", "--best", metavar="OUT", help="Write the best estimate found."),
+    ] = None,
+    html: HtmlOut = None,
+    proof: ProofOut = None,
+    csv: Annotated[
+        Path | None,
+        typer.Option("--csv", metavar="OUT", help="Write a row per ESTIMATE."),
+    ] = None,
+    time_limit: Annotated[
+        float | None,
+        time_limit_option("For each ESTIMATE: stop, and print what is proven by then.", "none"),
+    ] = None,
     rejected: Annotated[
         Path | None,
         typer.Option(
             "--rejected",
             metavar="CSV",
+            rich_help_panel=JUDGING,
             help="Measurements that were rejected, as certpgo outliers writes them with their "
             "prices: the verdict is about the truncated cost.",
         ),
     ] = None,
     quantile: Quantile = None,
-    tier: Annotated[str | None, tier_option("standard, or proof with --proof")] = None,
-    rtol: Annotated[
-        float, typer.Option("--rtol", help="Tolerance on the gap, relative to the cost.")
-    ] = 1e-5,
-    atol: Annotated[
-        float, typer.Option("--atol", help="Additional tolerance, relative to the total weight W.")
-    ] = 1e-12,
     refine: Annotated[
         bool,
-        typer.Option("--refine/--no-refine", help="Run local descent before computing the bound."),
+        typer.Option(
+            "--refine/--no-refine",
+            rich_help_panel=JUDGING,
+            help="Run local descent before computing the bound.",
+        ),
     ] = True,
-    time_limit: Annotated[
-        float | None,
-        time_limit_option("For each ESTIMATE: stop, and print what is proven by then.", "none"),
-    ] = None,
-    best: Annotated[
-        Path | None, typer.Option("--best", metavar="OUT", help="Write the best estimate found.")
-    ] = None,
-    timestamps: Timestamps = None,
-    max_difference: MaxDifference = 0.01,
+    tier: Annotated[str | None, tier_option("standard, or proof with --proof")] = None,
+    rtol: Annotated[
+        float,
+        typer.Option(
+            "--rtol",
+            metavar="R",
+            rich_help_panel=JUDGING,
+            help="Tolerance on the gap, relative to the cost.",
+        ),
+    ] = 1e-5,
+    atol: Annotated[
+        float,
+        typer.Option(
+            "--atol",
+            metavar="R",
+            rich_help_panel=JUDGING,
+            help="Additional tolerance, relative to the total weight W.",
+        ),
+    ] = 1e-12,
     truth: TruthFile = None,
     truth_offset: TruthOffset = 0.0,
-    csv: Annotated[
-        Path | None,
-        typer.Option("--csv", metavar="OUT", help="Write a row per ESTIMATE."),
-    ] = None,
-    proof: ProofOut = None,
-    html: HtmlOut = None,
+    timestamps: Timestamps = None,
+    max_difference: MaxDifference = 0.01,
     json: Json = False,
     *,
     reading: Reading,
@@ -119,7 +139,8 @@ def command(
     here = [found for found in sources.values() if not isinstance(found, InputError)]
     others = (*reading.others, of_truth, file_of_times(timestamps), rejected)
     outputs.refuse_overwriting(source, *here, *others)
-    instance = timed(reading.open(source, distances=True), timestamps)
+    with graph_comes_first("certify", source, here):
+        instance = timed(reading.open(source, distances=True), timestamps)
     refuse_with_distances(instance, proof=proof, rejected=rejected)
     chosen = chosen_cost(cost, instance, rejected=rejected)
     asked = Asked(graph, chosen, reading, estimates[0], best is not None)

@@ -8,6 +8,7 @@ import sys
 from fractions import Fraction
 from pathlib import Path
 from typing import Annotated
+from zipfile import is_zipfile
 
 import typer
 
@@ -36,6 +37,9 @@ def command(
     from certpgo.cli._reading import Reading
 
     path = Reading(data=data).resolve(graph).path()
+    if is_zipfile(path) and proof.is_file() and not is_zipfile(proof):
+        line = f"certpgo check {proof} {path}"
+        raise InputError(f"{proof}: not a proof file; the graph comes first: {line}")
     if json:
         return _as_json(path, proof, exact)
     program = Path(__file__).parents[1] / ("integer_checker.py" if exact else "checker.py")

@@ -17,7 +17,7 @@ from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, notice, paragraph, table, working
 from certpgo.cli._truth import KnownPoses, TruthFile, TruthOffset
 from certpgo.cli._verdict import INTERRUPTED
-from certpgo.errors import CertPGOError, InputError
+from certpgo.errors import CertPGOError, InputError, how_to_install
 
 if TYPE_CHECKING:
     from certpgo.graph import Graph, Instance
@@ -59,7 +59,7 @@ def command(
     ] = None,
     cost: CostOption = None,
     out: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="Folder for the results.")
+        Path, typer.Option("-o", "--out", metavar="DIR", help="Folder for the results.")
     ] = Path("compare-results"),
     quick: Annotated[bool, typer.Option("--quick", help="Only small graphs.")] = False,
     phases: Annotated[
@@ -363,6 +363,6 @@ def _usual(reading: Reading, quick: bool) -> list[Source]:
     if not found:
         raise InputError(
             "none of the usual datasets is available: name a graph, download some with certpgo "
-            "fetch, set --data, or pip install 'certpgo[baselines]' for small ones"
+            f"fetch, set --data; the GTSAM wheel has small ones ({how_to_install('baselines')})"
         )
     return [s for s in found if s.name in QUICK] or found[:1] if quick else found

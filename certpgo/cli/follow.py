@@ -37,7 +37,13 @@ def command(
         typer.Option("--robust", help="Put aside measurements that disagree with the rest."),
     ] = False,
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Write the last estimate to this file.")
+        Path | None,
+        typer.Option(
+            "-o",
+            "--out",
+            metavar="OUT",
+            help="Write the last estimate to this file.",
+        ),
     ] = None,
     view: Annotated[
         bool, typer.Option("--view", help="Show the map in the browser as it grows, until Ctrl-C.")

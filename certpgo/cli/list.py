@@ -13,7 +13,7 @@ import typer
 
 from certpgo.cli._options import Data, Json
 from certpgo.cli._show import document, table
-from certpgo.errors import CertPGOError
+from certpgo.errors import CertPGOError, how_to_install
 
 if TYPE_CHECKING:
     from certpgo.optimize.solution import Solver
@@ -115,19 +115,17 @@ def _text(value: object) -> str:
     return str(value).lower() if value is None or isinstance(value, bool) else str(value)
 
 
-#: By prefix of a method's name: the package it calls, and what to install for it.
-_CALLED = {
-    "gtsam": ("gtsam", "'certpgo[baselines]'"),
-    "pymanopt": ("pymanopt", "'certpgo[test]'"),
-    "sdp": ("cvxpy", "cvxpy"),
-}
+#: By prefix of a method's name: the package it calls, and the extra that installs it.
+_CALLED = {"gtsam": ("gtsam", "baselines"), "pymanopt": ("pymanopt", "test"), "sdp": ("cvxpy", "")}
 
 
 def _missing_package(method: str) -> str:
-    package, requirement = _CALLED.get(method.partition("_")[0], ("", ""))
+    from certpgo.optimize.methods._sdp import INSTALL_CVXPY
+
+    package, extra = _CALLED.get(method.partition("_")[0], ("", ""))
     if not package or importlib.util.find_spec(package) is not None:
         return ""
-    return f"no: pip install {requirement}"
+    return f"no: {how_to_install(extra, package) if extra else INSTALL_CVXPY}"
 
 
 def _datasets(data: Path | None) -> Rows:

@@ -42,7 +42,13 @@ def command(
         typer.Option("--robust", help="Leave out measurements between maps that disagree."),
     ] = False,
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Write the merged graph and its estimate.")
+        Path | None,
+        typer.Option(
+            "-o",
+            "--out",
+            metavar="OUT",
+            help="Write the merged graph and its estimate.",
+        ),
     ] = None,
     json: Json = False,
     *,

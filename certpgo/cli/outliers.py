@@ -41,7 +41,9 @@ def command(
     ] = None,
     csv: Annotated[
         Path | None,
-        typer.Option("--csv", metavar="OUT", help="Write a row per rejected measurement."),
+        typer.Option(
+            "-o", "--out", "--csv", metavar="OUT", help="Write a row per rejected measurement."
+        ),
     ] = None,
     json: Json = False,
     *,

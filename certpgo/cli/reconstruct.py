@@ -47,7 +47,13 @@ def command(
         bool, typer.Option("--wallpaper", help="With --synthetic: one pattern on all walls.")
     ] = False,
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Write the scene to this .ply file.")
+        Path | None,
+        typer.Option(
+            "-o",
+            "--out",
+            metavar="OUT",
+            help="Write the scene to this .ply file.",
+        ),
     ] = None,
     trajectory: Annotated[
         Path | None, typer.Option("--trajectory", help="Write the poses, by default as .tum.")

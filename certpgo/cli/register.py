@@ -36,7 +36,10 @@ def command(
         ),
     ],
     out: Annotated[
-        Path, typer.Option("-o", "--out", help="Write all points to this PLY file, in one frame.")
+        Path,
+        typer.Option(
+            "-o", "--out", metavar="OUT", help="Write all points to this PLY file, in one frame."
+        ),
     ],
     initial: Annotated[
         Path | None,

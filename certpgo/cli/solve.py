@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from certpgo.cli._help import SEARCH
 from certpgo.cli._interrupting import ends_at_once, tells_unwritten
 from certpgo.cli._next import Asked
 from certpgo.cli._options import (
@@ -49,68 +50,97 @@ if TYPE_CHECKING:
 @tells_unwritten("out", "proof", "html", "covariances")
 def command(
     graphs: GraphNames,
+    cost: CostOption = None,
+    robust: Annotated[
+        bool,
+        typer.Option("--robust", help="Reject measurements that disagree with the rest."),
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="OUT", help="Write the estimate to this file."),
+    ] = None,
+    format: Annotated[
+        str | None,
+        typer.Option(
+            "--format", metavar="NAME", help="Format of --out; by default from its suffix."
+        ),
+    ] = None,
+    html: HtmlOut = None,
+    proof: ProofOut = None,
+    covariances: Annotated[
+        Path | None,
+        typer.Option(
+            "--covariances",
+            metavar="OUT",
+            help="Write the covariance of each node to this CSV file.",
+        ),
+    ] = None,
+    time_limit: Annotated[
+        float | None,
+        time_limit_option("Stop and return the best estimate so far.", "30 s after a first bound"),
+    ] = None,
+    trace: Annotated[bool, typer.Option("--trace", help="Print every iteration.")] = False,
     method: Annotated[
         str | None,
         typer.Option(
-            "--method", help="Use another method (certpgo list methods), under the chordal cost."
+            "--method",
+            metavar="NAME",
+            rich_help_panel=SEARCH,
+            help="Use another method (certpgo list methods), under the chordal cost.",
         ),
     ] = None,
     settings: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Setting of --method."),
-    ] = None,
-    cost: CostOption = None,
-    initial: Annotated[
-        str | None,
-        typer.Option("--initial", metavar="FILE", help="Initial estimate: a file or dataset."),
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Write the estimate to this file.")
-    ] = None,
-    format: Annotated[
-        str | None, typer.Option("--format", help="Format of --out; by default from its suffix.")
-    ] = None,
-    timestamps: Timestamps = None,
-    max_difference: MaxDifference = 0.01,
-    truth: TruthFile = None,
-    truth_offset: TruthOffset = 0.0,
-    proof: ProofOut = None,
-    html: HtmlOut = None,
-    covariances: Annotated[
-        Path | None,
-        typer.Option("--covariances", help="Write the covariance of each node to this CSV file."),
+        typer.Option(
+            "--set", metavar="KEY=VALUE", rich_help_panel=SEARCH, help="Setting of --method."
+        ),
     ] = None,
     certify: Annotated[
-        bool, typer.Option("--certify/--no-certify", help="Certify the estimate of --method.")
+        bool,
+        typer.Option(
+            "--certify/--no-certify",
+            rich_help_panel=SEARCH,
+            help="Certify the estimate of --method.",
+        ),
     ] = True,
-    time_limit: Annotated[
-        float | None,
-        time_limit_option("Stop and return the best estimate so far.", "30 s after a first bound"),
+    initial: Annotated[
+        str | None,
+        typer.Option(
+            "--initial",
+            metavar="FILE",
+            rich_help_panel=SEARCH,
+            help="Initial estimate: a file or dataset.",
+        ),
     ] = None,
     stored: Annotated[
         bool,
         typer.Option(
             "--file-start/--no-file-start",
+            rich_help_panel=SEARCH,
             help="Also start from the file's initial values, unless the optimum is found without.",
         ),
     ] = True,
     max_rank: Annotated[
         int | None,
         typer.Option(
-            "--max-rank", min=2, show_default="d + 7", help="Largest rank of the staircase."
+            "--max-rank",
+            min=2,
+            metavar="N",
+            rich_help_panel=SEARCH,
+            show_default="d + 7",
+            help="Largest rank of the staircase.",
         ),
     ] = None,
-    robust: Annotated[
-        bool,
-        typer.Option("--robust", help="Reject measurements that disagree with the rest."),
-    ] = False,
-    quantile: Quantile = None,
     tier: Annotated[
         str | None,
         tier_option("standard; proof with --proof, or if only rounding prevents CERTIFIED"),
     ] = None,
+    quantile: Quantile = None,
+    truth: TruthFile = None,
+    truth_offset: TruthOffset = 0.0,
+    timestamps: Timestamps = None,
+    max_difference: MaxDifference = 0.01,
     scheduler: Annotated[str | None, typer.Option("--scheduler", hidden=True)] = None,
-    trace: Annotated[bool, typer.Option("--trace", help="Print every iteration.")] = False,
     json: Json = False,
     *,
     reading: Reading,

@@ -44,7 +44,13 @@ def command(
         ),
     ],
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Write the sparse graph and its estimate.")
+        Path | None,
+        typer.Option(
+            "-o",
+            "--out",
+            metavar="OUT",
+            help="Write the sparse graph and its estimate.",
+        ),
     ] = None,
     json: Json = False,
     *,

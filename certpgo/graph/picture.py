@@ -11,7 +11,7 @@ from certpgo.linalg.arrays import FloatArray, IntArray
 #: How far the view looks down on the plane that positions lie nearest to, degrees.
 ELEVATION = 60.0
 #: Edge of a picture and its margin, pixels; points and edges drawn at most.
-SIZE, MARGIN, POINTS, EDGES = 220.0, 8.0, 3000, 1500
+SIZE, MARGIN, POINTS, EDGES = 220.0, 8.0, 800, 400
 _OPEN = f'<svg width="{SIZE:.0f}" height="{SIZE:.0f}" viewBox="0 0 {SIZE:.0f} {SIZE:.0f}"'
 
 

@@ -23,7 +23,7 @@ from certpgo.graph.edges import (
 )
 from certpgo.graph.kinds import kinds_of
 from certpgo.graph.phrases import components_in_words, ranges_of_weights, size_in_words
-from certpgo.graph.picture import circle_of
+from certpgo.graph.picture import circle_of, closures, drawn
 from certpgo.graph.rotation_graph import RotationGraph
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_flags, frozen_floats
 
@@ -173,7 +173,13 @@ class PoseGraph(Speaking):
         yield "next", "certpgo.solve(graph)"
 
     def _picture(self) -> str:
-        return circle_of(self.num_nodes, self.edges)
+        from certpgo.graph.trees import tree_initialization
+
+        connected = self.is_connected and not self.is_partial
+        reckoned = tree_initialization(self).translations if connected else None
+        if reckoned is None:
+            return circle_of(self.num_nodes, self.edges)
+        return drawn(reckoned, closures(self.edges), self.pose_nodes)
 
     @property
     def num_nodes(self) -> int:

@@ -7,8 +7,8 @@ except (ImportError, AttributeError, KeyError):  # no kernel, or another SciPy t
 else:
     AVAILABLE = True
 
-#: How to install it.
-COMPILED = "--force-reinstall certpgo, where a C compiler is"
+#: How to get it.
+COMPILED = "install certpgo again from its sources, where a C compiler is"
 
 #: Largest rank of points that it takes.
 LARGEST_RANK = 32

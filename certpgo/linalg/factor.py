@@ -146,7 +146,7 @@ def analyze(
     if name != "multifrontal":
         raise SpecError.unknown("engine", name, ("multifrontal", "superlu"))
     if name not in engines():
-        raise MissingDependency("the compiled engine", package=COMPILED)
+        raise MissingDependency("the compiled engine", remedy=COMPILED)
     return _FrontsAnalysis(indptr, indices, order)
 
 

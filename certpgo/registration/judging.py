@@ -77,10 +77,10 @@ def judge_steps(name: str, steps: Sequence[FramePair], missing: int) -> None:
     noise = np.median([pair.chi2 for pair in steps])
     if shares < FEW_INLIERS or noise > LOUD:
         said = f"{100.0 * shares:.0f} % of the matches of neighbouring frames agree"
-        said = f"{name}: only {said}, with {noise:.2g} times the noise of depth cameras (squared)"
+        said = f"{name}: only {said}, with {np.sqrt(noise):.2g} times the noise of depth cameras"
         warnings.warn(f"{said}: are camera and depth scale right?", InputNotice, stacklevel=3)
     excess = np.median([pair.excess for pair in steps])
     if excess > DISAGREEING:
         said = f"{name}: colour and depth disagree on the motion between neighbouring frames, by"
-        said = f"{said} {excess:.2g} times what they state (squared): is the camera right, and are"
+        said = f"{said} {np.sqrt(excess):.2g} times what they state: is the camera right, and are"
         warnings.warn(f"{said} both images of one camera and time?", InputNotice, stacklevel=3)

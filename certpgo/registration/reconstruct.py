@@ -149,8 +149,8 @@ class Reconstruction:
         excess = [pair.excess for pair in kept if pair.dense]
         if not excess:
             return []
-        said = f"off by {np.median(excess):.2g} times what they and keypoints state (squared)"
-        return [("clouds", f"{said}, median; the weights take it into account")]
+        said = f"{np.sqrt(np.median(excess)):.2g} times the difference expected from their noise"
+        return [("keypoints, clouds", f"motions differ by {said}, median; weights allow for it")]
 
 
 def reconstruct(
@@ -159,7 +159,7 @@ def reconstruct(
     *,
     colour: ColourCamera | None = None,
     cache: str | Path | None = None,
-    progress: Progress = silent,
+    progress: Progress | None = None,
 ) -> Reconstruction:
     """The trajectory of a camera with its certificate, and the scene that it saw.
 
@@ -200,7 +200,7 @@ def reconstruct(
     >>> found.answer.verdict.value, found.estimate.num_nodes
     ('CERTIFIED', 4)
     """
-    chosen = settings or ReconstructSettings()
+    chosen, progress = settings or ReconstructSettings(), progress or silent
     kept = Cache(None if cache is None else Path(cache))
     if colour is None:
         colour = colour_camera(frames, chosen.calibrate, kept, progress)

@@ -66,7 +66,7 @@ def register(
     method: Method = "pose_graph",
     voxel: float | None = None,
     reach: float | None = None,
-    told: Callable[[str], object] = lambda _: None,
+    told: Callable[[str], object] | None = None,
 ) -> Registration:
     """Bring scans of one scene into one frame, from about where they are.
 
@@ -117,6 +117,7 @@ def register(
     if initial is None:
         n = len(read)
         initial = Estimate(np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3)))
+    tell = told or (lambda _: None)
     voxel = default_voxel(read) if voxel is None else voxel
     fine = [prepare(scan.points, voxel=voxel) for scan in read]
     alone = method == "global_icp"
@@ -128,7 +129,7 @@ def register(
         initial,
         reach=FAR * voxel if reach is None else reach,
         finest=finest,
-        monitor=lambda r: told(
+        monitor=lambda r: tell(
             f"round {r.number}: {r.groups} groups, {r.rmse:.2g} m apart, reach {r.reach:.2g} m"
         ),
     )
@@ -138,10 +139,10 @@ def register(
         fine,
         coarse.estimate,
         reach=NEAR * voxel,
-        told=lambda done, total: told(f"pair {done + 1} of {total}"),
+        told=lambda done, total: tell(f"pair {done + 1} of {total}"),
     )
     instance = pose_graph(pairs, [scan.name for scan in read], coarse.estimate)
-    told("solving")
+    tell("solving")
     solution = solve(instance)
     estimate = solution.estimate.anchored(0, initial)
     disagreement = np.array([pair.disagreement(fine, estimate) for pair in pairs])

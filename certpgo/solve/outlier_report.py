@@ -9,6 +9,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 
+import numpy as np
+
 from certpgo.errors import InputError
 from certpgo.graph.display import Brief
 from certpgo.io.writing import atomically

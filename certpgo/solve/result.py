@@ -6,16 +6,19 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
+import numpy as np
+
 from certpgo.certify import Certificate, Verdict
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.graph.display import Speaking, Text
 from certpgo.graph.phrases import counted
 from certpgo.graph.picture import circle_of, closures, drawn
-from certpgo.linalg.arrays import FloatArray
+from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.choose_cost import Certifiable
 from certpgo.optimize.marginals import Marginals
 from certpgo.optimize.solution import Level, Solution
 from certpgo.optimize.unobservable import Undetermined, undetermined
+from certpgo.solve.assessment import CostlyEdge, costly_edges
 from certpgo.solve.fit import Fit, fit_of
 from certpgo.solve.outliers import Disagreement
 from certpgo.solve.rejection import Rejection
@@ -84,6 +87,21 @@ class CertifiedSolution(Speaking):
     def verdict(self) -> Verdict:
         """The certificate's verdict."""
         return self.certificate.verdict
+
+    @property
+    def rejected(self) -> IntArray:
+        """(k,) indices of the measurements that were rejected, ascending; empty unless robust."""
+        return self.solution.rejected
+
+    @cached_property
+    def costliest(self) -> tuple[CostlyEdge, ...]:
+        """The measurements with the largest terms of the cost, descending, with their residuals.
+
+        Nodes are named by their ids; rejected measurements are not among them.
+        """
+        n = self.estimate.num_nodes
+        ids = np.arange(n) if self.instance is None else self.instance.ids
+        return costly_edges(self.problem, self.estimate, ids)
 
     def summary(self) -> str:
         """What was found, what is proven, and what to do next: the text that is printed."""

@@ -18,7 +18,8 @@ from certpgo.objective.choose_cost import CHORDAL, problem_under
 from certpgo.objective.problem import problem_of
 from certpgo.objective.truncated_problem import UncertifiableError, refuse_quantile
 from certpgo.optimize.initialization import Start
-from certpgo.optimize.monitor import Monitor, silent
+from certpgo.optimize.monitor import Monitor
+from certpgo.optimize.notebook import watched
 from certpgo.optimize.progress import Stop
 from certpgo.solve.outliers import select
 from certpgo.solve.rejection import certify_rejection
@@ -35,7 +36,7 @@ def solve_robustly(
     initial: Estimate | None = None,
     trusted: IntArray | None = None,
     quantile: float | None = None,
-    monitor: Monitor = silent,
+    monitor: Monitor | None = None,
     **options: Any,
 ) -> CertifiedSolution:
     """The best estimate of the measurements that agree with one another, with its certificate.
@@ -93,33 +94,34 @@ def solve_robustly(
     limit = chosen.time_limit
     if initial is not None:
         problem.check(initial)
-    stop = Stop(monitor, objective="the chordal cost F of all measurements, in a robust fit")
-    with stop.within(limit):
-        with stop.watch.phase("select"):
-            selection = select(problem, initial=initial, trusted=trusted, monitor=stop)
-        left = None if limit is None else limit - min(limit, stop.watch.total)
-        ended = stop.ended_by
-        found = search(
-            posed.reweighted(selection.weights),
-            replace(chosen, time_limit=left if ended is None else 0.0),
-            Start(selection.estimate, "the robust fit"),
-            monitor,
-        )
-    rejection, note = None, f"{selection.note(problem)}; {found.solution.note}"
-    rejected = np.flatnonzero(selection.rejected)
-    if len(rejected):
-        try:
-            rejection = certify_rejection(
-                posed,
-                found.estimate,
-                rejected,
-                quantile=quantile,
-                scale=selection.scale,
-                settings=replace(chosen, time_limit=_left(found, left)),
-                monitor=monitor,
+    with watched(monitor) as shown:
+        stop = Stop(shown, objective="the chordal cost F of all measurements, in a robust fit")
+        with stop.within(limit):
+            with stop.watch.phase("select"):
+                selection = select(problem, initial=initial, trusted=trusted, monitor=stop)
+            left = None if limit is None else limit - min(limit, stop.watch.total)
+            ended = stop.ended_by
+            found = search(
+                posed.reweighted(selection.weights),
+                replace(chosen, time_limit=left if ended is None else 0.0),
+                Start(selection.estimate, "the robust fit"),
+                shown,
             )
-        except UncertifiableError as error:
-            note = f"{note}; rejections are not certified: {error}"
+        rejection, note = None, f"{selection.note(problem)}; {found.solution.note}"
+        rejected = np.flatnonzero(selection.rejected)
+        if len(rejected):
+            try:
+                rejection = certify_rejection(
+                    posed,
+                    found.estimate,
+                    rejected,
+                    quantile=quantile,
+                    scale=selection.scale,
+                    settings=replace(chosen, time_limit=_left(found, left)),
+                    monitor=shown,
+                )
+            except UncertifiableError as error:
+                note = f"{note}; rejections are not certified: {error}"
     solution = replace(
         found.solution,
         cost=posed.cost(found.estimate),

@@ -14,7 +14,8 @@ from certpgo.objective.choose_cost import CHORDAL, certifiable
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.range_problem import RangeProblem
 from certpgo.optimize.initialization import Start
-from certpgo.optimize.monitor import Monitor, silent
+from certpgo.optimize.monitor import Monitor
+from certpgo.optimize.notebook import watched
 from certpgo.solve.outliers import Disagreement, ignore
 from certpgo.solve.result import GIVEN, CertifiedSolution
 from certpgo.solve.search import search
@@ -30,8 +31,8 @@ def solve(
     *,
     cost: str | None = None,
     initial: Estimate | AnyAnswer | AnyPath | None = None,
-    monitor: Monitor = silent,
-    on_disagreement: Callable[[Disagreement], object] = ignore,
+    monitor: Monitor | None = None,
+    on_disagreement: Callable[[Disagreement], object] | None = None,
     **options: Any,
 ) -> CertifiedSolution:
     """The best estimate of a graph, with a certificate of how good it is.
@@ -50,7 +51,8 @@ def solve(
     settings : limits, tolerances and tuning, see `SolveSettings`
     initial : initial estimate, n poses, in metres, or an answer, or the path of a file; by default
         one is computed. An instance's own initial values are tried too, see ``try_file_start``
-    monitor : is called with each iteration, and may stop the search
+    monitor : is called with each iteration, and may stop the search; by default a notebook shows
+        how far a long search is
     on_disagreement : is called with measurements that disagree with the rest, after the first
         descent
     options : single settings instead: ``time_limit``, ``max_rank``, ``tier``, ``rtol``, ``atol``
@@ -95,7 +97,8 @@ def solve(
     problem = certifiable(posed, cost)
     given = None if start is None else Start(start, GIVEN)
     stored = _stored(source) if chosen.try_file_start else None
-    found = search(problem, chosen, given, monitor, on_disagreement, stored)
+    with watched(monitor) as shown:
+        found = search(problem, chosen, given, shown, on_disagreement or ignore, stored)
     return replace(found, instance=source)
 
 

@@ -18,7 +18,7 @@ from certpgo.optimize.solution import Solution
 from certpgo.solve.bounds_table import rungs_of_eigenvalues
 from certpgo.solve.result import CertifiedSolution
 from certpgo.view.eigenvalues import certificate_matrix
-from certpgo.view.maps import GREY, given_or_current
+from certpgo.view.maps import GREY, RED, given_or_current
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -116,7 +116,9 @@ def bounds(
     *,
     ax: Axes | None = None,
 ) -> Axes:
-    """Draw the cost and the lower bounds below it: of eigenvalues, and the proven one.
+    """Draw how far the cost is above each lower bound, and the tolerance of CERTIFIED.
+
+    The axis is logarithmic: a proven bound may be eleven digits closer than one of eigenvalues.
 
     Parameters
     ----------
@@ -130,8 +132,8 @@ def bounds(
     >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> answer = certpgo.solve(winding_cycle(9, 0.3, 0)[0])
     >>> ax = certpgo.plot.bounds(answer, ax=Figure().add_subplot())
-    >>> [label.get_text() for label in ax.get_yticklabels()][-2:]
-    ['proven bound', 'cost']
+    >>> ax.get_xscale(), ax.get_yticklabels()[-1].get_text()
+    ('log', 'proven bound')
     """
     problem, proven = _certified(of, certificate)
     shown: list[tuple[str, float]] = []
@@ -139,16 +141,35 @@ def bounds(
         rungs = rungs_of_eigenvalues(problem.chordal, proven.refined, proven)
         shown = [(r.title, r.value) for r in rungs if r.about == "cost" and r.value is not None]
     shown = [(title, value) for title, value in shown if value != proven.lower_bound]
-    labels = [f"{value:.6g}" for _, value in shown]
-    shown += [("proven bound", proven.lower_bound), ("cost", proven.cost_upper)]
-    labels += [bound_shown(proven.lower_bound), cost_shown(proven.cost_upper)]
+    shown.append(("proven bound", proven.lower_bound))
+    # A gap of zero has no place on a logarithmic axis: rounding of the cost is the least drawn.
+    least = np.finfo(float).eps * max(abs(proven.cost_upper), proven.tolerance)
+    gaps = [max(proven.cost_upper - value, least) for _, value in shown[:-1]]
+    gaps.append(max(proven.gap, least))
     ax = given_or_current(ax)
     places = np.arange(len(shown))
-    bars = ax.barh(places, [max(value, 0.0) for _, value in shown])
-    ax.bar_label(bars, labels, padding=3)
+    ax.hlines(places, least, gaps, color=GREY)
+    ax.plot(gaps, places, "o")
+    for place, gap, (_, value) in zip(places, gaps, shown, strict=True):
+        text = bound_shown(value) if place == places[-1] else f"{value:.6g}"
+        ax.annotate(text, (gap, place), (0, 6), textcoords="offset points", ha="center")
+    ax.axvline(proven.tolerance, linestyle="--", color=RED)
+    tolerance = f"tolerance {gap_shown(proven.tolerance)}"
+    ax.annotate(
+        tolerance,
+        (proven.tolerance, 1),
+        (3, -3),
+        xycoords=("data", "axes fraction"),
+        textcoords="offset points",
+        va="top",
+        color=RED,
+        rotation=90,
+    )
+    ax.set_xscale("log")
     ax.set_yticks(places, [title for title, _ in shown])
-    ax.margins(x=0.2)
-    ax.set(xlabel=proven.objective, title=f"{proven.verdict}, gap {gap_shown(proven.gap)}")
+    ax.margins(x=0.1, y=0.3)
+    title = f"{proven.verdict}, cost {cost_shown(proven.cost_upper)}, gap {gap_shown(proven.gap)}"
+    ax.set(xlabel=f"{proven.objective} minus lower bound", title=title)
     return ax
 
 

@@ -44,7 +44,7 @@ class Screen:
 def live(
     scene: Scene,
     *,
-    dark: bool = False,
+    dark: bool | None = None,
     colour: str | None = None,
     host: str = "127.0.0.1",
     port: int = PORT,
@@ -53,7 +53,7 @@ def live(
 
     Parameters
     ----------
-    dark, colour : as for `offline`
+    dark, colour : as for `offline`; light by default
     host : address of this machine to listen at; by default only this machine can connect
     port : that is tried first; the next ones if it is taken
 
@@ -65,7 +65,7 @@ def live(
         viser is not installed.
     """
     with serving(host, port) as server:
-        drawing = Drawing(server, scene, dark=dark, colour=colour)
+        drawing = Drawing(server, scene, dark=bool(dark), colour=colour)
         with drawing.controls():
             yield f"http://{host}:{server.get_port()}"
 

@@ -112,6 +112,7 @@ class _Found:
     estimates: list[tuple[str, Path | Estimate]] = field(default_factory=list)
     surfaces: list[tuple[str, Surface]] = field(default_factory=list)
     rejected: IntArray | None = None
+    verdict: str = ""
 
     def add(self, thing: Thing) -> None:
         """Read and keep a thing."""
@@ -131,6 +132,7 @@ class _Found:
                 self.estimates.append((self._fresh("answer"), thing.estimate))
             case CertifiedSolution():
                 self.add(thing.solution)
+                self.verdict = thing.certificate.in_brief
             case (str() as name, Estimate() as estimate):
                 self.estimates.append((self._fresh(name), estimate))
             case Surface():
@@ -208,6 +210,7 @@ def _of_graph(
         tuple(found.surfaces),
         IN_METRES if places is None else places.sentence,
         places is None,
+        found.verdict,
     )
 
 

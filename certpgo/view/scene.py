@@ -47,6 +47,12 @@ STOPS = np.array(
 )
 
 
+#: Colours of small and large shares that are seen on a light and on a dark background.
+EITHER = np.array([[110.0, 140.0, 180.0], [225.0, 85.0, 20.0]])
+#: Red, green and blue, 0 to 255.
+Rgb = tuple[int, int, int]
+
+
 @dataclass(frozen=True, eq=False)
 class Measure:
     """A number of each edge, to colour it by.
@@ -149,6 +155,7 @@ class Scene:
     surfaces : clouds and meshes by name, in the answer's frame, metres
     sentence : what positions are
     metric : whether lengths are metres
+    verdict : of the last placement, if a certificate came with it, and what it is about
     """
 
     name: str
@@ -164,6 +171,7 @@ class Scene:
     surfaces: tuple[tuple[str, Surface], ...] = ()
     sentence: str = IN_METRES
     metric: bool = True
+    verdict: str = ""
 
     def are(self, *kinds: Kind) -> BoolArray:
         """(m,) which edges are of one of these kinds."""
@@ -228,7 +236,7 @@ class Scene:
         return colour or next(iter(self.units), "")
 
     def colours(
-        self, placement: Placement, unit: str, drawn: BoolArray, *, dark: bool
+        self, placement: Placement, unit: str, drawn: BoolArray, *, dark: bool | None
     ) -> NDArray[np.uint8]:
         """(e, 3) colours of the ``drawn`` edges (m,); grey where the unit is not measured."""
         chosen = np.full((int(drawn.sum()), 3), 128, dtype=np.uint8)
@@ -311,9 +319,14 @@ def drawn_edges(instance: Instance) -> IntArray:
     return np.where(measured.are(*PRIORS)[:, None], measured.edges[:, 1:], measured.edges)
 
 
-def colours(shares: FloatArray, *, dark: bool = False) -> NDArray[np.uint8]:
-    """(k, 3) colours of shares (k,); large ones stand out on a light or ``dark`` background."""
+def colours(shares: FloatArray, *, dark: bool | None = False) -> NDArray[np.uint8]:
+    """(k, 3) colours of shares (k,); large ones stand out on a light or ``dark`` background.
+
+    With None they are seen on both.
+    """
     at = np.clip(shares, 0.0, 1.0)
+    if dark is None:
+        return np.asarray((EITHER[0] + at[:, None] * (EITHER[1] - EITHER[0])).round(), np.uint8)
     place = (0.2 + 0.8 * at if dark else 0.88 * (1.0 - at)) * (len(STOPS) - 1)
     channels = [np.interp(place, np.arange(len(STOPS)), STOPS[:, c]) for c in range(3)]
     return np.stack(channels, axis=1).round().astype(np.uint8)

@@ -42,19 +42,20 @@ def form_of(path: str | Path, *, play: bool = False) -> str:
     return form
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class View:
     """A scene to look at: it shows itself in a notebook, as a file, or live.
 
     Attributes
     ----------
     scene : what there is to see
-    dark : whether the background is dark
+    dark : whether the background is dark; by default pages follow the reader's system, and what
+        cannot is light
     colour : unit of the measure that colours edges; the first by default
     """
 
     scene: Scene
-    dark: bool = False
+    dark: bool | None = None
     colour: str | None = None
 
     def save(self, path: str | Path, *, play: bool = False) -> None:
@@ -77,7 +78,7 @@ class View:
             page = offline(self.scene, dark=self.dark, colour=self.colour, play=play)
             write_whole(Path(path), page.encode())
         else:
-            drawn = picture(self.scene, form, dark=self.dark, colour=self.colour)
+            drawn = picture(self.scene, form, dark=bool(self.dark), colour=self.colour)
             write_whole(Path(path), drawn)
 
     @contextmanager
@@ -94,6 +95,9 @@ class View:
         with live(self.scene, dark=self.dark, colour=self.colour, host=host, port=port) as address:
             yield address
 
+    def __repr__(self) -> str:
+        return f"<View: {self.scene.name}; .save(path) writes a page or picture, .serve() is live>"
+
     def _repr_html_(self) -> str:
         page = html.escape(offline(self.scene, dark=self.dark, colour=self.colour))
         return f'<iframe srcdoc="{page}" width="100%" height="{HEIGHT}" frameborder="0"></iframe>'
@@ -103,7 +107,7 @@ def show(
     *things: Thing,
     truth: str | Path | Estimate | None = None,
     rejected: ArrayLike | None = None,
-    dark: bool = False,
+    dark: bool | None = None,
     colour: str | None = None,
 ) -> View:
     """Look at a graph with its estimates, at trajectories, at a point cloud or a mesh.
@@ -118,7 +122,8 @@ def show(
         (`certpgo.io.surfaces.Surface`) in the frame of the last of them, metres
     truth : a file or estimate; by default the one that the graph was read with
     rejected : indices or flags of measurements to draw as rejected; by default those of the answer
-    dark : whether the background is dark
+    dark : whether the background is dark; by default pages follow the reader's system, and what
+        cannot is light
     colour : unit of the measure that colours edges, such as ``"degrees"``; the first by default
 
     Returns

@@ -17,7 +17,8 @@ from certpgo.graph.kinds import PRIORS, Kind
 from certpgo.io.exact import quaternion
 from certpgo.io.surfaces import Surface, glb
 from certpgo.linalg.arrays import BoolArray, FloatArray
-from certpgo.view.scene import Placement, Scene, colours
+from certpgo.view.caption import LANDMARKS, PRIOR_DOTS, REJECTED, legend, overlay, truth_ink
+from certpgo.view.scene import Placement, Rgb, Scene, colours
 
 #: The scene's extent in the browser, whose camera and controls are made for it.
 EXTENT = 10.0
@@ -32,20 +33,20 @@ STEPS, SECONDS = 300, 15.0
 #: Port that is tried first.
 PORT = 8080
 
+#: Whether the reader's system is dark, in a page.
+_SYSTEM = 'matchMedia("(prefers-color-scheme: dark)").matches'
 #: Widths of lines, pixels.
 _WIDTHS = {"steps": 2.5, "loop closures": 1.5, "sightings": 0.5, "distances": 0.5}
 
-Rgb = tuple[int, int, int]
-
 
 def offline(
-    scene: Scene, *, dark: bool = False, colour: str | None = None, play: bool = False
+    scene: Scene, *, dark: bool | None = None, colour: str | None = None, play: bool = False
 ) -> str:
     """A scene as one HTML file that needs no network; layers are switched in its scene tree.
 
     Parameters
     ----------
-    dark : whether the background is dark
+    dark : whether the background is dark; by default as the reader's system is
     colour : unit of the measure that colours edges, such as ``"degrees"``; the first by default
     play : whether a frustum walks along the trajectory
 
@@ -64,7 +65,11 @@ def offline(
             for step in range(0, steps, max(1, steps // STEPS)):
                 drawing.walk_to(step)
                 recording.insert_sleep(SECONDS / min(steps, STEPS))
-        page: str = recording.as_html(dark_mode=dark)
+        page: str = recording.as_html(dark_mode=bool(dark))
+    if dark is None:
+        page = page.replace("{darkMode:false}", f"{{darkMode:{_SYSTEM}}}", 1)
+    caption = overlay(scene, scene.unit(colour), dark)
+    page = f"{caption}</body>".join(page.rsplit("</body>", 1))
     return page.replace("<title>Viser</title>", f"<title>{html.escape(scene.name)}</title>", 1)
 
 
@@ -93,7 +98,7 @@ class Drawing:
     walk_length : number of poses of the answer
     """
 
-    def __init__(self, server: Any, scene: Scene, *, dark: bool, colour: str | None) -> None:
+    def __init__(self, server: Any, scene: Scene, *, dark: bool | None, colour: str | None) -> None:
         self._server, self._scene, self._dark = server, scene, dark
         self._scale = EXTENT / scene.frame.extent
         self._coloured: list[tuple[Any, Placement, BoolArray]] = []
@@ -139,8 +144,13 @@ class Drawing:
     def controls(self) -> Iterator[None]:
         """Boxes for layers, a choice of colours, and a walk that plays, while the block runs."""
         gui, ended = self._server.gui, threading.Event()
-        gui.configure_theme(dark_mode=self._dark, show_logo=False, show_share_button=False)
+        gui.configure_theme(dark_mode=bool(self._dark), show_logo=False, show_share_button=False)
         gui.set_panel_label(self._scene.name)
+        said = [
+            self._scene.verdict,
+            *(text for _, text in legend(self._scene, self._unit, self._dark)),
+        ]
+        gui.add_markdown("\n\n".join(filter(None, said)))
         for name, handle in self.layers.items():
             box = gui.add_checkbox(name, initial_value=handle.visible)
             box.on_update(_switching(handle))
@@ -184,7 +194,7 @@ class Drawing:
             self._add_edges(f"/{name}/{layer}", placement, drawn, width)
         rejected = scene.ends(placement, scene.rejected & scene.joins(placement))
         if len(rejected):
-            self._lines(f"/{name}/rejected", self._placed(rejected), (220, 50, 47), 1.0)
+            self._lines(f"/{name}/rejected", self._placed(rejected), REJECTED, 2.0)
         if not len(scene.edges) and len(placement.nodes) > 1:
             self._lines(f"/{name}/steps", self._placed(scene.steps(placement)), ink, 2.5)
         self._add_poses(placement, ink)
@@ -212,8 +222,8 @@ class Drawing:
         scene, size = self._scene, 0.4 * self._scale * self._scene.frustum
         everywhere = placement.spread(len(scene.ids))
         dots = {
-            "landmarks": (everywhere[scene.landmarks], (213, 94, 0)),
-            "priors": (scene.ends(placement, scene.are(*PRIORS))[:, 0], (204, 121, 167)),
+            "landmarks": (everywhere[scene.landmarks], LANDMARKS),
+            "priors": (scene.ends(placement, scene.are(*PRIORS))[:, 0], PRIOR_DOTS),
         }
         for name, (points, ink) in dots.items():
             points = points[np.isfinite(points).all(axis=1)]
@@ -225,7 +235,7 @@ class Drawing:
             self._server.scene.add_label(f"/{placement.name}/{name}", name, position=place)
 
     def _add_truth(self, truth: Placement) -> None:
-        ink = (60, 200, 150) if self._dark else (0, 130, 95)
+        ink = truth_ink(self._dark)
         self._layer("truth", shown=True)
         steps = self._scene.steps(truth)
         if len(steps):
@@ -248,7 +258,7 @@ class Drawing:
         if ink is None:
             height = self._placed(points)[:, 2]
             low, high = height.min(initial=0.0), height.max(initial=0.0)
-            ink = colours((height - low) / max(high - low, 1e-12), dark=self._dark)
+            ink = colours((height - low) / max(high - low, 1e-12), dark=bool(self._dark))
         if len(surface.faces):
             data = glb(Surface(self._placed(points), ink, surface.faces))
             self.layers[name] = self._server.scene.add_glb(f"/{name}", data)
@@ -265,7 +275,13 @@ class Drawing:
         length = scene.bar
         ends = corner + length * np.stack([np.zeros(3), scene.frame.axes[0]])
         self._layer("scale", shown=True)
-        grey = (190, 190, 190) if self._dark else (90, 90, 90)
+        grey = (
+            (130, 130, 130)
+            if self._dark is None
+            else (190, 190, 190)
+            if self._dark
+            else (90, 90, 90)
+        )
         self._lines("/scale/bar", self._placed(ends)[None], grey, 3.0)
         place = self._placed(ends[1])
         self._server.scene.add_label("/scale/length", f"{length:g} m", position=place)
@@ -296,7 +312,7 @@ class Drawing:
         view.fov, view.look_at, view.position = FIELD, np.zeros(3), distance * camera[2]
 
 
-def _ink(number: int, dark: bool) -> Rgb:
+def _ink(number: int, dark: bool | None) -> Rgb:
     """Colours of estimates, the answer's first."""
     light = ((0, 114, 178), (200, 90, 0), (160, 67, 138), (107, 91, 0))
     bright = ((86, 180, 233), (240, 145, 74), (229, 155, 208), (232, 211, 74))

@@ -25,6 +25,21 @@ from certpgo.io.datasets.synthetic import complete, winding_cycle
 BLUE, VERMILION, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#999999"  # Okabe and Ito's
 plt.rcParams.update({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False})
 
+# %%
+corners = np.array([[0.0, 0.0], [2.0, 0.0], [1.0, 1.7]])
+fig, ax = plt.subplots(figsize=(4.2, 3.2), layout="constrained")
+for i, j in ((0, 1), (1, 2), (2, 0)):
+    ax.annotate("", corners[j], corners[i], arrowprops={"arrowstyle": "->", "color": GREY})
+    ax.text(*(0.5 * (corners[i] + corners[j]) + (0.0, 0.08)), f"$R_{{{i}{j}}}$", color=GREY)
+for k, at in enumerate(corners):
+    for axis, ink in zip(np.eye(2), (VERMILION, GREEN), strict=True):
+        turn = np.radians(-40.0 * k)
+        turned = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ axis
+        ax.annotate("", at + 0.45 * turned, at, arrowprops={"arrowstyle": "-|>", "color": ink})
+    ax.text(*(at - (0.55 if k == 2 else 0.0, 0.25 * (k < 2))), f"camera {k}", ha="center")
+ax.set(xlim=(-0.6, 2.6), ylim=(-0.5, 2.4), aspect="equal")
+ax.set_axis_off()
+
 # %% [markdown]
 # ## The problem
 #
@@ -32,6 +47,9 @@ plt.rcParams.update({"font.size": 9, "axes.spines.top": False, "axes.spines.righ
 # $R_{ij} \approx R_i^T R_j$, here with weight 1, and the cost is
 #
 # $$F(R) = \sum_{(i,j)} \|R_j - R_i R_{ij}\|_F^2 .$$
+#
+# Turning all cameras together, $R_i \to Q R_i$, changes no measured angle and leaves $F$ unchanged.
+# This freedom is called the *gauge*: orientations are known up to a common rotation.
 #
 # Each camera's axes can be chosen freely: replacing $R_i$ by $R_i Q_i$ changes $R_{ij}$ to
 # $Q_i^T R_{ij} Q_j$ and leaves $F$ unchanged. So two of the three measurements can be made the
@@ -115,9 +133,8 @@ print(f"F = {F:.12f}, 24 sin^2(a/2) = {24 * np.sin(theta / 6) ** 2:.12f}")
 # (I - R_i^T R_i)\bigr) = \operatorname{tr}(R\, S\, R^T) + \operatorname{tr}\Lambda,
 # \qquad S = L - \operatorname{blkdiag}(\Lambda_1, \Lambda_2, \Lambda_3).$$
 #
-# Wherever the constraints hold, $\ell = F$, for any multipliers. (This is eq. 14 of Eriksson,
-# Olsson, Kahl and Chin, *Rotation Averaging and Strong Duality*, CVPR 2018. Their multipliers are
-# $\deg_i I - \Lambda_i$ in terms of ours; their $\Lambda^* - \tilde R$ is our $S$.)
+# Wherever the constraints hold, $\ell = F$, for any multipliers. (The derivation is that of
+# Eriksson, Olsson, Kahl and Chin, *Rotation Averaging and Strong Duality*, CVPR 2018.)
 #
 # Now minimise $\ell$ over *all* 2 x 6 matrices. A quadratic form without constraints is easy: if
 # $S$ has a negative eigenvalue, $\ell$ is unbounded below; if $S$ is positive semidefinite, written
@@ -156,18 +173,32 @@ primal_values = [cost(np.stack([rotation(x) for x in triple]), theta) for triple
 print(f"largest of 1000 random lower bounds {max(dual_values):.4f}")
 print(f"smallest of 1000 random costs {min(primal_values):.4f}, F at the stationary point {F:.4f}")
 
+# %%
+fig, ax = plt.subplots(figsize=(5.2, 2.6), layout="constrained")
+bins = np.linspace(min(0.0, min(dual_values)), max(primal_values), 80)
+ax.hist(dual_values, bins, color=BLUE, label="1000 lower bounds")
+ax.hist(primal_values, bins, color=VERMILION, label="1000 costs")
+ax.axvline(F, color="black", linestyle="--", label="the stationary point")
+ax.set(xlabel="$F$, or a bound on it", ylabel="how many")
+ax.legend(frameon=False)
+
 # %% [markdown]
+# Every bound is below every cost, and the stationary point is cheaper than all random rotations.
+# Whether some bound reaches it is the question of the next section.
+#
 # ## The dual problem
 #
-# The best lower bound of this kind is the *dual problem* (Eriksson et al., eq. 18):
+# The best lower bound of this kind is the *dual problem*:
 #
 # $$\text{(D)}\qquad \max_\Lambda\ \operatorname{tr}\Lambda \quad\text{such that}\quad
 # L - \operatorname{blkdiag}(\Lambda) \succeq 0 .$$
 #
 # It is a semidefinite program: convex, hence without spurious local optima, and solvers exist. Its
 # own dual replaces $R^T R$ in $F = \operatorname{tr}(L R^T R)$ by any positive semidefinite matrix
-# with identities as diagonal blocks (eq. 45). That is the *convex relaxation* of the problem; it
-# has the same value as (D), and is called *tight* where this value is $F^*$. Here is the result of
+# with identities as diagonal blocks. That is the *convex relaxation* of the problem. $R^T R$ has
+# rank 2, and what is dropped is this condition on the rank: a solution of rank 2 is the product
+# $R^T R$ of orthogonal matrices again. The relaxation has the same value as (D), and is called
+# *tight* where this value is $F^*$. Here is the result of
 # a solver in the package.
 
 
@@ -193,8 +224,10 @@ print(f"value of (D) {dual_value:.6f}, F at the stationary point {F:.6f}")
 #
 # $$\Lambda_i = R_i^T (R L)_i = \deg_i I - \sum_j R_i^T R_j R_{ji}.$$
 #
-# (Eriksson et al., eq. 16 and Lemma 3.1.) Such $\Lambda_i$ are symmetric exactly where $R$ is
-# stationary. Their traces add up to $\operatorname{tr}(R L R^T) = F(R)$. Here
+# Such $\Lambda_i$ are symmetric exactly where $R$ is stationary: turning camera $i$ by a small
+# $\Omega$, $R_i \to R_i(I + \Omega)$ with $\Omega^T = -\Omega$, changes $F$ by
+# $2\operatorname{tr}(\Omega^T \Lambda_i)$, which is zero for all $\Omega$ if and only if
+# $\Lambda_i$ has no skew part. Their traces add up to $\operatorname{tr}(R L R^T) = F(R)$. Here
 # $\Lambda_i = 2(1 - \cos a)\, I$.
 
 
@@ -287,7 +320,7 @@ own_bound = point - 6.0 * np.maximum(-smallest, 0.0)
 solved_at = np.radians(np.arange(5.0, 90.0, 10.0))
 dual_curve = np.array([program.solve(triangle(a)).relaxation.value for a in solved_at])
 s = np.sin(grid / 2.0)
-guaranteed = 3.0 - 4.0 * s * (1.0 + s)  # by Theorem 4.1; see below
+guaranteed = 3.0 - 4.0 * s * (1.0 + s)  # see below
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(7.4, 2.9), layout="constrained")
 left.plot(np.degrees(grid), smallest, color=BLUE, label="computed")
@@ -318,18 +351,18 @@ plt.show()
 # multipliers prove it, and here even the wrong point's multipliers, shifted, prove the best bound
 # possible. (This is due to the triangle's symmetry. In general they prove less.)
 #
-# ## Theorem 4.1 and its 60 degrees
+# ## A bound on angles, and its 60 degrees
 #
 # Other graphs have no closed form, but a bound holds for all of them. In the gauge of $R$,
 # $S = L_G \otimes I + \Delta$: the graph Laplacian, each entry times an identity block, and a
 # perturbation made of the residuals $E_{ij} = R_i R_{ij} R_j^T$. With spectral norms, all residual
 # angles at most $a$, and $s = \sin(a/2)$,
 #
-# - $\|\Delta_{ij}\| = \|I - E_{ij}\| \le 2s$ for each neighbour $j$ of $i$ (eq. 34),
-# - $\|\Delta_{ii}\| \le \deg_i (1 - \cos a) = 2 \deg_i s^2$ (eq. 29),
+# - $\|\Delta_{ij}\| = \|I - E_{ij}\| \le 2s$ for each neighbour $j$ of $i$,
+# - $\|\Delta_{ii}\| \le \deg_i (1 - \cos a) = 2 \deg_i s^2$,
 #
 # so no eigenvalue of $\Delta$ exceeds in absolute value the largest sum of norms over a row of
-# blocks (Gershgorin, by blocks), $2 d_{\max}\, s(1 + s)$ (eq. 37). Both $S$ and $L_G \otimes I$
+# blocks (Gershgorin, by blocks), $2 d_{\max}\, s(1 + s)$. Both $S$ and $L_G \otimes I$
 # vanish on rotations of the world. On its complement $L_G$ is at least its second eigenvalue
 # $\lambda_2$, the *Fiedler value*, which measures how well connected the graph is. So $S \succeq 0$
 # as long as
@@ -339,7 +372,7 @@ plt.show()
 # a \le \alpha_{\max} = 2 \arcsin\Bigl(\sqrt{\tfrac14 + \tfrac{\lambda_2}{2 d_{\max}}}
 # - \tfrac12\Bigr),$$
 #
-# which is Theorem 4.1 (eqs. 41 and 22). A triangle has $\lambda_2 = 3$ and $d_{\max} = 2$: the root
+# which is Theorem 4.1 of the paper. A triangle has $\lambda_2 = 3$ and $d_{\max} = 2$: the root
 # is $1$, the sine $\tfrac12$, and $\alpha_{\max} = 60^\circ$. The dashed curve of panel (a) is
 # $\lambda_2 - 2 d_{\max}\, s (1 + s)$. It lies below the computed eigenvalue (the inset shows by
 # how much) and meets it at zero: for three cameras the theorem is sharp. A complete graph of $n$
@@ -365,7 +398,7 @@ print(f"limit  {limit:8.4f} degrees")
 # ## Exercises
 #
 # **1.** Take perfect measurements, $\theta = 0$, and turn camera 0 by 40 degrees. All residuals are
-# below 60 degrees, and yet $F > 0 = F^*$. Why does Theorem 4.1 not apply to this point? What does
+# below 60 degrees, and yet $F > 0 = F^*$. Why does the bound not apply to this point? What does
 # the certificate matrix show?
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}

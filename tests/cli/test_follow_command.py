@@ -96,7 +96,7 @@ def test_landmarks_of_a_file_come_with_the_poses_that_see_them(certpgo, tmp_path
 
 
 def test_the_map_is_shown_as_it_grows(certpgo, lines, monkeypatch):
-    pytest.importorskip("viser", reason="viser is not installed: pip install 'certpgo[view]'")
+    pytest.importorskip("viser", reason="viser is not installed")
     scenes = []
 
     class Drawn:
@@ -215,3 +215,29 @@ def test_the_merge_command_takes_maps_with_priors(certpgo, tmp_path):
     assert package.read_estimate(out).translations[:, 0] == pytest.approx(
         500000.0 + np.arange(4), abs=0.5
     )
+
+
+def test_a_bag_is_followed_without_ros(certpgo, lines, tmp_path):
+    pytest.importorskip("rosbags", reason="rosbags is not installed")
+    import bags
+
+    read = package.read(lines)
+    graph, messages = read.graph, bags.Messages(2)
+    information = [
+        np.diag([2 * tau] * 3 + [4 * kappa] * 3)
+        for kappa, tau in zip(graph.rotation.kappa, graph.tau, strict=True)
+    ]
+    links = [
+        messages.link(int(i), int(j), R, t, matrix)
+        for (i, j), R, t, matrix in zip(
+            graph.edges, graph.rotation.rotations, graph.translations, information, strict=True
+        )
+    ]
+    whole, first = (messages.graph([], [], some) for some in (links, links[:9]))
+    path = messages.write(tmp_path / "run", {"/mapGraph": [(0, first), (1, whole)]})
+    done = certpgo("follow", path, "--topic", "/mapGraph", "--every", 20, "--trace")
+    assert done.code == 0
+    *before, last = done.out.splitlines()
+    assert len(before) == graph.num_edges // 20
+    assert last.startswith("CERTIFIED")
+    assert f"{graph.num_nodes} nodes, {graph.num_edges} measurements" in last

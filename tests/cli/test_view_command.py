@@ -6,9 +6,10 @@ from contextlib import contextmanager
 
 import pytest
 
+from certpgo.errors import how_to_install
 from certpgo.view.show import View
 
-pytest.importorskip("viser", reason="viser is not installed: pip install 'certpgo[view]'")
+pytest.importorskip("viser", reason="viser is not installed")
 
 
 def test_a_scene_is_written_as_one_page(certpgo, square, tmp_path):
@@ -69,7 +70,7 @@ def test_files_are_told_apart_by_what_they_hold(certpgo, square, tmp_path, monke
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("{graph}", "--play"), "--play is for -o"),
+        (("{graph}", "--play"), "--play is for pages"),
         (("{graph}", "-o", "{graph}"), "lost|overwritten"),
         (("{graph}", "{graph}.x"), "no such file"),
         (("{text}",), "text.txt: no known format"),
@@ -101,4 +102,4 @@ def test_without_viser_the_extra_is_named(certpgo, square, tmp_path, monkeypatch
     monkeypatch.setitem(sys.modules, "viser", None)
     done = certpgo("view", square, "-o", tmp_path / "out.html")
     assert done.code == 1
-    assert done.err == "certpgo: viser is not installed: pip install 'certpgo[view]'\n"
+    assert done.err == f"certpgo: viser is not installed: {how_to_install('view')}\n"

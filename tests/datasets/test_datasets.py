@@ -132,7 +132,7 @@ def test_gits_own_hash_serves_where_no_other_is_known(tmp_path):
     ("name", "remedy"),
     [
         ("sphinx_SO3", "no download address"),
-        ("w10000", r"pip install 'certpgo\[baselines\]'"),
+        ("w10000", r"pip install 'gtsam"),
     ],
 )
 def test_a_file_without_address_says_so(nowhere, name, remedy):

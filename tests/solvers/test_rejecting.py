@@ -101,3 +101,24 @@ def test_what_is_put_aside_returns_without_a_new_fit(monkeypatch):
     session.refresh()
     assert session.rejected.size == 0
     assert session.edges.tolist() == list(range(14))
+
+
+def test_an_answer_names_what_is_rejected_and_what_costs_most():
+    made = helix(4, np.random.default_rng(0))
+    ids = np.arange(made.graph.num_nodes) + 100
+    named = certpgo.Instance("helix", made.graph, ids)
+    plain = certpgo.solve(named)
+    assert plain.rejected.tolist() == []
+    terms = plain.problem.edge_costs(plain.estimate)
+    costliest = plain.costliest
+    assert [edge.cost for edge in costliest] == sorted(terms, reverse=True)[: len(costliest)]
+    first = costliest[0]
+    assert first.ids == tuple((made.graph.edges[first.edge] + 100).tolist())
+    wrong = np.array(made.graph.rotation.rotations)
+    wrong[-1] = wrong[-1] @ np.diag([1.0, -1.0, -1.0])
+    rotation = RotationGraph(
+        made.graph.num_nodes, made.graph.edges, wrong, made.graph.rotation.kappa
+    )
+    robust = certpgo.solve_robustly(PoseGraph(rotation, made.graph.translations, made.graph.tau))
+    assert robust.rejected.tolist() == [made.graph.num_edges - 1]
+    assert robust.rejected[0] not in {edge.edge for edge in robust.costliest}

@@ -283,6 +283,12 @@ def test_colours_differ_in_lightness_and_the_top_ignores_outliers():
     for dark in (True, False):
         steps = np.diff(colours(shares, dark=dark) @ [0.2126, 0.7152, 0.0722])
         assert np.all(steps > 0) if dark else np.all(steps < 0)
+    # Where the background is not known, all of them are seen on both: contrast of 3 and more.
+    for rgb in colours(shares, dark=None) / 255.0:
+        linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+        luminance = linear @ [0.2126, 0.7152, 0.0722]
+        assert 1.05 / (luminance + 0.05) > 3.0
+        assert (luminance + 0.05) / 0.055 > 3.0
     values = np.concatenate([np.ones(99), [1e6, np.inf, NOT_MEASURED]])
     measure = Measure("degrees", values)
     assert measure.top == 1.0

@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from certpgo.errors import FileNotHere, InputError, MissingDependency
+from certpgo.errors import FileNotHere, InputError, MissingDependency, how_to_install
 from certpgo.io.datasets.catalogue import Entry
 
 #: Environment variable naming a data folder.
@@ -94,5 +94,5 @@ def _remedy(entry: Entry) -> str:
     if entry.url is not None:
         return f"it can be downloaded from {entry.url}"
     if entry.origin == "gtsam wheel":
-        return "pip install 'certpgo[baselines]' provides it"
+        return f"the GTSAM wheel has it: {how_to_install('baselines')}"
     return f"it is derived and has no download address: set {DATA_VARIABLE} to its folder"

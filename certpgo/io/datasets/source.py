@@ -147,9 +147,19 @@ def resolve(name: str, data: str | Path | None = None) -> Source:
     try:
         return dataset(name, data)
     except SpecError:
-        near = nearest(name, names("graph"))
+        near = [*_near_files(Path(name)), *nearest(name, names("graph"))][:3]
         hint = f"did you mean {' or '.join(near)}?" if near else "see certpgo list datasets"
         raise InputError(f"{name}: no such file or dataset; {hint}") from None
+
+
+def _near_files(path: Path) -> list[str]:
+    """Files of the same folder with a similar name, or with that name and another suffix."""
+    if not path.name or not path.parent.is_dir():
+        return []
+    here = [p.name for p in path.parent.iterdir() if p.is_file()]
+    stem = [name for name in here if Path(name).stem.lower() == path.stem.lower()]
+    near = dict.fromkeys([*stem, *nearest(path.name, here)])
+    return [str(path.parent / name) for name in near]
 
 
 def dataset(name: str, data: str | Path | None = None) -> Dataset:

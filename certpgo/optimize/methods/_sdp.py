@@ -36,6 +36,10 @@ STATUSES = {
 }
 
 
+#: The packages cvxpy and cvxpy-base have the same files: uninstalling one takes the other's.
+INSTALL_CVXPY = "pip install --force-reinstall --no-deps cvxpy-base"
+
+
 @dataclass(frozen=True)
 class Program:
     """A solver of semidefinite programs, called through CVXPY.
@@ -240,7 +244,7 @@ class Semidefinite(Settings, ABC):
         if importlib.util.find_spec(program.module) is None:
             raise MissingDependency(self.program, package=program.package)
         if importlib.util.find_spec("cvxpy") is None:
-            raise MissingDependency("CVXPY", package="cvxpy")
+            raise MissingDependency("CVXPY", remedy=INSTALL_CVXPY)
 
     def _run(self, posed: Posed) -> ConicSolution:
         """Solve without output or warnings."""

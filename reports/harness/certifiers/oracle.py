@@ -251,6 +251,6 @@ def library() -> Any:
         import flint
     except ImportError:
         raise MissingDependency(
-            "python-flint, which the zoo knows the truth from,", "test"
+            "python-flint, which the zoo knows the truth from,", "test", package="python-flint"
         ) from None
     return flint

@@ -130,13 +130,20 @@ class TableReport:
 
     def show(self) -> None:
         """Print it."""
+        from certpgo.graph.phrases import counted
         from reports.harness.rendering.render import notes, sections
 
         records = self.records
         typer.echo(self.spec.title)
-        for section in sections(self.spec, records):
+        shown = sections(self.spec, records)
+        for section in shown:
+            rows = [[in_brief(cell) for cell in row] for row in section.rows]
             typer.echo()
-            table(section.title, section.header, section.rows, section.caption)
+            table(section.title, section.header, rows, section.caption)
+        parts = [p for section in shown for row in section.rows for c in row for p in compared(c)]
+        if parts:
+            agree = sum(part.endswith(AGREES) for part in parts)
+            typer.echo(f"{agree} of {counted(len(parts), 'printed number{s}')} agree.")
         for sentence in notes(self.spec, records):
             typer.echo(sentence)
 
@@ -148,6 +155,25 @@ class TableReport:
         failed = sum(bool(record.absence) for record in records)
         said = f", {failed} failed or not run" if failed else ""
         return f"{self.spec.name}: {counted(len(records), 'result{s}')}{said}"
+
+
+#: How a number ends that was compared with a printed one.
+AGREES, COMPARED = " agrees", (" agrees", " differs", " differs, better")
+
+
+def compared(cell: str) -> list[str]:
+    """What a cell says of numbers that were compared with printed ones."""
+    return [part for part in cell.split("; ") if part.endswith(COMPARED)]
+
+
+def in_brief(cell: str) -> str:
+    """A cell for a screen: of several numbers that agree, how many they are."""
+    parts = compared(cell)
+    agree = [part for part in parts if part.endswith(AGREES)]
+    if len(agree) < 2:
+        return cell
+    others = [part for part in cell.split("; ") if part not in agree]
+    return "; ".join([f"{len(agree)} of {len(parts)} agree", *others])
 
 
 class FigureReport:

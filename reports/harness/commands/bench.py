@@ -50,7 +50,7 @@ def command(
         int, typer.Option("--processes", min=1, help="zoo: how many work at once.")
     ] = 2,
     out: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="Folder for the results.")
+        Path, typer.Option("-o", "--out", metavar="DIR", help="Folder for the results.")
     ] = Path("bench-results"),
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
 ) -> int:

@@ -16,7 +16,7 @@ def command(
         typer.Option("--results", metavar="DIR", help="Records; the checkout's by default."),
     ] = None,
     out: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="Folder for the rendered files.")
+        Path, typer.Option("-o", "--out", metavar="DIR", help="Folder for the rendered files.")
     ] = Path("report"),
     html: Annotated[
         Path | None, typer.Option("--html", metavar="OUT", help="Write it all as one page, too.")

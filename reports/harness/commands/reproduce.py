@@ -32,7 +32,7 @@ def command(
         typer.Option("--time-limit", min=0.001, metavar="S", help="Seconds, of each method."),
     ] = 1800.0,
     out: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="Folder for the results.")
+        Path, typer.Option("-o", "--out", metavar="DIR", help="Folder for the results.")
     ] = Path("reproduce-results"),
     data: Annotated[
         Path | None, typer.Option("--data", metavar="DIR", help="Folder to look in first.")

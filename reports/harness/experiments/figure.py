@@ -135,7 +135,7 @@ def figure_bytes(figure: Figure, record: Data, form: str = "svg") -> bytes:
     try:
         import matplotlib as mpl
     except ImportError:
-        raise MissingDependency("matplotlib, which draws figures,", "reports") from None
+        raise MissingDependency("matplotlib, which draws figures,", "plots") from None
     from matplotlib.figure import Figure as Canvas
 
     stream = io.BytesIO()

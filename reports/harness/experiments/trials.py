@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo.errors import InputError
+from certpgo.errors import InputError, how_to_install
 from certpgo.objective.choose_cost import CHORDAL
 from reports.harness.experiments.instances import is_here, seed_of
 from reports.harness.experiments.keys import Profile, record_key
@@ -92,7 +92,7 @@ def chosen_rows(table: Table, *, data: Path | None, quick: bool) -> tuple[Row, .
         rows = here[0] or here[1]
     if not rows:
         raise InputError(
-            f"none of the files of table {table.name} is here: pip install 'certpgo[baselines]' "
+            f"none of the files of table {table.name} is here: {how_to_install('baselines')} "
             "brings some, certpgo fetch others; --data names a folder of your own"
         )
     if quick and table.quick:

@@ -98,7 +98,7 @@ def limit_of(phase: str) -> str:
 @contextmanager
 def _helix(turns: int) -> Iterator[Timers]:
     if not compiled.AVAILABLE:
-        raise MissingDependency("the compiled engine", package=COMPILED)
+        raise MissingDependency("the compiled engine", remedy=COMPILED)
     graph: Any = synthetic.helix(turns, np.random.default_rng(0)).graph
     estimate = finished(solve(graph)).estimate
     problem = PoseProblem(graph)

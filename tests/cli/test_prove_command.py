@@ -1,0 +1,62 @@
+"""certpgo prove: solved, proven, checked; a line a graph, a badge, and exit codes."""
+
+import math
+from xml.etree import ElementTree
+
+import pytest
+
+import certpgo as package
+
+
+def test_each_graph_is_proven_and_its_proof_is_kept(certpgo, square, tmp_path):
+    other = tmp_path / "more" / "square.g2o"
+    other.parent.mkdir()
+    other.write_text(square.read_text().replace("1.01", "1.02"))
+    folder, badge = tmp_path / "proofs", tmp_path / "badge.svg"
+    done = certpgo("prove", square, other, "-o", folder, "--badge", badge)
+    assert done.code == 0
+    assert [line.partition(": PROVED: F(x) <= ")[0] for line in done.out.splitlines()] == [
+        str(square),
+        str(other),
+    ]
+    kept = sorted(folder.iterdir())
+    assert len(kept) == 2  # one name, two folders
+    best = package.solve(square)
+    bounds = [package.check(square, one) for one in kept if "more" not in one.name]
+    assert bounds[0].lower <= best.cost <= bounds[0].upper * (1 + 1e-12) + 1e-12
+    assert "2 of 2 proven" in "".join(ElementTree.parse(badge).getroot().itertext())
+
+
+def test_the_document_rounds_outwards(certpgo, square):
+    [(name, said)] = certpgo("prove", square, "--json").json.items()
+    assert name == str(square)
+    assert said["proved"]
+    assert said["lower_bound"] <= said["cost_upper"] < math.inf
+
+
+def test_what_is_not_proven_is_said_and_counted(certpgo, square, tmp_path):
+    badge, estimate, bad = tmp_path / "b.svg", tmp_path / "e.g2o", tmp_path / "bad.g2o"
+    certpgo("solve", square, "-o", estimate)
+    bad.write_text("EDGE_SE2 0 1 1 0 x\n")
+    done = certpgo("prove", square, estimate, bad, "--badge", badge)
+    assert done.code == 1
+    assert f"{estimate}: no measurements; skipped" in done.err
+    assert f"{bad}: ERROR: " in done.out
+    assert "1 of 2 proven" in badge.read_text()
+
+
+def test_an_answer_without_a_certificate_is_not_proven(certpgo, square, monkeypatch):
+    solve = package.solve
+
+    def bounded(*given, **options):
+        return solve(*given, **options, rtol=1e-300, atol=1e-300)
+
+    monkeypatch.setattr(package, "solve", bounded)
+    done = certpgo("prove", square)
+    assert done.code == 6
+    assert ": NOT PROVED: " in done.out
+
+
+@pytest.mark.parametrize("cost", ["gtsam", "no"])
+def test_costs_without_proofs_are_refused(certpgo, square, cost):
+    assert certpgo("prove", square, "--cost", cost).code in (1, 2)

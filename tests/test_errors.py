@@ -1,0 +1,48 @@
+"""Errors: what they advise to install works in the situation where it is said."""
+
+import sys
+from importlib import metadata
+
+import pytest
+
+from certpgo.errors import MissingDependency, how_to_install
+
+REQUIRES = [
+    "numpy<3,>=2.0",
+    'viser<2,>=1.0; extra == "view"',
+    'trimesh<6,>=4.5; extra == "view"',
+    'certpgo[pages,plots]; extra == "reports"',
+    'joblib<2,>=1.4; extra == "reports"',
+    'dask[distributed]>=2024.8; extra == "cluster"',
+    f'gtsam<4.4,>=4.3; sys_platform != "{sys.platform}" and extra == "baselines"',
+]
+
+
+@pytest.mark.parametrize(
+    ("extra", "package", "expected"),
+    [
+        ("view", "", "pip install 'viser<2,>=1.0' 'trimesh<6,>=4.5'"),
+        ("view", "viser", "pip install 'viser<2,>=1.0'"),
+        ("reports", "", "pip install 'joblib<2,>=1.4'"),
+        ("cluster", "dask", "pip install 'dask[distributed]>=2024.8'"),
+        ("baselines", "", f"there is no wheel of gtsam for {sys.platform}"),
+        ("", "ray", "pip install ray"),
+    ],
+)
+def test_packages_are_named_and_not_certpgo(extra, package, expected, monkeypatch):
+    monkeypatch.setattr(metadata, "requires", lambda name: REQUIRES)
+    assert how_to_install(extra, package) == expected
+    assert (
+        str(MissingDependency("it", extra, package=package)) == f"it is not installed: {expected}"
+    )
+
+
+def test_a_remedy_stands_for_the_command():
+    error = MissingDependency("the engine", remedy="build it")
+    assert str(error) == "the engine is not installed: build it"
+
+
+@pytest.mark.parametrize("extra", ["pages", "plots", "view", "rgbd", "mesh", "downloads", "ros"])
+def test_each_extra_of_a_message_is_one_of_the_package(extra):
+    # Those of the installed metadata: none of them names certpgo.
+    assert "certpgo" not in how_to_install(extra)
