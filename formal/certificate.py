@@ -25,11 +25,11 @@ SPARE = 70  # bits of weights
 HEADER = """(** No estimate of the {kind} in {file} costs less than {bound}.
 
     This is about {about}.
-    An estimate is a rotation for each of {n} nodes{position}. What it costs is defined in Statement.v,
-    for the {m} measurements below. They are written as doubles, exactly: those that
-    certpgo/integer_checker.py reads from the file whose SHA-256 is
-    {digest}. Nodes are numbered by ascending id.
-    Coq checks the proof when it compiles this file, in integers. *)
+    An estimate is a rotation for each of {n} nodes{position}. Statement.v defines its cost, of the
+    {m} measurements below. These are doubles, written exactly: those that
+    certpgo/integer_checker.py reads from the file of SHA-256
+    {digest}.
+    Nodes are numbered by ascending id. Coq checks the proof when it compiles this file. *)
 
 From Coq Require Import QArith Qreals Reals List Lra.
 From Certpgo Require Import Statement Check Bound.
