@@ -84,6 +84,9 @@ def hints(graph: checker.Graph, proof: checker.Proof, d: int) -> tuple[str, Frac
     translation_guard = max(2 * metre - unit, SPARE + 2 * metre - weights[1] - unit, 0)
     multipliers, trace = [], 0
     for k in proof.order:
+        if k in graph.points:  # without a rotation
+            multipliers.append(f"({k}, [])")
+            continue
         Lam = [checker.shifted(x, unit - checker.ULP) for x in proof.multipliers[k]]
         trace += sum(Lam[a] for a in ((0, 2), (0, 3, 5))[d - 2])
         multipliers.append(f"({k}, [{'; '.join(map(hex, Lam))}])")
