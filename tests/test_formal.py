@@ -105,6 +105,37 @@ def test_what_is_proven(theory, tmp_path, name):
     assert 0 <= 1 - Fraction(said) / answer.lower < 1e-13
 
 
+@pytest.fixture(scope="module")
+def program(theory):
+    """The check that Coq extracts, compiled."""
+    if shutil.which("ocamlfind") is None:
+        pytest.skip("ocamlfind is missing: see formal/README.md")
+    shutil.copy(FORMAL / "Extract.v", theory)
+    shutil.copy(FORMAL / "run.ml", theory)
+    assert coqc(theory, "Extract").returncode == 0
+    command = "ocamlfind ocamlopt -package zarith -linkpkg check.mli check.ml run.ml -o run"
+    done = subprocess.run(command.split(), cwd=theory, capture_output=True, text=True)
+    if "zarith" in done.stderr:
+        pytest.skip("OCaml's zarith is missing: see formal/README.md")
+    assert done.returncode == 0, done.stderr
+    return theory / "run"
+
+
+def test_the_extracted_program(program, tmp_path):
+    for name, graph in graphs():
+        text, _, _ = made(tmp_path, name, graph)
+        said = re.search(r"no_estimate_costs_less_than (\S+) [23]", text)[1]
+        file = tmp_path / f"{name}.v"
+        file.write_text(text)
+        done = subprocess.run([program, file], capture_output=True, text=True)
+        edges = text.count("\nEdge ")
+        expected = f"{name}: no estimate costs less than {said} ({edges} edges)\n"
+        assert (done.returncode, done.stdout) == (0, expected)
+        file.write_text(text.replace(said, f"9{said}"))
+        done = subprocess.run([program, file], capture_output=True, text=True)
+        assert (done.returncode, done.stdout) == (1, f"{name}: not proven\n")
+
+
 @pytest.mark.parametrize(
     ("stands", "instead"),
     [
