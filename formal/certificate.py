@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import sys
+import textwrap
 import zipfile
 from collections.abc import Iterable, Iterator, Sequence
 from decimal import ROUND_FLOOR, Context, Decimal
@@ -24,7 +25,7 @@ SPARE = 70  # bits of weights
 
 HEADER = """(** No estimate of the {kind} in {file} costs less than {bound}.
 
-    This is about {about}.
+{about}
     An estimate is a rotation for each of {n} nodes{position}. Statement.v defines its cost, of the
     {m} measurements below. These are doubles, written exactly: those that
     certpgo/integer_checker.py reads from the file of SHA-256
@@ -51,6 +52,11 @@ def hexadecimal(x: int) -> str:
     """A double, given as an integer times 2^-1074, exactly."""
     said = float(Fraction(x, checker.ONE)).hex()
     return f"({said})" if x < 0 else said
+
+
+def indented(said: str) -> str:
+    """A paragraph of a comment."""
+    return textwrap.fill(said, 100, initial_indent=" " * 4, subsequent_indent=" " * 4)
 
 
 def near_one(q: checker.Quaternion) -> list[int]:
@@ -111,7 +117,7 @@ def theorem(name: str, path: Path, proof_path: Path) -> str:
         "name": name,
         "file": path.name,
         "kind": claim["kind"],
-        "about": checker.about(graph, claim),
+        "about": indented(f"This is about {checker.about(graph, claim)}."),
         "n": graph.n,
         "m": len(graph.edges),
         "position": " and a position" if poses else "",
