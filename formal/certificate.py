@@ -1,6 +1,6 @@
 """Writes a graph and its proof as a theorem for Coq.
 
-    python formal/certificate.py NAME GRAPH PROOF > NAME.v
+    python formal/certificate.py NAME GRAPH PROOF [BITS] > NAME.v
 
 Of what this program writes, the measurements are what the theorem is about. All else is hints,
 which Coq checks.
@@ -20,7 +20,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from certpgo import integer_checker as checker
 
-BITS = 60  # of the factor's columns; more take longer, and fewer may not be enough
+BITS = 60  # of the factor's columns: more take longer, and fewer may not be enough
 SPARE = 70  # bits of weights
 
 HEADER = """(** No estimate of the {kind} in {file} costs less than {bound}.
@@ -78,16 +78,19 @@ def measurements(graph: checker.Graph, poses: bool) -> Iterator[str]:
         yield f"Edge {i} {j} [{step}] [{turn}] {weights}"
 
 
-def hints(graph: checker.Graph, proof: checker.Proof, d: int) -> tuple[str, Fraction]:
+def hints(
+    graph: checker.Graph, proof: checker.Proof, d: int, precision: int
+) -> tuple[str, Fraction]:
     """The fields of a proof, which Check.v explains, and the bound that it proves."""
     far = proof.exponent if proof.t else 0
-    weights = [max(edge[k] for edge in graph.edges).bit_length() - checker.ULP for k in (4, 5)]
-    heaviest = max(weights[0], weights[1] + 2 * far if proof.t else weights[0])
+    kappa = max(edge.kappa for edge in graph.edges).bit_length() - checker.ULP  # at most 2^kappa
+    tau = max(edge.tau for edge in graph.edges).bit_length() - checker.ULP
+    heaviest = max(kappa, tau + 2 * far) if proof.t else kappa
     metre = bits(x for edge in graph.edges for x in edge.t) + max(-far, 0)
     turn = bits(x for edge in graph.edges for x in near_one(edge.q))
-    unit = max(2 * BITS - 4 - weights[0], 0)
-    rotation_guard = max(SPARE + 2 * turn - weights[0] - unit, 0)
-    translation_guard = max(2 * metre - unit, SPARE + 2 * metre - weights[1] - unit, 0)
+    unit = max(2 * precision - 4 - kappa, 0)
+    rotation_guard = max(SPARE + 2 * turn - kappa - unit, 0)
+    translation_guard = max(2 * metre - unit, SPARE + 2 * metre - tau - unit, 0)
     multipliers, trace = [], 0
     for k in proof.order:
         if k in graph.points:  # without a rotation
@@ -101,7 +104,7 @@ def hints(graph: checker.Graph, proof: checker.Proof, d: int) -> tuple[str, Frac
     return f"{numbers} {pin} [\n" + ";\n".join(multipliers) + "]", Fraction(trace, 1 << unit)
 
 
-def theorem(name: str, path: Path, proof_path: Path) -> str:
+def theorem(name: str, path: Path, proof_path: Path, precision: int = BITS) -> str:
     """The file for Coq."""
     text = path.read_bytes()
     with zipfile.ZipFile(proof_path) as archive:
@@ -111,7 +114,9 @@ def theorem(name: str, path: Path, proof_path: Path) -> str:
         raise checker.Refused(f"{path} is not the file that was proven about: its SHA-256 differs")
     graph = checker.read_graph(text, claim, checker.component(path, claim["component_sha256"]))
     proof, d, poses = checker.read_proof(files, claim, graph), claim["d"], claim["kind"] == "poses"
-    fields, bound = hints(graph, proof, d)
+    fields, bound = hints(graph, proof, d, precision)
+    if bound <= 0:
+        raise checker.Refused("the proof's bound is not positive")
     floor = Context(prec=15, rounding=ROUND_FLOOR)
     said = {
         "name": name,
@@ -138,11 +143,12 @@ def theorem(name: str, path: Path, proof_path: Path) -> str:
 
 def main(arguments: Sequence[str]) -> int:
     """Write the theorem to the standard output."""
-    if len(arguments) != 3:
-        sys.stderr.write("usage: certificate.py NAME GRAPH PROOF\n")
+    if len(arguments) not in (3, 4) or not all(word.isdecimal() for word in arguments[3:]):
+        sys.stderr.write("usage: certificate.py NAME GRAPH PROOF [BITS]\n")
         return 2
+    name, graph, proof = arguments[:3]
     try:
-        sys.stdout.write(theorem(arguments[0], Path(arguments[1]), Path(arguments[2])))
+        sys.stdout.write(theorem(name, Path(graph), Path(proof), *map(int, arguments[3:])))
     except (checker.Refused, checker.Unreadable, OSError) as reason:
         sys.stderr.write(f"error: {reason}\n")
         return 1
