@@ -1,8 +1,8 @@
 (** What is proven: the cost of a pose graph, and that no estimate costs less than L.
 
-    Everything that has to be believed is in this file. Conventions are those of DESIGN.md and of
-    SE-Sync (Rosen et al., IJRR 2019, problem 1): R_i turns body i into the world, t_i is its
-    position there, and an edge measures R_ij ~ R_i^T R_j and t_ij ~ R_i^T (t_j - t_i). *)
+    What has to be believed is in this file alone. R_i turns body i into the world, t_i is its
+    position there, and an edge measures R_ij ~ R_i^T R_j and t_ij ~ R_i^T (t_j - t_i), as in
+    docs/concepts/conventions.md and SE-Sync (Rosen et al., IJRR 2019, problem 1). *)
 
 From Coq Require Import Reals QArith Qreals List.
 Import ListNotations.

@@ -87,6 +87,12 @@ def test_measurements_are_written_exactly(tmp_path):
             assert numbers[2][1] * exact.ONE == edge.tau * (name != "Rotations")
 
 
+def test_what_the_statement_implies(theory):
+    shutil.copy(FORMAL / "Examples.v", theory)
+    done = coqc(theory, "Examples")
+    assert done.returncode == 0, done.stderr
+
+
 def test_six_cameras(theory):
     shutil.copy(FORMAL / "Cycle.v", theory)
     done = coqc(theory, "Cycle")
