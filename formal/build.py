@@ -73,7 +73,7 @@ def run(command: list[str], folder: Path) -> tuple[str, float]:
         raise SystemExit(f"{' '.join(command)}: {done.stdout} {done.stderr}".strip())
     after = os.times()
     seconds = after.children_user + after.children_system
-    return done.stdout, seconds - before.children_user - before.children_system
+    return done.stdout, max(seconds - before.children_user - before.children_system, 0)
 
 
 def _with_all_of_the_stack() -> None:

@@ -91,7 +91,7 @@ MUTANTS = (
     ("Check", "- nth c t 0)", "nth c t 0)"),
     ("Check", "then diagonal (rotated p a) (- x)", "then diagonal (rotated p a) x"),
     ("Check", "then x else 0)", "then x else x)"),
-    ("Check", "node (place k) =? k", "true"),
+    ("Check", "node (place k) =? k", "node (place k) =? node (place k)"),
     ("Check", "(0 <? norm [x; y; z; w])", "true"),
     ("Check", "(x =? 0) && (y =? 0)", "(x =? 0)"),
     ("Check", "forallb (whole (metre P)) (translation e) &&", ""),
@@ -126,7 +126,11 @@ def outcome(source: Path, examples: Sequence[str], name: str, before: str, after
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made) / "formal"
         shutil.copytree(source, folder)
-        (folder / f"{name}.v").write_text(text.replace(before, after))
+        mutant = text.replace(before, after)
+        (folder / "Defined.v").write_text(mutant.split("(** The values of forms. *)")[0])
+        if build(folder, ["Defined"]):
+            raise SystemExit(f"{after!r} in {name}.v has no meaning")
+        (folder / f"{name}.v").write_text(mutant)
         return build(folder, [*THEORY[THEORY.index(name) :], *examples])
 
 
