@@ -1,6 +1,7 @@
 # make compare   methods side by side, each answer certified; needs Python 3.11 to 3.13
 # make test      lint, types and tests
 # make gate      quick results of some tables against the committed ones
+# make formal    theorems about public sets, checked by Coq; see formal/README.md
 # make docs      the site, into build/docs, lessons run; make linkcheck looks its outside links up
 # make dist      a wheel and an sdist, into dist
 # make setup     the environment alone
@@ -16,7 +17,7 @@ COMPARE := $(VENV)/.installed-baselines
 DEVELOP := $(VENV)/.installed-dev
 DOCS := $(VENV)/.installed-docs
 
-.PHONY: compare test gate docs linkcheck dist setup clean
+.PHONY: compare test gate formal docs linkcheck dist setup clean
 
 compare: $(COMPARE)
 	@$(BIN)/certpgo compare
@@ -30,6 +31,9 @@ test: $(DEVELOP)
 
 gate: $(DEVELOP)
 	@$(BIN)/certpgo gate
+
+formal: $(DEVELOP)
+	@$(BIN)/python formal/build.py
 
 docs: $(DOCS)
 	@$(BIN)/python -m sphinx -q -W --keep-going -n -b html -d build/docs-doctrees docs build/docs
