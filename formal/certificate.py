@@ -114,6 +114,8 @@ def theorem(name: str, path: Path, proof_path: Path, precision: int = BITS) -> s
         raise checker.Refused(f"{path} is not the file that was proven about: its SHA-256 differs")
     graph = checker.read_graph(text, claim, checker.component(path, claim["component_sha256"]))
     proof, d, poses = checker.read_proof(files, claim, graph), claim["d"], claim["kind"] == "poses"
+    if proof.rejected:
+        raise checker.Refused("the theorem is about a cost in which no measurement is rejected")
     fields, bound = hints(graph, proof, d, precision)
     if bound <= 0:
         raise checker.Refused("the proof's bound is not positive")
@@ -122,7 +124,7 @@ def theorem(name: str, path: Path, proof_path: Path, precision: int = BITS) -> s
         "name": name,
         "file": path.name,
         "kind": claim["kind"],
-        "about": indented(f"This is about {checker.about(graph, claim)}."),
+        "about": indented(f"This is about {checker.about(graph, claim, [])}."),
         "n": graph.n,
         "m": len(graph.edges),
         "position": " and a position" if poses else "",

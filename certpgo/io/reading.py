@@ -77,8 +77,8 @@ def read(
         node, the world (``Instance.world``); else they are skipped
     landmarks : whether points, what sees them and ranges to them are read; else they are skipped
     fixed : whether nodes that the file fixes are held where they are, see
-        `certpgo.graph.held.with_held`; else all are estimated. It matters where there are several,
-        or priors
+        ``certpgo.graph.held.with_held``; else all are estimated. It matters where there are
+        several, or priors
     skip : tags whose lines are left out, of files of tagged lines: measurements that are not known
         here; ``Instance.options["skip"]`` lists them
     truth : a file with ground truth for every node, see `read_truth`

@@ -117,7 +117,7 @@ class Semidefinite(Settings, ABC):
 
     Attributes
     ----------
-    program : the solver, by CVXPY's name: CLARABEL, SCS, or one of `PROGRAMS` that is installed
+    program : the solver, by CVXPY's name: CLARABEL, or another of `PROGRAMS` that is installed
     chordal : whether Clarabel decomposes a sparse matrix into its cliques; other solvers never do
     tolerance : of the solver, in its own terms; None is its default, 1e-10 for Clarabel
     max_iterations : of the solver; None is its default

@@ -40,6 +40,9 @@ FIXED = (
 #: Folder of the quick profile's records, whose seeds differ from the full profile's.
 QUICK = "quick"
 
+#: Name of the file of ratios of times, which the gate leaves out.
+TIMED = "speed"
+
 #: Directions that fail the gate.
 FAILING = ("worse", "different")
 
@@ -174,7 +177,7 @@ def load_records(source: Path) -> Records:
     folders = (source, source / QUICK)
     paths = [source]
     if source.is_dir():
-        paths = [p for f in folders for p in sorted(f.glob("*.jsonl"))]
+        paths = [p for f in folders for p in sorted(f.glob("*.jsonl")) if p.stem != TIMED]
     found = {_key(record): record for path in paths for record in _read(path)}
     if not found:
         raise InputError(f"{source}: no records in there")

@@ -10,6 +10,7 @@ from certpgo.io.writing import write_whole
 from certpgo.linalg.factor import default_engine
 from certpgo.solve.provenance import provenance
 from reports.harness.experiments.journal import Journal, read_entries
+from reports.harness.experiments.regression import TIMED
 from reports.harness.experiments.timing import one_core
 from reports.harness.speed import (
     kernels,
@@ -25,7 +26,7 @@ from reports.harness.speed import (
 from reports.harness.speed.measuring import Group, SpeedRecord, measured
 
 #: Name of the files.
-FILE = "speed"
+FILE = TIMED
 SECTIONS = {
     module.SECTION: module.groups
     for module in (programs, reading, solving, small, proving, sessions, kernels, limits)
