@@ -80,6 +80,19 @@ def test_the_honest_proof_and_the_forged_ones(lesson):
     assert forged.upper == pytest.approx(240 * np.sin((2 * np.pi - 0.3) / 60) ** 2, rel=1e-9)
 
 
+def test_the_proof_by_hand(lesson):
+    names = lesson(NAME)
+    w, turned = (3 + 4j) / 5, 2.0 * np.eye(6, dtype=complex)
+    for k in range(6):
+        turned[(k + 1) % 6, k] -= w
+        turned[k, (k + 1) % 6] -= w.conjugate()
+    by_numpy = np.linalg.det(70 * turned - np.eye(6)).real * 5**6
+    assert names["closed"] == pytest.approx(by_numpy, rel=1e-9)
+    assert all(minor > 0 for minor in names["minors"][1:6])
+    assert names["closed"] == 4475383515625
+    assert 12 / 70 < 12 * np.linalg.eigvalsh(turned)[0] < 12 / 69
+
+
 def test_the_exercises(lesson):
     names = lesson(NAME)
     assert names["threshold"] == 199
