@@ -22,8 +22,8 @@ static const char *read_integer(const char *at, const char *end, Int *value)
     if (at < end && (*at == '-' || *at == '+')) at++;
     const char *first = at;
     Int sum = 0;
-    while (at < end && is_digit(*at) && at - first < DIGITS) sum = 10 * sum + (*at++ - '0');
-    if (at == first || at - first == DIGITS || (at < end && !is_space(*at))) return NULL;
+    while (at < end && is_digit(*at) && at - first < DIGITS - 1) sum = 10 * sum + (*at++ - '0');
+    if (at == first || (at < end && !is_space(*at))) return NULL;
     *value = negative ? -sum : sum;
     return at;
 }
@@ -99,7 +99,7 @@ typedef struct {
 /* Room for more bytes at the end; NULL and an exception if there is none. */
 static void *more(Growing *g, size_t size)
 {
-    if (g->size + size > g->room) {
+    if (!g->at || g->size + size > g->room) {
         size_t room = 2 * (g->size + size) + 256;
         char *at = realloc(g->at, room);
         if (!at) return PyErr_NoMemory();
