@@ -69,8 +69,9 @@ def test_numbers_are_rounded_as_python_rounds_them(word):
 def test_tags_may_have_no_ids_or_no_numbers():
     parts, rest = kernel.tagged_lines(b"A 7\nB 2.5\nA x", ((b"A", 1, 0), (b"B", 0, 1)), 1)
     (_, ids, none, _, _), (_, no_ids, numbers, _, _) = parts
-    assert np.frombuffer(ids, np.int64) == [7] and np.frombuffer(numbers) == [2.5]
-    assert not none and not no_ids
+    assert np.frombuffer(ids, np.int64) == [7]
+    assert np.frombuffer(numbers) == [2.5]
+    assert not none + no_ids
     assert rest == [(3, b"A x")]
 
 
