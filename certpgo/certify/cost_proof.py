@@ -20,8 +20,6 @@ from certpgo.objective.information_problem import Surrogate, surrogate_of
 
 #: Shares of an edge's weights by which its constant is lowered until the checker accepts it.
 LOWER = tuple(4.0**k for k in range(-27, -11))
-#: Attempts to raise it, and the share at first: four times the last if that was accepted, or half.
-ATTEMPTS, FIRST = 6, 2.0**-46
 #: What a measurement without a minorant costs at least, relative to the largest weight.
 NOTHING = -(2.0**-140)
 
@@ -118,12 +116,6 @@ def claimed(graph: checker.Graph, below: Surrogate) -> checker.EdgeBounds:
         held = checker.minorants_hold(graph, given)
     if not held.all():
         raise NumericalError(f"no minorant is proven of {counted(sum(~held), 'measurement{s}')}")
-    step = FIRST * weights
-    for _ in range(ATTEMPTS):
-        raised = given._replace(constants=given.constants + step)
-        held = checker.minorants_hold(graph, raised)
-        given = given._replace(constants=np.where(held, raised.constants, given.constants))
-        step *= np.where(held, 4.0, 0.5)
     return given
 
 
