@@ -395,9 +395,8 @@ def with_own_ids(edges: list[Edge]) -> tuple[list[Edge], set[int]]:
     points = points | {k + after for k in apart}
     world = max(ends["prior"] | poses | points, default=0) + 1
     edges = [edge._replace(i=world) if edge.role == "prior" else edge for edge in edges]
-    edges = [e._replace(j=e.j + after) if e.role == "apart" else e for e in edges]
-    # Proofs number them so: between poses in the order of the file, then sightings, then priors.
-    return sorted(edges, key=lambda e: (e.role == "prior", e.role != "pose")), points
+    edges.sort(key=lambda edge: (edge.role == "prior", edge.role != "pose"))  # as in proofs
+    return [e._replace(j=e.j + after) if e.role == "apart" else e for e in edges], points
 
 
 # --- The proof ------------------------------------------------------------------------------------
