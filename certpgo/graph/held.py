@@ -93,7 +93,7 @@ def refuse_held(instance: Instance) -> None:
     if instance.held:
         named = few(instance.ids[list(instance.fixed)].tolist())
         raise InputError(
-            f"{instance.source or instance.name}: nodes {named} are held where the file fixes "
+            f"{instance.name}: nodes {named} are held where the file fixes "
             "them, which measurements from elsewhere do not know: release them (--no-fixed; "
             "fixed=False), or have all in one file"
         )
