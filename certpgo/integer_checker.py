@@ -353,8 +353,9 @@ def read_graph(text: bytes, claim: dict[str, Any], kept: set[int] | None) -> Gra
     if kept is not None:
         edges = [edge for edge in edges if kept.issuperset(edge[:2])]
     if claim["keep"] != "all":
-        steps = -1 if claim["keep"] == "first" else 1
-        edges = list({frozenset(edge[:2]): edge for edge in edges[::steps]}.values())
+        places = range(len(edges))[:: -1 if claim["keep"] == "first" else 1]
+        chosen = {frozenset(edges[k][:2]): k for k in places}
+        edges = [edges[k] for k in sorted(chosen.values())]
     if not edges:
         raise Unreadable("no measurements")
     number = {k: node for node, k in enumerate(sorted({k for edge in edges for k in edge[:2]}))}
@@ -394,6 +395,7 @@ def with_own_ids(edges: list[Edge]) -> tuple[list[Edge], set[int]]:
     points = points | {k + after for k in apart}
     world = max(ends["prior"] | poses | points, default=0) + 1
     edges = [edge._replace(i=world) if edge.role == "prior" else edge for edge in edges]
+    edges.sort(key=lambda edge: (edge.role == "prior", edge.role != "pose"))  # as in proofs
     return [e._replace(j=e.j + after) if e.role == "apart" else e for e in edges], points
 
 

@@ -79,6 +79,26 @@ def with_held(instance: Instance, *, hold: bool = True) -> Instance:
     )
 
 
+def refuse_held(instance: Instance) -> None:
+    """Refuse an instance with held poses where measurements from elsewhere are to be added.
+
+    Those of a held pose would be of its own node, and move that: the edge that joins it to the
+    first one is a constraint only as long as it is the node's last.
+
+    Raises
+    ------
+    InputError
+        Poses are held.
+    """
+    if instance.held:
+        named = few(instance.ids[list(instance.fixed)].tolist())
+        raise InputError(
+            f"{instance.name}: nodes {named} are held where the file fixes "
+            "them, which measurements from elsewhere do not know: release them (--no-fixed; "
+            "fixed=False), or have all in one file"
+        )
+
+
 def _on_one(
     instance: Instance, there: Estimate, root: int, held: IntArray
 ) -> tuple[Graph, Information | None, BoolArray]:

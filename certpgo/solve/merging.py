@@ -19,6 +19,7 @@ from certpgo.errors import GraphError, InputError
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.concatenate import joined, joined_ranges
 from certpgo.graph.display import Speaking
+from certpgo.graph.held import refuse_held
 from certpgo.graph.information import Information
 from certpgo.graph.kinds import Kind
 from certpgo.graph.labels import WORLD, Label, Landmark, called, in_order
@@ -152,8 +153,8 @@ def merge(
     ------
     InputError
         Fewer than two maps, ids that occur in several of them, a measurement between unknown nodes
-        or within one map, or positions from origins that are too far apart; or ``robust`` for
-        maps with distances.
+        or within one map, or positions from origins that are too far apart; or held poses; or
+        ``robust`` for maps with distances.
     GraphError
         The maps are not connected, or of different kinds, or a node is a pose in one and a point
         in another.
@@ -175,6 +176,8 @@ def merge(
     """
     chosen = (settings or DEFAULT).changed(options)
     instances = [_as_instance(one) for one in maps]
+    for one in (*instances, between):
+        refuse_held(one)
     whole, across = _joined(instances, _labelled(instances, offset), between)
     problem = problem_of(whole.graph) if whole.ranges is None else range_problem(whole)
     if robust and problem.is_lifted:

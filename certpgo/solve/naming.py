@@ -8,6 +8,7 @@ import numpy as np
 
 from certpgo.errors import InputError, kind_of
 from certpgo.graph import Instance, PoseGraph, RotationGraph
+from certpgo.graph.held import refuse_held
 from certpgo.graph.information import Information, InformationGraph
 from certpgo.graph.labels import WORLD, Label, in_order
 from certpgo.linalg.arrays import FloatArray, IntArray
@@ -20,14 +21,15 @@ def labels_of(measurements: object, nodes: Sequence[Label] | None) -> Sequence[L
     Raises
     ------
     InputError
-        These are no measurements that a session takes, or not one name per node, or edges lead to
-        the world.
+        These are no measurements that a session takes, or have held poses, or not one name per
+        node, or edges lead to the world.
     """
     own: Sequence[Label]
     graph, world = measurements, None
     if isinstance(measurements, Instance):
         if measurements.ranges is not None:
             raise InputError("a session takes no distances between nodes")
+        refuse_held(measurements)
         graph, world, own = measurements.graph, measurements.world, measurements.labels
     elif isinstance(measurements, PoseGraph | RotationGraph):
         own = range(measurements.num_nodes)

@@ -145,9 +145,10 @@ class Session(Speaking):
             A node is not connected with those that came before, or is a pose here and a point
             there, or the measurements are of another kind or dimension; the session is as before.
         InputError
-            These are no measurements, or have distances, or not one name per node, or lack what
-            the cost needs; or edges lead to the world, or its positions are from an origin that is
-            too far from that of the others to be joined exactly.
+            These are no measurements, or have distances, or held poses, which others would move,
+            or not one name per node, or lack what the cost needs; or edges lead to the world, or
+            its positions are from an origin that is too far from that of the others to be joined
+            exactly.
         SpecError
             There is no cost of the session's name.
         """

@@ -95,6 +95,33 @@ def test_points_and_priors_have_proofs(tmp_path):
             of.check(path, proof)
 
 
+@pytest.mark.parametrize("keep", ["all", "first", "last"])
+def test_both_checkers_number_the_measurements_alike(tmp_path, keep):
+    # Priors and sightings come first in the file, every measurement twice, and the wrong one is a
+    # sighting: places in the file are others than numbers in the proof.
+    graph, _ = point_graph(np.random.default_rng(5), 6, 3, 3)
+    sighted = np.flatnonzero(graph.points[graph.edges[:, 1]])
+    t = graph.translations.copy()
+    t[sighted[1]] += 50.0
+    posed = certpgo.PoseGraph(graph.rotation, t, graph.tau, points=graph.points)
+    posed = certpgo.with_priors(posed, np.arange(4), translations=np.eye(4, 3), tau=0.01)
+    names = {"ids": np.arange(posed.num_nodes), "world": posed.num_nodes - 1}
+    path, proof = tmp_path / "graph.g2o", tmp_path / "graph.cert"
+    certpgo.write(path, certpgo.Instance("graph", posed, **names))
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines[::-1], *lines[::-1]]) + "\n")
+    instance = certpgo.read(path, keep=keep, quiet=True)
+    whole = problem_of(instance.graph)
+    wrong = whole.edge_costs(solve(posed).estimate) > 1e3
+    assert wrong.any()
+    problem = TruncatedProblem(whole, np.where(wrong, 25.0, np.inf))
+    found = certify(problem, solve(problem.kept.graph).estimate)
+    write_proof(proof, path, instance, found.refined, found, prices=problem.prices)
+    first, second = (of.check(path, proof) for of in BOTH)
+    assert float(second.upper) == pytest.approx(first.upper, rel=1e-12)
+    assert float(second.lower) == pytest.approx(first.lower, rel=1e-9)
+
+
 def damage_price(rows):
     rows[:, 0] *= 1.0 + 1e-6
 

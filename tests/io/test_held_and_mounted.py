@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 
 import certpgo
 from certpgo.errors import InputError
+from certpgo.graph.streaming import streamed
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import information_problem, problem_under
 from certpgo.objective.information_problem import surrogate
@@ -213,3 +214,23 @@ def test_what_cannot_be_held_is_said(tmp_path):
     assert "2 nodes fixed by the file: all are estimated" in free.notices[-1]
     assert free.notices[-1].endswith("initial values of all nodes")
     assert (free.graph.num_edges, free.held) == (len(PAIRS), ())
+
+
+def test_held_poses_get_no_measurements_from_elsewhere(tmp_path):
+    # They would be of nodes that one edge holds, and bend it: CERTIFIED, but of another cost.
+    path = written(tmp_path / "g.g2o", 2, np.random.default_rng(1), fixed=(0, 5))
+    held, free = (certpgo.read(path, quiet=True, fixed=fixed) for fixed in (True, False))
+    for session in (certpgo.Session(), certpgo.RobustSession()):
+        with pytest.raises(InputError, match=r"nodes 0, 5 are held .* release them"):
+            session.add(held)
+        session.add(free)
+    one = free.graph.with_edges([0]).subgraph([0, 1])
+    between = certpgo.Instance("between", one, np.array([0, 105]))
+    with pytest.raises(InputError, match="nodes 0, 5 are held"):
+        certpgo.merge([held, free], between, offset=100)
+    assert certpgo.merge([free, free], between, offset=100).instance.graph.num_nodes == 16
+    # Measurements of one file that come one by one know where held poses are.
+    session = certpgo.Session()
+    for part, names in streamed(held):
+        session.add(part, names)
+    assert session.refresh().cost == pytest.approx(certpgo.solve(held).cost, rel=1e-6)
