@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 class Asked(NamedTuple):
     """What was asked: names as typed, the cost that judges, and how the graph was read.
 
-    ``writes_best`` is whether the better estimate is written anyway.
+    ``writes_best`` is whether the better estimate is written anyway, ``judging`` the options of
+    ``certify`` beyond these.
     """
 
     graph: str
@@ -23,6 +24,7 @@ class Asked(NamedTuple):
     reading: Reading
     estimate: str = ""
     writes_best: bool = False
+    judging: tuple[str, ...] = ()
 
 
 def steps_after(
@@ -49,6 +51,7 @@ def steps_after(
         asked.graph,
         asked.estimate,
         reading=list(arguments(asked.reading)),
+        judging=asked.judging,
         cost=asked.cost,
         searched=searched,
         disagreeing=disagreement is not None,

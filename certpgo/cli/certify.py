@@ -143,10 +143,11 @@ def command(
         instance = timed(reading.open(source, distances=True), timestamps)
     refuse_with_distances(instance, proof=proof, rejected=rejected)
     chosen = chosen_cost(cost, instance, rejected=rejected)
-    asked = Asked(graph, chosen, reading, estimates[0], best is not None)
+    how = Matching.of(timestamps, max_difference)
+    judging = tuple(_judging(instance, chosen, rejected, quantile, timestamps, how))
+    asked = Asked(graph, chosen, reading, estimates[0], best is not None, judging)
     outputs = outputs.about(source, instance, asked.cost)
     status = StatusLine()
-    how = Matching.of(timestamps, max_difference)
     settings: dict[str, Any] = {"tier": tier, "rtol": rtol, "atol": atol, "refine": refine}
     settings |= {"time_limit": time_limit, "monitor": status, "ctrl_c": True}
 
@@ -296,6 +297,31 @@ def _posed(part: Instance, cost: str, rejected: Path | None, quantile: float | N
             notice(f"the prices in {rejected} are of F: those of {cost} are the default quantile")
         prices = None
     return rejecting(problem, edges, quantile, prices=prices)
+
+
+def _judging(
+    instance: Instance,
+    cost: str,
+    rejected: Path | None,
+    quantile: float | None,
+    timestamps: str | None,
+    how: Matching,
+) -> Iterator[str]:
+    """The options with which the estimate is matched and judged, for commands that do it again."""
+    from certpgo.io.matching import MAX_DIFFERENCE
+    from certpgo.view.advice import cost_options
+
+    if rejected is not None and not cost_options(instance, cost):  # the default is chordal there
+        yield from ("--cost", cost)
+    difference = None if how.max_difference == MAX_DIFFERENCE else how.max_difference
+    for name, value in (
+        ("--rejected", rejected),
+        ("--quantile", quantile),
+        ("--timestamps", timestamps),
+        ("--max-difference", difference),
+    ):
+        if value is not None:
+            yield from (name, str(value))
 
 
 def _refuse_rejected(rejected: Path | None, quantile: float | None, **outputs: Path | None) -> None:
