@@ -14,10 +14,10 @@ from certpgo.errors import CertPGOError, FormatError, InputError, InputNotice
 from certpgo.graph import Estimate, Instance, PoseGraph
 from certpgo.graph.components import restricted
 from certpgo.graph.graph import require_connected
+from certpgo.graph.held import displaced
 from certpgo.graph.keys import NO_TIME, Keys, in_seconds
 from certpgo.graph.phrases import counted
 from certpgo.graph.points import with_points
-from certpgo.graph.held import displaced
 from certpgo.graph.trees import compose, spanning_tree
 from certpgo.io.format import (
     LabelledPoses,

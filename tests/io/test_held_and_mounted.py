@@ -1,11 +1,14 @@
 """Several fixed poses, and priors of sensors that are somewhere on their bodies."""
 
+import warnings
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 import certpgo
 from certpgo.errors import InputError
+from certpgo.graph.held import displaced
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import information_problem, problem_under
 from certpgo.objective.information_problem import surrogate
@@ -213,3 +216,19 @@ def test_what_cannot_be_held_is_said(tmp_path):
     assert "2 nodes fixed by the file: all are estimated" in free.notices[-1]
     assert free.notices[-1].endswith("initial values of all nodes")
     assert (free.graph.num_edges, free.held) == (len(PAIRS), ())
+
+
+@pytest.mark.parametrize(("d", "kinds"), CASES[:3])
+def test_an_estimate_that_moves_held_poses_is_named(tmp_path, d, kinds):
+    path = written(tmp_path / "g.g2o", d, np.random.default_rng(5), **kinds)
+    held, free = (certpgo.read(path, fixed=fixed, quiet=True) for fixed in (True, False))
+    inside, outside = tmp_path / "inside.npz", tmp_path / "outside.npz"
+    for file, instance in ((inside, held), (outside, free)):
+        certpgo.write(file, certpgo.solve(instance, cost="chordal").estimate, instance=instance)
+    with warnings.catch_warnings(action="error"):
+        kept = certpgo.read_estimate(inside, held)
+        certpgo.read_estimate(outside, free)
+    with pytest.warns(certpgo.InputNotice, match="fixes are not where it holds them"):
+        moved = certpgo.read_estimate(outside, held)
+    assert displaced(held, kept) == ""
+    assert " degrees and " in displaced(held, moved)
