@@ -431,7 +431,7 @@ def read_claim(data: bytes) -> dict[str, Any]:
     given = json.loads(text, parse_float=Decimal, parse_constant=Decimal)
     claim = {"cost": None, "landmarks": False, "priors": False, "origin": None, **given}
     if claim["cost"] is not None:
-        raise Unreadable("a proof of --cost chordal is expected; checker.py knows others")
+        raise Unreadable("integers check proofs of --cost chordal; without --exact, others too")
     known: dict[str, list[Any]] = {
         "format": ["certpgo proof"],
         "version": [1, 3],

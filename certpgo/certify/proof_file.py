@@ -247,7 +247,9 @@ def _claim(
             f"{source}: a proof is about one file: certpgo convert with --also writes one of all"
         )
     if instance.options.get("fixed") == HELD:
-        raise InputError("the checker holds no nodes that a file fixes: --no-fixed releases them")
+        raise InputError(
+            "the checker holds no nodes that a file fixes: certpgo solve --no-fixed releases them"
+        )
     file = source / "EGs.txt" if source.is_dir() else source
     component = file.with_name("cc.txt")
     restricted = file.name == "EGs.txt" and component.is_file()

@@ -55,9 +55,10 @@ class HelpfulCommand(typer.core.TyperCommand):
     """A command whose help has its options in sections, common ones first."""
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
-        """The words of the usage line, without the braces of required arguments."""
+        """The words of the usage line: no braces of required arguments, dots once."""
         return [
-            piece.replace("{", "").replace("}", "") for piece in super().collect_usage_pieces(ctx)
+            piece.replace("{", "").replace("}", "").replace("......", "...")
+            for piece in super().collect_usage_pieces(ctx)
         ]
 
     def format_options(self, ctx: Any, formatter: Any) -> None:

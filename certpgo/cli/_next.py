@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from certpgo.cli._reading import Reading
 
@@ -15,7 +16,8 @@ if TYPE_CHECKING:
 class Asked(NamedTuple):
     """What was asked: names as typed, the cost that judges, and how the graph was read.
 
-    ``writes_best`` is whether the better estimate is written anyway.
+    ``writes_best`` is whether the better estimate is written anyway, ``judging`` the
+    options with which ``certify`` matches and judges the estimate.
     """
 
     graph: str
@@ -23,6 +25,20 @@ class Asked(NamedTuple):
     reading: Reading
     estimate: str = ""
     writes_best: bool = False
+    judging: Mapping[str, Any] | None = None
+
+
+def judged_again(instance: Instance, cost: str, options: Mapping[str, Any]) -> Iterator[str]:
+    """The options on the command line that repeat these, and the cost if it is not implied."""
+    from certpgo.io.matching import MAX_DIFFERENCE
+    from certpgo.view.advice import cost_options
+
+    if options.get("rejected") is not None and not cost_options(instance, cost):
+        yield from ("--cost", cost)  # the default is chordal there
+    usual = {"max-difference": MAX_DIFFERENCE}
+    for name, value in options.items():
+        if value is not None and value != usual.get(name):
+            yield from (f"--{name}", str(value))
 
 
 def steps_after(
@@ -49,6 +65,7 @@ def steps_after(
         asked.graph,
         asked.estimate,
         reading=list(arguments(asked.reading)),
+        judging=list(judged_again(part, asked.cost, asked.judging or {})),
         cost=asked.cost,
         searched=searched,
         disagreeing=disagreement is not None,

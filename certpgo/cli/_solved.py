@@ -198,14 +198,22 @@ class Solved(Result):
         if self._undetermined is not None:
             yield "undetermined", self._undetermined
 
+    @property
+    def _number_kept(self) -> str:
+        """How many measurements were kept; what holds fixed nodes is none."""
+        held = self.part.constraints
+        return f"{(self.solution.kept or 0) - held} of {self.part.num_measurements} measurements"
+
     def _kept(self) -> Iterator[tuple[str, str]]:
         """What a robust method kept and rejected."""
         from certpgo.solve.accuracy_wording import few_edges
 
         solution, part = self.solution, self.part
         if solution.kept is not None:
-            kept = f"{solution.kept} of {part.graph.num_edges} measurements"
-            yield "kept", f"{kept}; the verdict is about these, with their final weights"
+            yield (
+                "kept",
+                f"{self._number_kept}; the verdict is about these, with their final weights",
+            )
         if len(solution.rejected):
             yield "rejected", few_edges(part, solution.rejected)
         if self.rejection is not None:
@@ -320,7 +328,7 @@ class Solved(Result):
         remarks = [f"Status: {solution.status.value}; {solution.note}."] if solution.note else []
         if solution.kept is not None:
             remarks.append(
-                f"The verdict is about the {solution.kept} of {part.graph.num_edges} measurements "
+                f"The verdict is about the {self._number_kept} "
                 "that the method kept, with their final weights; the view shows the others in red."
             )
         if self.rejection is not None:

@@ -143,10 +143,12 @@ def command(
         instance = timed(reading.open(source, distances=True), timestamps)
     refuse_with_distances(instance, proof=proof, rejected=rejected)
     chosen = chosen_cost(cost, instance, rejected=rejected)
-    asked = Asked(graph, chosen, reading, estimates[0], best is not None)
+    how = Matching.of(timestamps, max_difference)
+    again: dict[str, Any] = {"rejected": rejected, "quantile": quantile, "timestamps": timestamps}
+    again["max-difference"] = max_difference
+    asked = Asked(graph, chosen, reading, estimates[0], best is not None, again)
     outputs = outputs.about(source, instance, asked.cost)
     status = StatusLine()
-    how = Matching.of(timestamps, max_difference)
     settings: dict[str, Any] = {"tier": tier, "rtol": rtol, "atol": atol, "refine": refine}
     settings |= {"time_limit": time_limit, "monitor": status, "ctrl_c": True}
 
@@ -159,10 +161,7 @@ def command(
     [of_estimate] = here  # several need --csv
     whole, estimate = covered(of_estimate, instance, reading, how)
     parts = judged(whole)
-    if len(parts) > 1:
-        _refuse_parts(best=best, proof=proof, html=html)
-    if proof is not None and whole is not instance:
-        raise InputError("--proof needs an estimate of all nodes: it is about the whole file")
+    _refuse_part(len(parts), is_whole=whole is instance, best=best, proof=proof, html=html)
     given = [restricted_to(part.instance, estimate, whole) for part in parts]
     parts = [
         replace(part, instance=timed_by(point, part.instance))
@@ -322,13 +321,17 @@ def _resolved(
     return found
 
 
-def _refuse_parts(*, best: Path | None, proof: Path | None, html: Path | None) -> None:
-    """Refuse outputs that are for a connected graph."""
-    if best is not None:
+def _refuse_part(
+    count: int, *, is_whole: bool, best: Path | None, proof: Path | None, html: Path | None
+) -> None:
+    """Refuse outputs that are for a connected graph, and proofs of a part of a file."""
+    if count > 1 and best is not None:
         raise InputError("--best writes one estimate; use --components largest")
-    if proof is not None:
+    if count > 1 and proof is not None:
         raise InputError("--proof needs a connected graph; write each component to a file")
-    if html is not None:
+    if not is_whole and proof is not None:
+        raise InputError("--proof needs an estimate of all nodes: it is about the whole file")
+    if count > 1 and html is not None:
         raise InputError("--html shows one estimate; use --components largest")
 
 

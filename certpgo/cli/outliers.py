@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from certpgo.cli._interrupting import tell_interrupted
 from certpgo.cli._options import GraphName, Json, Quantile, time_limit_option
 from certpgo.cli._outputs import Outputs
 from certpgo.cli._reading import Reading, takes_reading
@@ -51,11 +52,13 @@ def command(
 ) -> int:
     """List the measurements that disagree with the rest, and prove what accepting each costs.
 
-    They are those that certpgo solve --robust rejects, under the chordal cost F.
+    They are those that certpgo solve --robust rejects, under the chordal cost F. Ctrl-C during the
+    proofs about each prints what is proven by then.
     """
     from certpgo import solve_robustly
     from certpgo.cli._options import refuse_with_distances
-    from certpgo.cli._verdict import EXIT_CODES, headline
+    from certpgo.cli._verdict import EXIT_CODES, INTERRUPTED, headline
+    from certpgo.optimize.solution import Status
     from certpgo.solve.outlier_report import outlier_report, write_report
 
     outputs = Outputs(csv=csv, json=json)
@@ -70,11 +73,15 @@ def command(
     with working(f"rejecting measurements of {instance.name}") as status:
         monitor = StatusLine(status)
         answer = solve_robustly(instance, quantile=quantile, time_limit=time_limit, monitor=monitor)
+        if answer.solution.status is Status.INTERRUPTED:  # nothing is known of its choice
+            raise KeyboardInterrupt
         if answer.rejection is None:
             return _nothing_listed(instance, answer, csv, json=json)
         proofs = PROOFS if time_limit is None else time_limit
         report = outlier_report(answer, level=level, time_limit=proofs)
-    if not report.is_complete:
+    if report.interrupted:
+        tell_interrupted("what is proven by then stands")
+    elif not report.is_complete:
         notice("the proofs were stopped; --time-limit lets them continue")
     if csv is not None:
         write_report(csv, report.edges)
@@ -85,6 +92,8 @@ def command(
         headline(answer.certificate, report.rejection)
         facts([("graph", instance.name), *report.in_words()])
         table("Rejected measurements", _HEADER, map(_row, report.edges), optional=_OPTIONAL)
+    if report.interrupted:
+        return INTERRUPTED
     return max(EXIT_CODES[verdict.value] for verdict in (answer.verdict, report.rejection.verdict))
 
 
@@ -97,7 +106,7 @@ def _nothing_listed(
 
     if len(answer.solution.rejected):
         raise InputError(answer.solution.note.rpartition("; ")[2])
-    said = f"none of the {instance.graph.num_edges} measurements is rejected"
+    said = f"none of the {instance.num_measurements} measurements is rejected"
     if csv is not None:
         write_report(csv, ())
     if json:

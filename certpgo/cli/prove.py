@@ -89,11 +89,17 @@ def _named(graph: str) -> str:
 def _proven(name: str, proof: Path, cost: str | None, time_limit: float | None) -> Answer:
     """The bounds of a graph's answer, as the checker accepts them from files alone."""
     import certpgo
+    from certpgo.certify.proof_file import refuse_unreadable
+    from certpgo.objective.choose_cost import own_cost
+    from certpgo.optimize.solution import Status
 
     instance = certpgo.read(name, quiet=True)
     for sentence in instance.notices:
         notice(f"{name}: {sentence}")
+    refuse_unreadable(Path(name), instance, cost or own_cost(instance))
     answer = certpgo.solve(instance, cost=cost, tier="proof", time_limit=time_limit)
+    if answer.solution.status is Status.INTERRUPTED:
+        raise KeyboardInterrupt
     if answer.verdict is not certpgo.Verdict.CERTIFIED:
         raise NumericalError(answer.certificate.reason)
     certpgo.write_proof(proof, name, instance, answer.estimate, answer.certificate)

@@ -209,6 +209,16 @@ class Instance(Speaking):
         return self.fixed if self.world is None else (*self.fixed, self.world)
 
     @property
+    def constraints(self) -> int:
+        """How many of the edges, the last ones, are no measurements, but hold nodes."""
+        return max(len(set(self.held)) - 1, 0)
+
+    @property
+    def num_measurements(self) -> int:
+        """How many edges measure."""
+        return self.graph.num_edges - self.constraints
+
+    @property
     def pairs(self) -> IntArray:
         """(m, 2) ids of the nodes that the source names in each measurement."""
         return np.asarray(self.ids[self.graph.edges if self.stated is None else self.stated])
@@ -218,6 +228,7 @@ class Instance(Speaking):
         """All measurements with their kinds: the graph's edges, then the distances."""
         graph, ranges = self.graph, self.ranges
         kinds = kinds_of(graph, graph.from_world | (graph.edges[:, 0] == self.world))
+        kinds[graph.num_edges - self.constraints :] = Kind.HELD
         if ranges is None:
             return Measurements(graph.num_nodes, graph.edges, kinds)
         edges = np.concatenate([graph.edges, ranges.edges])

@@ -22,10 +22,13 @@ from certpgo.graph.information import Information, joined_information
 from certpgo.graph.mounted import Frames, mounted
 from certpgo.graph.phrases import counted, few
 from certpgo.graph.rotation_graph import RotationGraph
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
 #: What becomes of fixed nodes that are not held: one chooses the frame, more are constraints.
 FREED = "all are estimated, and only differences between poses are measured"
+#: What six digits of a file leave of a held pose's place, radians and relative to the graph's size.
+DIGITS = 1e-5
 #: The reading option that says which it is.
 HELD = "held"
 
@@ -97,6 +100,31 @@ def refuse_held(instance: Instance) -> None:
             "them, which measurements from elsewhere do not know: release them (--no-fixed; "
             "fixed=False), or have all in one file"
         )
+
+
+def displaced(instance: Instance, estimate: Estimate) -> str:
+    """That an estimate moves held nodes relative to each other, in a sentence; else empty.
+
+    Such an estimate breaks the constraints, and its cost contains those of their edges.
+    """
+    if not instance.held or instance.initial is None:
+        return ""
+    nodes = np.array(instance.held)
+    is_pose = ~instance.graph.is_point[nodes]
+    root = int(nodes[is_pose][0])
+    here, there = estimate.anchored(root), instance.initial.anchored(root)
+    turns = np.swapaxes(there.rotations[nodes], 1, 2) @ here.rotations[nodes]
+    turned, off, size = float(so.angle(turns[is_pose]).max()), 0.0, 0.0
+    if here.translations is not None and there.translations is not None:
+        off = float(np.linalg.norm(here.translations - there.translations, axis=1)[nodes].max())
+        size = float(np.abs(there.translations).max())
+    if turned <= DIGITS and off <= DIGITS * size:
+        return ""
+    return (
+        f"nodes that the graph's file fixes are not where it holds them, by up to "
+        f"{np.degrees(turned):.3g} degrees and {off:.3g} m: the cost contains that of the broken "
+        "constraints, weighed as the best measurement (--no-fixed releases them)"
+    )
 
 
 def _on_one(

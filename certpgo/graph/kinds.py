@@ -32,6 +32,7 @@ class Kind(IntEnum):
     POSITION = 5  #: a position in the world, of a pose or a point
     ATTITUDE = 6  #: a rotation in the world, or one of its directions
     RANGE = 7  #: a distance between two nodes
+    HELD = 8  #: nothing: a constraint between nodes that the source fixes
 
     @property
     def phrase(self) -> str:
@@ -53,6 +54,7 @@ _PHRASES = {
     Kind.POSITION: "position prior{s}",
     Kind.ATTITUDE: "attitude prior{s}",
     Kind.RANGE: "distance{s}",
+    Kind.HELD: "constraint{s} of fixed nodes",
 }
 
 

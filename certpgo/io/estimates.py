@@ -14,6 +14,7 @@ from certpgo.errors import CertPGOError, FormatError, InputError, InputNotice
 from certpgo.graph import Estimate, Instance, PoseGraph
 from certpgo.graph.components import restricted
 from certpgo.graph.graph import require_connected
+from certpgo.graph.held import displaced
 from certpgo.graph.keys import NO_TIME, Keys, in_seconds
 from certpgo.graph.phrases import counted
 from certpgo.graph.points import with_points
@@ -96,7 +97,7 @@ def read_estimate(
         poses = _fitting(poses, of)
         found = match(poses, of, how)
         estimate = _of_nodes(of, poses, found)
-    warn_of(path, _said(found))
+    warn_of(path, _said(found, of, estimate))
     return estimate
 
 
@@ -136,7 +137,8 @@ def read_part(
             if instance.world is not None:
                 nodes = np.append(nodes, instance.world)
                 estimate = restricted(instance, nodes, instance.name).with_world(estimate)
-    warn_of(path, _said(found))
+    whole = () if len(found.missing) else (instance, estimate)
+    warn_of(path, _said(found, *whole))
     return nodes, estimate
 
 
@@ -153,9 +155,10 @@ def posed_as(estimate: Estimate, instance: Instance) -> Estimate:
         return estimate
     poses = _fitting(LabelledPoses.of(estimate), instance)
     found = match(poses, instance, Matching())
-    for notice in _said(found):
+    placed = _of_nodes(instance, poses, found)
+    for notice in _said(found, instance, placed):
         warnings.warn(notice, InputNotice, stacklevel=4)
-    return _of_nodes(instance, poses, found)
+    return placed
 
 
 def is_in_order(estimate: Estimate, instance: Instance) -> bool:
@@ -271,13 +274,17 @@ def _located(path: Path) -> Iterator[None]:
         raise FormatError(path, None, str(error)) from None
 
 
-def _said(found: Match) -> Iterator[str]:
-    """Notices about an estimate."""
+def _said(
+    found: Match, instance: Instance | None = None, estimate: Estimate | None = None
+) -> Iterator[str]:
+    """Notices about an estimate, and about one of all of an instance's nodes."""
     yield from found.notices
     if found.off:
         yield f"{counted(len(found.known), 'pose{s}')} {found.in_words}"
     if found.by == "time" and found.unused:
         yield f"{counted(found.unused, 'pose{s}')} at times without a node ignored"
+    if instance is not None and estimate is not None and (moved := displaced(instance, estimate)):
+        yield moved
 
 
 def _poses(path: Path, name: str | None, topic: str | None) -> LabelledPoses:

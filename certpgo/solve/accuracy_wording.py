@@ -27,7 +27,10 @@ def provenance(instance: Instance, certificate: Certificate) -> Iterable[tuple[s
     if certificate.objective == CHORDAL and instance.averaged:
         yield "weights", f"kappa and tau average {instance.averaged}"
     if instance.fixed:
-        yield "fixed", f"{few(instance.ids[list(instance.fixed)].tolist())} by the file"
+        named = few(instance.ids[list(instance.fixed)].tolist())
+        # One fixed pose alone is no constraint: it chooses the frame.
+        alone = len(instance.fixed) == 1 and instance.world is None
+        yield "fixed", f"{named} by the file{'' if instance.held or alone else ', not held here'}"
 
 
 def redundancy(instance: Instance) -> Iterable[tuple[str, str]]:

@@ -92,6 +92,7 @@ class OutlierReport(Brief):
         single one out, for a price of the same quantile, costs more, whatever else changes
     level : probability that right measurements are called wrong
     is_complete : whether the proofs were not stopped; else what is not proven may be provable
+    interrupted : whether Ctrl-C or the monitor stopped them
     """
 
     rejection: Rejection
@@ -101,6 +102,7 @@ class OutlierReport(Brief):
     doubtful_kept: IntArray
     level: float
     is_complete: bool = True
+    interrupted: bool = False
 
     def in_words(self) -> Iterator[tuple[str, str]]:
         """The findings, as names and values."""
@@ -202,9 +204,17 @@ def outlier_report(
         for k, e in enumerate(rejected.tolist())
     ]
     ordered = tuple(sorted(edges, key=lambda edge: edge.rise))
-    complete = stop.ended_by is None
     of_kept = np.flatnonzero(kept & ~worth)
-    return OutlierReport(found, ordered, tuple(sets), tuple(shared), of_kept, level, complete)
+    return OutlierReport(
+        found,
+        ordered,
+        tuple(sets),
+        tuple(shared),
+        of_kept,
+        level,
+        is_complete=stop.ended_by is None,
+        interrupted=stop.interrupted,
+    )
 
 
 def write_report(path: Path, edges: Sequence[RejectedEdge]) -> None:

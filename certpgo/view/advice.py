@@ -35,6 +35,7 @@ class _Given(NamedTuple):
     disagreeing: bool
     has_ranges: bool
     judged_by: str
+    judging: tuple[str, ...]
 
     @property
     def provable(self) -> bool:
@@ -57,7 +58,7 @@ class _Given(NamedTuple):
 
     def certify(self, *options: str) -> str:
         files = ("certpgo", "certify", self.graph, self._named)
-        return shlex.join((*files, *self.cost, *self.reading, *options))
+        return shlex.join((*files, *self.cost, *self.reading, *self.judging, *options))
 
     def at(self, tier: str) -> str:
         """What was done, at another tier."""
@@ -74,6 +75,7 @@ def advice(
     estimate: str = "",
     *,
     reading: Sequence[str] = (),
+    judging: Sequence[str] = (),
     cost: str,
     searched: bool = False,
     disagreeing: bool = False,
@@ -85,6 +87,7 @@ def advice(
     instance : the graph
     graph, estimate : their files, as named in commands
     reading : the command-line options with which they were read
+    judging : those with which ``certify`` matched and judged the estimate
     cost : the name of the cost that judged them
     searched : whether the certified search found the estimate, not another program
     disagreeing : whether some measurements disagree with the rest
@@ -100,6 +103,7 @@ def advice(
         disagreeing=disagreeing,
         has_ranges=instance.ranges is not None,
         judged_by=cost,
+        judging=tuple(judging),
     )
     interrupted = searched and obstacle.stopped is Status.INTERRUPTED
     if interrupted and certificate.verdict is not Verdict.CERTIFIED:

@@ -105,3 +105,9 @@ def test_no_cell_of_a_table_is_cut(certpgo, square, monkeypatch, columns):
     for sentence in certpgo("bounds", square, "--json").json["bounds"]:
         for word in sentence["says"].split():
             assert word in words
+
+
+def test_the_usage_line_has_dots_once(certpgo):
+    assert (
+        certpgo("solve", "--help").out.splitlines()[0] == "Usage: certpgo solve [OPTIONS] GRAPH..."
+    )

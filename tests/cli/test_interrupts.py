@@ -11,16 +11,19 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import typer
 
+import certpgo as package
 from certpgo.cli._interrupting import heard_late
 from certpgo.io import write
 from certpgo.io.datasets.synthetic import winding_cycle
+from certpgo.io.datasets.thesis import langevin_graph
 from certpgo.optimize.methods._sdp import Semidefinite
 from certpgo.optimize.progress import Stop
 from certpgo.optimize.solution import Status
-from certpgo.solve import bounds_table
+from certpgo.solve import bounds_table, outlier_report
 from certpgo.solve.solving import solve
 
 ROOT = Path(__file__).parents[2]
@@ -164,6 +167,37 @@ def test_an_interrupted_certification_prints_what_is_proven(certpgo, tmp_path, m
     assert limited.code == 5
     assert "ended early (time limit)" in limited.out
     assert certpgo("certify", graph, estimate, "--time-limit", 60).code == 4
+
+
+def test_an_interrupted_search_proves_nothing_of_single_measurements(
+    certpgo, square, tmp_path, monkeypatch
+):
+    def interrupted(*given, **options):
+        found = solve(instance.graph)
+        return replace(found, solution=replace(found.solution, status=Status.INTERRUPTED))
+
+    instance, _ = winding_cycle(9, 0.3, 1)
+    for name, command in (("solve_robustly", "outliers"), ("solve", "prove")):
+        monkeypatch.setattr(package, name, interrupted)
+        done = certpgo(command, square)
+        assert (done.code, done.out, done.err) == (130, "", "certpgo: interrupted\n")
+
+
+def test_interrupted_proofs_of_outliers_are_listed(certpgo, tmp_path, monkeypatch):
+    instance = langevin_graph(40, 8.0, 1.0, np.random.default_rng(1), outliers=0.1)
+    path = tmp_path / "wrong.g2o"
+    write(path, instance.graph)
+    rises = outlier_report.proven_rises
+
+    def pressed(problem, estimate, stop):
+        stop.interrupt(signal.SIGINT, None)
+        return rises(problem, estimate, stop)
+
+    monkeypatch.setattr(outlier_report, "proven_rises", pressed)
+    done = certpgo("outliers", path)
+    assert done.code == 130
+    assert "certpgo: interrupted: what is proven by then stands\n" in done.err
+    assert "Rejected measurements" in done.out
 
 
 def test_the_first_ctrl_c_says_what_the_second_does(monkeypatch):

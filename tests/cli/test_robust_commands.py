@@ -159,6 +159,11 @@ def test_rejections_are_certified_again_under_other_costs(certpgo, tmp_path, cos
     assert done.code == 0
     assert "neither taking the rejected measurement back" in flat(done.out)
     assert "are of F" in flat(done.err)
+    other = tmp_path / "other.g2o"
+    write(other, instance.truth)
+    worse = certpgo("certify", graph, other, "--rejected", csv, "--cost", cost)
+    assert worse.code == 3
+    assert f" --cost {cost} --rejected {csv} --best " in flat(worse.out)
     refused = certpgo("certify", graph, found, "--rejected", csv, "--cost", cost, "--proof", "x")
     assert refused.code == 1
     assert "--rejected --proof is for --cost chordal" in flat(refused.err)

@@ -63,6 +63,7 @@ def test_what_was_averaged_skipped_and_fixed_stands_in_every_output(certpgo, tmp
     assert "fixed             0, 2 by the file" in done.out
     page = tmp_path / "page.html"
     assert certpgo("solve", path, "--cost", "chordal", "--html", page).code == 0
+    assert "0, 2 by the file, not held here\n" in done.out  # there are no values to hold them at
     for word in ("anisotropy up to 100", "line skipped: landmarks", "0, 2 by the file"):
         assert word in page.read_text()
     data = certpgo("solve", path, "--cost", "chordal", "--json").json
@@ -73,6 +74,15 @@ def test_what_was_averaged_skipped_and_fixed_stands_in_every_output(certpgo, tmp
     assert "anisotropy" not in certpgo("solve", path).out
     assert str(tmp_path) not in json.dumps([data, own])
     assert str(tmp_path) not in certpgo("info", path).out
+
+
+def test_which_nodes_are_held_and_which_released_is_said(certpgo, tmp_path):
+    path, values = tmp_path / "graph.g2o", ["0 0 0 0", "1 1 0 0.1", "2 1 1 0"]
+    skipped = FILE.rindex("EDGE_BEARING")
+    path.write_text("".join(f"VERTEX_SE2 {x}\n" for x in values) + FILE[:skipped])
+    assert "0, 2 by the file\n" in certpgo("solve", path).out
+    assert "0, 2 by the file, not held here\n" in certpgo("solve", path, "--no-fixed").out
+    assert f"{path}: ERROR: the checker holds no nodes" in certpgo("prove", path).out
 
 
 def test_a_proof_says_where_weights_are_one(certpgo, tmp_path):
@@ -107,6 +117,13 @@ def test_a_narrow_table_leaves_columns_out_and_says_so(capsys, monkeypatch):
     assert "862.9492" not in out
     assert "Not shown at this width: f_ML, F." in out
     assert max(map(len, out.splitlines())) <= 40
+
+
+def test_a_table_may_have_an_empty_column(capsys):
+    from certpgo.cli._show import table
+
+    table("t", ["nodes", ""], [["1-2", ""]])
+    assert "1-2" in capsys.readouterr().out
 
 
 #: Eight planar poses in space, one a second, without noise.

@@ -1,11 +1,14 @@
 """Several fixed poses, and priors of sensors that are somewhere on their bodies."""
 
+import warnings
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 import certpgo
 from certpgo.errors import InputError
+from certpgo.graph.held import displaced
 from certpgo.graph.streaming import streamed
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import information_problem, problem_under
@@ -234,3 +237,28 @@ def test_held_poses_get_no_measurements_from_elsewhere(tmp_path):
     for part, names in streamed(held):
         session.add(part, names)
     assert session.refresh().cost == pytest.approx(certpgo.solve(held).cost, rel=1e-6)
+
+
+@pytest.mark.parametrize(("d", "kinds"), CASES[:3])
+def test_an_estimate_that_moves_held_poses_is_named(tmp_path, d, kinds):
+    path = written(tmp_path / "g.g2o", d, np.random.default_rng(5), **kinds)
+    held, free = (certpgo.read(path, fixed=fixed, quiet=True) for fixed in (True, False))
+    inside, outside = tmp_path / "inside.npz", tmp_path / "outside.npz"
+    for file, instance in ((inside, held), (outside, free)):
+        certpgo.write(file, certpgo.solve(instance, cost="chordal").estimate, instance=instance)
+    with warnings.catch_warnings(action="error"):
+        kept = certpgo.read_estimate(inside, held)
+        certpgo.read_estimate(outside, free)
+    with pytest.warns(certpgo.InputNotice, match="fixes are not where it holds them"):
+        moved = certpgo.read_estimate(outside, held)
+    assert displaced(held, kept) == ""
+    assert " degrees and " in displaced(held, moved)
+
+
+def test_constraints_are_no_measurements(tmp_path):
+    path = written(tmp_path / "g.g2o", 2, np.random.default_rng(1), fixed=(0, 3, 5))
+    held, free = (certpgo.read(path, quiet=True, fixed=fixed) for fixed in (True, False))
+    assert (held.constraints, free.constraints) == (2, 0)
+    assert held.num_measurements == held.graph.num_edges - 2
+    assert free.num_measurements == free.graph.num_edges
+    assert held.measurements.in_words[-1] == "2 constraints of fixed nodes"
