@@ -12,9 +12,9 @@ SETTLED = 1e-6
 OUTLIERS = (0.0, 0.01, 0.02, 0.05, 0.1, 0.15)
 
 
-def label(sigma: float, p: float) -> str:
+def label(sigma: float, p: float, *, per_axis: bool = False) -> str:
     """What the row is called."""
-    return f"sigma_R {sigma:g} deg, {p:.0%} outliers"
+    return f"sigma_R {sigma:g} deg{' per axis' * per_axis}, {p:.0%} outliers"
 
 
 def agree(records: list[Record]) -> bool | None:
@@ -81,6 +81,23 @@ TABLE = Table(
             settings={} if sigma else {"EigenRAO": {"tolerance": SETTLED}},
         )
         for sigma in SIGMAS
+        for p in OUTLIERS
+    )
+    + tuple(
+        Row(
+            generator="langevin_scene",
+            label=label(sigma, p, per_axis=True),
+            arguments={
+                "name": "Notre_Dame.mat",
+                "sigma_deg": sigma,
+                "outliers": p,
+                "per_axis": True,
+            },
+            published=f"{p:.2f}/{sigma:g}",
+            methods=("EigenRA", "EigenRAO"),
+        )
+        for sigma in SIGMAS
+        if sigma
         for p in OUTLIERS
     ),
     methods=(
