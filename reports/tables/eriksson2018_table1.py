@@ -124,6 +124,7 @@ TABLE = Table(
     ),
     published="eriksson2018_table1",
     key="n,sigma_rad",
+    others=("lm_avg_error", "lm_global_percent", "sedumi_avg_error"),
     summary="mean",
     seeds=50,
     quick=("cycle of 20, sigma 0.2 rad",),

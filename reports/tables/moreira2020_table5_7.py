@@ -131,6 +131,7 @@ TABLE = Table(
         Column("seconds", "seconds (by phase)"),
     ),
     published="moreira2020_table5_7",
+    others=("chordal_f_ml", "eig_se3_f_ml", "gauss_newton_f_ml"),
     quick=("parking-garage",),
     notes=(
         "f_ML weighs every edge 1. EigenMA's translations are the thesis' own (eq. 4.12, which "
