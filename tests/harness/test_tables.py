@@ -6,6 +6,7 @@ import pytest
 
 from certpgo import registry
 from certpgo.errors import InputError
+from certpgo.linalg.factor import engines
 from certpgo.registry import build
 from reports.harness.experiments import claim_outcomes, scan
 from reports.harness.experiments.figure import Figure
@@ -108,6 +109,11 @@ def committed(table):
 def test_every_committed_value_that_differs_is_explained(table):
     found = cells.cells(table, committed(table))
     assert [c for c in found if c.found is cells.CellStatus.DIFFERS and not c.reason] == []
+
+
+def test_committed_results_name_engines_that_exist(table):
+    named = {record.provenance.get("engine") for record in committed(table)} - {None}
+    assert named <= set(engines())
 
 
 def test_every_committed_claim_that_differs_is_remarked_upon(table):
