@@ -1,7 +1,7 @@
 """The manuscript, from the note it reports and the records that its tables are of.
 
-``make paper`` writes ``build/paper/manuscript.pdf`` and ``build/paper/paper.pdf``. It needs pandoc and LaTeX: Debian's
-packages pandoc, texlive-latex-base and texlive-latex-recommended.
+``make paper`` writes ``build/paper/manuscript.pdf`` and ``build/paper/paper.pdf``. It needs pandoc
+and LaTeX: Debian's packages pandoc, texlive-latex-base and texlive-latex-recommended.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ COSTS = {
 
 
 def main() -> int:
-    """Write the tables of the software paper, and the PDFs; 1 where a program is missing or fails."""
+    """Write the software paper's tables, and the PDFs; 1 where a program is missing or fails."""
     SOFTWARE_PAPER.write_text(filled(SOFTWARE_PAPER.read_text()))
     missing = [name for name in ("pandoc", "pdflatex", "bibtex") if shutil.which(name) is None]
     if missing:
@@ -197,9 +197,9 @@ def body(note: str) -> str:
 #: The note's own table of optima, and what the manuscript says in its place.
 OF_OPTIMA = r"^\| graph \| cost \| optimum f .*?\n\n"
 OPTIMA = """\
-Table~\\ref{tab:optima} lists them; \\emph{gap} is relative, and \\emph{chordal} is the cost of the optimum
-of the chordal cost in units of the optimum. A star marks optima that are not certified, of which the gap bounds
-the error."""
+Table~\\ref{tab:optima} lists them; \\emph{gap} is relative, and \\emph{chordal} is the cost of the
+optimum of the chordal cost in units of the optimum. A star marks optima that are not certified, of
+which the gap bounds the error."""
 
 
 def raw(latex: str) -> str:
@@ -263,7 +263,15 @@ def tabular(header: Sequence[str], rows: Iterable[Sequence[str]], above: str = "
     kinds = "l" + "r" * (len(header) - 1)
     body = [lines[0], r"\midrule", *lines[1:]]
     return "\n".join(
-        [rf"\begin{{tabular}}{{{kinds}}}", r"\toprule", above, *body, r"\bottomrule", r"\end{tabular}", ""]
+        [
+            rf"\begin{{tabular}}{{{kinds}}}",
+            r"\toprule",
+            above,
+            *body,
+            r"\bottomrule",
+            r"\end{tabular}",
+            "",
+        ]
     )
 
 

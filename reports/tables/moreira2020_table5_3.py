@@ -73,6 +73,8 @@ WHOLE = (
     "whole graph"
 )
 
+NOT_HERE = "measurements of this scene were released with the data, and are not here"
+
 TABLE = Table(
     name="moreira2020_table5_3",
     title="Spectral analysis of photo collections (Moreira 2020, Table 5.3)",
@@ -140,6 +142,6 @@ TABLE = Table(
         "printed number has the first three digits, not rounded",
         "the measurements": WHOLE,
         "the viewing graph": WHOLE,
-        **dict.fromkeys(DRAWN.values(), "measurements of this scene were released with the data, and are not here"),
+        **dict.fromkeys(DRAWN.values(), NOT_HERE),
     },
 )

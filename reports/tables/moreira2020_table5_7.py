@@ -9,8 +9,8 @@ from ._sets import SIMPLE, UNIT
 EIGEN_MA = Method(
     "eigen_ma",
     "EigenMA",
-    # Anchoring the first camera (Appendix B.6) gives the printed digits of the sphere, where noise is
-    # large, and changes none of the others'; so does the tolerance.
+    # Anchoring the first camera (Appendix B.6) gives the printed digits of the sphere, where noise
+    # is large, and changes none of the others'; the printed digits ask for the tolerance.
     {"translations": "thesis", "anchor": "first", "tol": 1e-10},
     published={"f_ml": "eigenma_f_ml", "mean_symmetry": "eigenma_mean_symmetry"},
 )

@@ -71,9 +71,7 @@ def test_values_are_reproduced_better_different_or_not_run():
         ("three", "x_f"): (CellStatus.NOT_RUN, "lost"),
     }
     assert values["one", "x_g"].ours == 2.06
-    assert cells.tally(values.values()) == dict(
-        zip(CellStatus, (1, 0, 1, 1, 2), strict=True)
-    )
+    assert cells.tally(values.values()) == dict(zip(CellStatus, (1, 0, 1, 1, 2), strict=True))
 
 
 def test_what_is_worse_is_not_better():

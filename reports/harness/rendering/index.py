@@ -139,9 +139,7 @@ def _by_table(tables: Sequence[TableResult]) -> list[str]:
     rows = [
         (_link(result), *_numbers(cells.tally(result.cells))) for result in tables if result.cells
     ]
-    rows += [
-        (f"all of {name}", *_numbers(cells.tally(_of_group(tables, name)))) for name in GROUPS
-    ]
+    rows += [(f"all of {name}", *_numbers(cells.tally(_of_group(tables, name)))) for name in GROUPS]
     return markdown_table(("table", "printed", *(kind.value for kind in CellStatus)), rows)
 
 
