@@ -402,8 +402,9 @@ print(f"pulls equal up to {np.ptp(pulls):.1e}; {weak_certificate.verdict.value}"
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
 # Only 0 and -1, as the proof above says: |a_k| < 2 pi / n. A loop in SO(3) with an odd number of
-# turns can always be deformed into a single turn, an even one into none. Winding -1 turns by 340 degrees in all, the least of the odd ones
-# (winding 1 turns by 380). Every other winding is a saddle, and descent leaves it without lifting.
+# turns can always be deformed into a single turn, an even one into none. Winding -1 turns by 340
+# degrees in all, the least of the odd ones (winding 1 turns by 380). Every other winding is a
+# saddle, and descent leaves it without lifting.
 space = winding_cycle(n, theta, 0, d=3)[0].graph
 space_problem = certpgo.RotationProblem(space)
 space_minima = [
