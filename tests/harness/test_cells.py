@@ -32,7 +32,7 @@ def table(**more):
     return Table(
         "t",
         "A title",
-        (Row("a", published="one"), Row("b", published="two")),
+        more.pop("rows", (Row("a", published="one"), Row("b", published="two"))),
         (
             Method(
                 "m", published={"cost": "x_f", "mean_symmetry": "x_g", "total_seconds": "x_time_s"}
@@ -127,6 +127,18 @@ def test_a_printed_number_of_unknown_statistic_is_compared_with_the_draws(draws,
     value = found(records, summary="median", explained={"b": "of the row"})["two", "x_g"]
     assert (value.ours, value.found, value.reason) == (draws[1], expected, reason)
     assert (value.draws, value.standard_error) == ((draws[0], draws[2]), None)
+
+
+def test_where_no_reading_reaches_it_all_draws_are_counted():
+    spec = table(summary="median", rows=(Row("a", published="two"), Row("b", published="two")))
+    records = [
+        record(row, seed=k, mean_symmetry=value)
+        for row, values in (("a", (1.0, 2.0)), ("b", (5.0, 5.5, 6.0)))
+        for k, value in enumerate(values)
+    ]
+    [cell] = [c for c in cells.cells(spec, records) if (c.key, c.column) == ("two", "x_g")]
+    assert (cell.row, cell.found) == ("b", CellStatus.DIFFERS)
+    assert cell.reason == "none of 5 draws of 2 readings reaches it"
 
 
 def test_one_draw_is_a_number():

@@ -125,7 +125,8 @@ class Column:
         `FIELDS`
     title : the header
     format : a format specification such as ``".6g"``
-    exact : the printed numbers are of the optimum itself: ours agree or differ, and none is better
+    exact : the printed numbers are of the optimum itself, or of another draw of the noise: ours
+        agree or differ, and none is better
     """
 
     key: str

@@ -53,6 +53,7 @@ class Cell:
     ours : our number, or None
     standard_error : of our mean over the seeds, or None
     draws : the lowest and highest, where ours is their median, or None
+    draws_in_all : how many there are
     reason : why it differs, is better or was not run
     of_other : it is of a program that the paper compares its own methods with
     """
@@ -67,6 +68,7 @@ class Cell:
     ours: float | None = None
     standard_error: float | None = None
     draws: tuple[float, float] | None = None
+    draws_in_all: int = 0
     reason: str = ""
     of_other: bool = False
 
@@ -116,12 +118,22 @@ def _cells(table: Table, records: Sequence[Record]) -> Iterator[Cell]:
             )
             ours = places.get((key, column), ())
             found = [judged(table, blank, *place, records) for place in ours]
-            yield min(found, key=_distance, default=blank)
+            nearest = min(found, key=_distance, default=blank)
+            yield replace(nearest, reason=_of_all(nearest, found))
 
 
 def _distance(cell: Cell) -> tuple[int, float]:
     away = math.inf if cell.ours is None else abs(cell.ours - Printed.of(cell.printed).number)
     return list(CellStatus).index(cell.found), away
+
+
+def _of_all(cell: Cell, readings: Sequence[Cell]) -> str:
+    """The cell's reason, with how many draws of all readings there are where none reaches it."""
+    draws = [reading.draws_in_all for reading in readings if reading.draws_in_all]
+    if cell.found in (CellStatus.REPRODUCED, CellStatus.AMONG) or not cell.draws_in_all:
+        return cell.reason
+    which = "" if len(draws) == 1 else f" of {len(draws)} readings"
+    return "; ".join(filter(None, (f"none of {sum(draws)} draws{which} reaches it", cell.reason)))
 
 
 def judged(
@@ -142,6 +154,7 @@ def judged(
         ours=ours,
         standard_error=None if of_draws else _standard_error(values),
         draws=(min(values), max(values)) if of_draws else None,
+        draws_in_all=len(values) if of_draws else 0,
         reason="",
     )
     if not (table.comparable and row.comparable):
@@ -149,12 +162,10 @@ def judged(
     printed = Printed.of(blank.printed)
     if printed.agrees(ours) or _is_near_mean(cell, printed.number):
         return replace(cell, found=CellStatus.REPRODUCED)
-    if cell.draws is not None:
-        if printed.is_within(*cell.draws):
-            lower = sum(value < printed.number for value in values)
-            reason = f"{lower} of {len(values)} draws are lower"
-            return replace(cell, found=CellStatus.AMONG, reason=reason)
-        said = "; ".join(filter(None, (f"none of {len(values)} draws reaches it", said)))
+    if cell.draws is not None and printed.is_within(*cell.draws):
+        lower = sum(value < printed.number for value in values)
+        reason = f"{lower} of {len(values)} draws are lower"
+        return replace(cell, found=CellStatus.AMONG, reason=reason)
     better = {column.key: column.better for column in table.columns}.get(metric, "")
     found = CellStatus.BETTER if printed.is_worse_than(ours, better) else CellStatus.DIFFERS
     return replace(cell, found=found, reason=said)
