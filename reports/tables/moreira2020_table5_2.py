@@ -50,8 +50,8 @@ CLAIMS = (
         below("rmse_deg", "EigenRAO", "EigenRA", slack=0.005),
         WHERE,
         each=True,
-        remark="With 2.5 degrees per axis and no outliers it rejects nothing and does not settle in "
-        "its 20 iterations, which sharpen the weights and raise its error",
+        remark="With 2.5 degrees per axis and no outliers it rejects nothing and does not settle "
+        "in its 20 iterations, which sharpen the weights and raise its error",
     ),
     Claim(
         "For p = 0 both yield the same result, to a tenth or the printed 0.01 degrees",
