@@ -115,7 +115,6 @@ def test_every_committed_value_that_differs_is_explained(table):
 STALE = {
     "eriksson2018_table1",
     "moreira2020_table5_2",
-    "robust_pose_graphs",
 }
 
 
