@@ -133,8 +133,10 @@ TABLE = Table(
         "The noise is read in two ways. Measurements of Lang(I, 1/sigma_R^2), as section 5.2 and "
         "the density of eq. 2.5 have it, deviate by sigma_R/sqrt(2) per axis. The remark on that "
         "equation calls sigma_R^2 the variance: that is sigma_R per axis. Without outliers the "
-        "printed errors at 0.5 and 1.5 degrees are those of sigma_R per axis. So where ours are "
-        "smaller in the first reading, there is less noise in it, and no better estimate.",
+        "errors printed at 0.5 and 1.5 degrees are above all draws of the first reading and among "
+        "those of the second; at 2.5 degrees one is among those of the second, the other between "
+        "both. So where ours are smaller in the first reading, there is less noise in it, and no "
+        "better estimate.",
         "EigenRA's printed errors at 5 to 15 % outliers without noise and at 0.5 degrees lie below "
         "all of our draws, in either reading. Why is not known: with 1 % they agree.",
         "A camera of two or three measurements is lost when most of these are wrong, whatever the "
@@ -155,7 +157,7 @@ TABLE = Table(
                 f"{label(0.5, 0.0, per_axis=True)}/EigenRA",
             ),
             "the scan reads 0 76 where EigenRAO has 0.08 and both are said to agree: 0.076 would, "
-            "and is that of sigma_R per axis",
+            "and is among the draws of sigma_R per axis",
         ),
         "EigenRA": "what the thesis did otherwise is not known",
         "EigenRAO": "how measurements are replaced leaves room for readings",
