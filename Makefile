@@ -2,6 +2,7 @@
 # make test      lint, types and tests
 # make gate      quick results of some tables against the committed ones
 # make formal    theorems about public sets, checked by Coq; see formal/README.md
+# make paper     the manuscript and the software paper, into build/paper; needs pandoc and LaTeX
 # make docs      the site, into build/docs, lessons run; make linkcheck looks its outside links up
 # make dist      a wheel and an sdist, into dist
 # make setup     the environment alone
@@ -17,7 +18,7 @@ COMPARE := $(VENV)/.installed-baselines
 DEVELOP := $(VENV)/.installed-dev
 DOCS := $(VENV)/.installed-docs
 
-.PHONY: compare test gate formal docs linkcheck dist setup clean
+.PHONY: compare test gate formal paper docs linkcheck dist setup clean
 
 compare: $(COMPARE)
 	@$(BIN)/certpgo compare
@@ -34,6 +35,10 @@ gate: $(DEVELOP)
 
 formal: $(DEVELOP)
 	@$(BIN)/python formal/build.py
+
+paper: $(DEVELOP)
+	@$(BIN)/python -m paper.build
+	@echo build/paper/manuscript.pdf build/paper/paper.pdf
 
 docs: $(DOCS)
 	@$(BIN)/python -m sphinx -q -W --keep-going -n -b html -d build/docs-doctrees docs build/docs

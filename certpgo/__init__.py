@@ -95,7 +95,7 @@ _HOME = {name: module for module, names in _HOMES.items() for name in names}
 #: Subpackages to work with, imported on first use too.
 _ROOMS = ("plot",)
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "WORLD",

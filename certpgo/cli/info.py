@@ -15,7 +15,7 @@ from certpgo.cli._show import document, facts, working
 
 if TYPE_CHECKING:
     from certpgo.graph import Instance
-    from certpgo.solve.diagnostics import Spectrum, Structure
+    from certpgo.solve.diagnostics import Spectrum, Structure, Symmetry
 
 
 @takes_reading
@@ -25,26 +25,32 @@ def command(
     *,
     reading: Reading,
 ) -> None:
-    """Describe a graph: counts, connectivity, weights, eigenvalues and notices."""
+    """Describe a graph: counts, connectivity, weights, eigenvalues, symmetry and notices."""
     from certpgo.solve import diagnostics
 
     graph, reading = reading.of_all(graphs)
     instance = reading.open(reading.resolve(graph), notices=False, distances=True)
     found = diagnostics.structure(instance)
     spectra: dict[str, dict[str, Spectrum]] = {}
+    symmetries: dict[str, Symmetry | None] = {}
     with working("eigenvalues"):
         for part in _parts(reading, instance):
             spectra[part.name] = dict(diagnostics.spectra(part.graph))
+            symmetries[part.name] = diagnostics.symmetry(part)
     engine = diagnostics.engines_in_words()
     left_open = diagnostics.open_in_words(instance)
     if json:
-        document({**_as_json(instance, found, spectra, engine), "undetermined": left_open})
+        symmetric = {name: value and asdict(value) for name, value in symmetries.items()}
+        more = {"symmetry": symmetric, "undetermined": left_open}
+        document({**_as_json(instance, found, spectra, engine), **more})
         return
     facts(_lines(instance, found, engine, left_open))
     for name, by_weights in spectra.items():
         for weights, spectrum in by_weights.items():
             typer.echo(f"\n{name}, {_WEIGHTS[weights]}")
             facts(_spectrum_lines(spectrum))
+        if (symmetry := symmetries[name]) is not None:
+            facts(_symmetry_lines(symmetry))
     if not all(spectra.values()):
         skipping = [
             *(["--no-priors skips priors"] if found.priors else []),
@@ -148,3 +154,15 @@ def _spectrum_lines(spectrum: Spectrum) -> Iterable[tuple[str, str]]:
         f"{math.degrees(spectrum.normalized_alpha_max):.4g} by the normalized Laplacian",
     )
     yield "", "(stationary rotations with all residuals below it are optimal)"
+
+
+def _symmetry_lines(symmetry: Symmetry) -> Iterable[tuple[str, str]]:
+    from certpgo.solve.diagnostics import SYMMETRIC
+
+    i, j = symmetry.edge
+    yield (
+        "symmetry of edges",
+        f"{symmetry.mean:.3f} in the mean, at least {SYMMETRIC:g} on {symmetry.share:.1%}; "
+        f"least {symmetry.least:.3f}, of {i} to {j}",
+    )
+    yield "", "(near 1, averaging rotations before translations loses little)"

@@ -15,9 +15,11 @@ from certpgo.graph.kinds import Kind
 from certpgo.linalg import rotations as so
 from certpgo.linalg.factor import default_engine, engines
 from certpgo.objective.choose_cost import CHORDAL, certifiable
-from certpgo.objective.problem import RotationProblem
+from certpgo.objective.problem import PoseProblem, RotationProblem
 from certpgo.optimize import spectral
+from certpgo.optimize.methods.eigen_ma import EigenMA
 from certpgo.optimize.unobservable import undetermined
+from certpgo.solve import metrics
 from certpgo.solve.consistency import inconsistency
 
 
@@ -75,6 +77,30 @@ class Spectrum:
     inconsistency: float
     alpha_max: float
     normalized_alpha_max: float
+
+
+@dataclass(frozen=True)
+class Symmetry:
+    """Edges' symmetry at the closed form of the poses; thesis section 4.4.
+
+    Near 1 it supports the hypothesis (4.1.1) by which rotations are averaged first, without the
+    translations.
+
+    Attributes
+    ----------
+    mean : over the edges
+    share : of edges at `SYMMETRIC` or above
+    least, edge : the smallest, and the ids of the edge's nodes
+    """
+
+    mean: float
+    share: float
+    least: float
+    edge: tuple[int, int]
+
+
+#: Symmetry from which on an edge is counted as symmetric: the thesis leaves its tolerance open.
+SYMMETRIC = 0.9
 
 
 def structure(instance: Instance) -> Structure:
@@ -147,6 +173,32 @@ def spectra(graph: Graph) -> Mapping[str, Spectrum]:
         return {}
     weighted = RotationProblem(graph.rotation)
     return {"unit": _spectrum(weighted.with_unit_weights()), "weighted": _spectrum(weighted)}
+
+
+def symmetry(instance: Instance) -> Symmetry | None:
+    """The test of section 4.4 of the thesis, edge by edge, at EigenMA's estimate.
+
+    None if not all measurements are relative poses that connect the nodes.
+
+    Raises
+    ------
+    NumericalError
+        An eigenvalue computation failed.
+    """
+    graph = instance.graph
+    if not isinstance(graph, PoseGraph) or not graph.num_edges or not graph.is_connected:
+        return None
+    if instance.measurements.without(Kind.BETWEEN).counts:
+        return None
+    each = metrics.symmetry(graph, EigenMA().solve(PoseProblem(graph)).estimate)
+    worst = int(each.argmin())
+    i, j = (int(instance.ids[node]) for node in graph.edges[worst])
+    return Symmetry(
+        mean=float(each.mean()),
+        share=float((each >= SYMMETRIC).mean()),
+        least=float(each[worst]),
+        edge=(i, j),
+    )
 
 
 def engines_in_words() -> str:

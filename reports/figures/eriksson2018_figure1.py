@@ -1,8 +1,8 @@
 """Three local minima of one orbital camera problem.
 
-After Eriksson et al. 2018, Figure 1, whose problem is not public: cameras once around an object, a
-cycle of measurements and one more across, seen from random starts. Each independent loop of
-measurements may close with or without a full turn too much, so that one loop has two minima and
+After Eriksson et al. 2018, Figure 1, whose problem the paper does not give: cameras once around an
+object, a cycle of measurements and one more across, seen from random starts. Each independent loop
+of measurements may close with or without a full turn too much, so that one loop has two minima and
 two have four; the three lowest are drawn, each with the verdict of the certificate.
 """
 
@@ -171,7 +171,7 @@ CLAIMS = (
 FIGURE = Figure(
     name="eriksson2018_figure1",
     title="Three local minima of one orbital camera problem",
-    source="Eriksson, Olsson, Kahl, Chin, CVPR 2018, Figure 1, whose problem is not public",
+    source="Eriksson, Olsson, Kahl, Chin, CVPR 2018, Figure 1; the paper does not give its problem",
     compute=compute,
     draw=draw,
     caption=(

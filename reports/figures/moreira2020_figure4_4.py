@@ -87,7 +87,7 @@ FIGURE = Figure(
         "{false_percent:.2g} percent."
     ),
     notes=(
-        "Ellis Island, because Notre Dame's measurements are not public; angles, where the thesis "
+        "Ellis Island, because Notre Dame's measurements are not here; angles, where the thesis "
         "has Frobenius norms of logarithms, sqrt(2) times as much.",
     ),
 )

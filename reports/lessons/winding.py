@@ -284,6 +284,59 @@ for level in answer.levels:
 print(f"answer: F {answer.cost:.6f}, winding {winding_of(answer.estimate)}, {answer.verdict.value}")
 
 # %% [markdown]
+# ## In space: a conjecture that fails
+#
+# In $SO(3)$ the cameras may leave the plane, and two turns can be undone there. Is every local
+# minimum global in space, then? That was conjectured from experiments, by Tron and Vidal (2009) as
+# Moreira (2020, section 2.2.3) reports. It is false, for the smallest ring already.
+#
+# *Proof.* Let all residuals be rotations about $z$ by $a = a_k$, and turn camera $i$ by the small
+# vector $x_i = (u_i, z_i)$, with $u_i$ in the plane as a complex number. Expanding
+# $-2 \operatorname{tr}(\exp[x_i]_\times E \exp[x_j]_\times^T)$ to second order, the terms of first
+# order cancel around the ring, and what is left of $F$ is
+#
+# $$\sum_i\; 2 \cos a\, (z_i - z_{i+1})^2 + (1 + \cos a)\, |u_i - u_{i+1}|^2
+#   + 2 \sin a\; \mathrm{Im}(\bar u_i u_{i+1}) .$$
+#
+# On $u_i = e^{\mathrm i \varphi i}$, $\varphi = 2 \pi m / n$, the terms in $u$ are, per camera,
+#
+# $$2 (1 + \cos a)(1 - \cos \varphi) + 2 \sin a \sin \varphi
+#   = 8 \cos\frac a2\; \sin\frac\varphi2\; \sin\frac{\varphi + a}2 .$$
+#
+# For $m = 0$ this is zero, a rotation of the world. For $0 < m < n$ the first two factors are
+# positive, and so is the third, for every $m$, exactly if $|a| < 2 \pi / n$. With $|a| < \pi / 2$
+# the terms in $z$ are positive too, and the point is a strict local minimum up to rotations of the
+# world. Now take a closing error $0 < \theta < 2\pi$: windings 0 and $-1$ have
+# $a_0 = \theta / n$ and $a_{-1} = (\theta - 2 \pi)/n$, both below $2 \pi / n$ in size. For
+# $\theta \ne \pi$ their costs differ, so that one of these local minima is not global.
+# $\square$
+#
+# Three cameras suffice, with $\theta$ between 90 and 270 degrees. Here they are, and the ring from
+# above:
+
+
+# %%
+def by_the_formula(n, a):
+    """Eigenvalues of the Hessian of F/2 in space at residuals of one angle about z, ascending."""
+    phi = 2 * np.pi * np.arange(n) / n
+    across = 8 * np.cos(a / 2) * np.sin(phi / 2) * np.sin((phi + a) / 2)
+    along = 4 * np.cos(a) * (1 - np.cos(phi))
+    return np.sort(np.concatenate([np.repeat(across, 2), along]))
+
+
+for size, closing in ((3, np.radians(120.0)), (n, theta)):
+    ring = certpgo.RotationProblem(winding_cycle(size, closing, 0, d=3)[0].graph)
+    for k in (0, -1, 1):
+        point = stationary_point(ring.graph, k)
+        found = hessian_eigenvalues(ring, point)
+        expected = by_the_formula(size, (closing + 2 * np.pi * k) / size)
+        print(
+            f"n = {size:2}, winding {k:2}: F {ring.cost(point):.4f}, Hessian's least "
+            f"{found[0]:+.6f}, fourth {found[3]:+.6f}, off the formula by "
+            f"{np.abs(found - expected).max():.0e}"
+        )
+
+# %% [markdown]
 # ## Exercises
 #
 # **1.** How small does the negative eigenvalue of winding 1 become as the ring grows? From how many
@@ -348,9 +401,10 @@ print(f"pulls equal up to {np.ptp(pulls):.1e}; {weak_certificate.verdict.value}"
 # windings are still local minima? Explain with the belt trick.
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
-# Only 0 and -1. A loop in SO(3) with an odd number of turns can always be deformed into a single
-# turn, an even one into none. Winding -1 turns by 340 degrees in all, the least of the odd ones
-# (winding 1 turns by 380). Every other winding is a saddle, and descent leaves it without lifting.
+# Only 0 and -1, as the proof above says: |a_k| < 2 pi / n. A loop in SO(3) with an odd number of
+# turns can always be deformed into a single turn, an even one into none. Winding -1 turns by 340
+# degrees in all, the least of the odd ones (winding 1 turns by 380). Every other winding is a
+# saddle, and descent leaves it without lifting.
 space = winding_cycle(n, theta, 0, d=3)[0].graph
 space_problem = certpgo.RotationProblem(space)
 space_minima = [

@@ -19,6 +19,7 @@ TABLE = Table(
     optional=True,
     methods=(Method("certified", published={"cost": "optimum_F"}),),
     published="rosen2019_se_sync_table",
+    paper=False,
     reference=Method(FACTORIZATION),
     columns=(
         Column("verdict", "verdict"),

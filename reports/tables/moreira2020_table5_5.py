@@ -67,6 +67,7 @@ TABLE = Table(
     ),
     published="moreira2020_table5_5",
     key="missing_percent,sigma_R_deg",
+    others=("eig_se3_f_gt",),
     comparable=False,
     summary="mean",
     certify=False,

@@ -11,7 +11,10 @@ from certpgo.graph.components import connected_parts
 from certpgo.graph.kinds import Kind
 from certpgo.graph.ranges import Ranges
 from certpgo.io.datasets import synthetic
-from certpgo.solve.diagnostics import spectra, structure
+from certpgo.objective.problem import PoseProblem
+from certpgo.optimize.methods.eigen_ma import EigenMA
+from certpgo.solve import metrics
+from certpgo.solve.diagnostics import SYMMETRIC, spectra, structure, symmetry
 
 
 def graph_of(n, edges):
@@ -132,3 +135,26 @@ def test_inconsistency_of_half_turns_about_a_plane_cycle_in_closed_form():
     for spectrum in spectra(instance.graph).values():
         expected = (1 - np.cos(np.pi / 6)) / (1 - np.cos(np.pi / 3))
         assert spectrum.inconsistency == pytest.approx(expected, rel=1e-9)
+
+
+def test_edges_of_exact_measurements_are_symmetric():
+    # t_i - t_ij = R_ji t_j in the thesis' frame, so that S_ij = t_j t_j^T
+    rng = np.random.default_rng(0)
+    found = symmetry(synthetic.helix(4, rng, rotation_noise=1e-9, translation_noise=1e-9))
+    assert found.least == pytest.approx(1.0, abs=1e-6)
+    assert (found.mean, found.share) == (pytest.approx(1.0, abs=1e-6), 1.0)
+
+
+def test_the_least_symmetric_edge_is_named_by_its_nodes_ids():
+    instance = synthetic.helix(4, np.random.default_rng(0))
+    estimate = EigenMA().solve(PoseProblem(instance.graph)).estimate
+    each = metrics.symmetry(instance.graph, estimate)
+    found = symmetry(instance)
+    assert found.mean == pytest.approx(each.mean())
+    assert found.least == each.min()
+    assert found.edge == tuple(instance.ids[instance.graph.edges[each.argmin()]])
+    assert found.share == np.mean(each >= SYMMETRIC)
+
+
+def test_rotations_alone_have_no_symmetry():
+    assert symmetry(synthetic.winding_cycle(5, 0.3, 0)[0]) is None

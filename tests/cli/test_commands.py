@@ -37,6 +37,7 @@ def test_info_in_words(certpgo, square):
     assert "poses in 2D" in done.out
     assert "4, ids 0 to 3" in done.out
     assert "inconsistency" in done.out
+    assert "symmetry of edges" in done.out
 
 
 def test_info_is_one_json_document(certpgo, square):
@@ -46,6 +47,9 @@ def test_info_is_one_json_document(certpgo, square):
     assert spectrum["fiedler"] == pytest.approx(2.0, rel=1e-9)  # lambda_2 of a 4-cycle
     assert len(spectrum["smallest"]) == 2
     assert spectrum["inconsistency"] == pytest.approx(spectrum["smallest"][0] / 2.0, rel=1e-9)
+    assert (
+        -1.0 <= found["symmetry"]["square"]["least"] <= found["symmetry"]["square"]["mean"] <= 1.0
+    )
 
 
 def test_list_is_one_json_document(certpgo):

@@ -78,13 +78,16 @@ def record(row, cost):
 def test_the_index_says_first_what_was_reproduced(results):
     text = dict(publication.report_files(gather(results)))["index.md"].decode()
     assert text.split("\n")[2] == (
-        "**Of 2 values of the papers' tables that were run, 1 are reproduced and 0 better (50 %), "
-        "1 different, each explained. Of 3 claims tried, 1 hold and 2 differ. "
+        "**Of 2 values that the papers print of their own methods and that were run, 1 are "
+        "reproduced (50 %), 0 better, 1 different, each explained. Of 3 claims tried, 1 hold and 2 "
+        "differ. "
         "Not run: 0 printed values and 0 claims.**"
     )
     for line in (
-        "| [paper_table1](paper_table1.md) | 2 | 1 | 0 | 1 | 0 |",
-        "| all | 2 | 1 | 0 | 1 | 0 |",
+        "| [paper_table1](paper_table1.md) | 2 | 1 | 0 | 0 | 1 | 0 |",
+        "| all of the two papers, of their own methods | 2 | 1 | 0 | 0 | 1 | 0 |",
+        "| all of the two papers, of other programs | 0 | 0 | 0 | 0 | 0 | 0 |",
+        "| all of other sources | 0 | 0 | 0 | 0 | 0 | 0 |",
         "| paper_table1 | 1 | another b |",
         "| paper_table1 | F is at most 1 | p. 1 | differs: holds in 1 of 2 rows |",
         "| paper_table1 | F is at least 9 | p. 2 | differs. It is not |",
@@ -149,7 +152,9 @@ def test_what_differs_without_explanation_is_said(results):
 def test_the_command_writes_the_report(results, tmp_path, certpgo):
     done = certpgo("report", "--results", results, "--out", tmp_path / "out")
     assert done.code == 0
-    assert done.out.startswith("Of 2 values of the papers' tables that were run, 1 are reproduced")
+    assert done.out.startswith(
+        "Of 2 values that the papers print of their own methods and that were run, 1 are reproduced"
+    )
     names = {path.name for path in (tmp_path / "out").iterdir()}
     tables = {f"paper_table1.{suffix}" for suffix in ("md", "csv", "tex")}
     assert names == tables | {"index.md", "paper_figure1.svg", "sources.bib"}

@@ -32,7 +32,7 @@ def table(**more):
     return Table(
         "t",
         "A title",
-        (Row("a", published="one"), Row("b", published="two")),
+        more.pop("rows", (Row("a", published="one"), Row("b", published="two"))),
         (
             Method(
                 "m", published={"cost": "x_f", "mean_symmetry": "x_g", "total_seconds": "x_time_s"}
@@ -71,7 +71,7 @@ def test_values_are_reproduced_better_different_or_not_run():
         ("three", "x_f"): (CellStatus.NOT_RUN, "lost"),
     }
     assert values["one", "x_g"].ours == 2.06
-    assert cells.tally(values.values()) == dict(zip(CellStatus, (1, 1, 1, 2), strict=True))
+    assert cells.tally(values.values()) == dict(zip(CellStatus, (1, 0, 1, 1, 2), strict=True))
 
 
 def test_what_is_worse_is_not_better():
@@ -111,12 +111,47 @@ def test_two_standard_errors_of_the_mean_over_the_seeds(offset, expected):
     assert found(records[:1], summary="mean")["two", "x_g"].standard_error is None
 
 
-def test_ours_is_the_median_where_the_table_shows_medians():
+@pytest.mark.parametrize(
+    ("draws", "expected", "reason"),
+    [
+        ((3.96, 4.04, 90.0), CellStatus.REPRODUCED, ""),
+        # the mean and its error, which would reach 4.0, do not count
+        ((5.0, 6.0, 90.0), CellStatus.DIFFERS, "none of 3 draws reaches it; of the row"),
+        ((3.0, 3.2, 3.94), CellStatus.DIFFERS, "none of 3 draws reaches it; of the row"),
+        ((3.0, 3.2, 3.95), CellStatus.AMONG, "3 of 3 draws are lower"),
+        ((3.0, 5.2, 9.0), CellStatus.AMONG, "1 of 3 draws are lower"),
+    ],
+)
+def test_a_printed_number_of_unknown_statistic_is_compared_with_the_draws(draws, expected, reason):
+    records = [record("b", seed=k, mean_symmetry=value) for k, value in enumerate(draws)]
+    value = found(records, summary="median", explained={"b": "of the row"})["two", "x_g"]
+    assert (value.ours, value.found, value.reason) == (draws[1], expected, reason)
+    assert (value.draws, value.standard_error) == ((draws[0], draws[2]), None)
+
+
+def test_where_no_reading_reaches_it_all_draws_are_counted():
+    spec = table(summary="median", rows=(Row("a", published="two"), Row("b", published="two")))
     records = [
-        record("b", seed=k, mean_symmetry=value) for k, value in enumerate((4.0, 4.02, 90.0))
+        record(row, seed=k, mean_symmetry=value)
+        for row, values in (("a", (1.0, 2.0)), ("b", (5.0, 5.5, 6.0)))
+        for k, value in enumerate(values)
     ]
-    value = found(records, summary="median")["two", "x_g"]
-    assert (value.ours, value.found) == (4.02, CellStatus.REPRODUCED)
+    [cell] = [c for c in cells.cells(spec, records) if (c.key, c.column) == ("two", "x_g")]
+    assert (cell.row, cell.found) == ("b", CellStatus.DIFFERS)
+    assert cell.reason == "none of 5 draws of 2 readings reaches it"
+
+
+def test_one_draw_is_a_number():
+    value = found([record("b", seed=0, mean_symmetry=4.2)], summary="median")["two", "x_g"]
+    assert (value.found, value.draws) == (CellStatus.DIFFERS, None)
+
+
+def test_values_of_other_programs_are_marked_by_column_or_key():
+    assert {key for key, c in found([], others=("x_g", "three")).items() if c.of_other} == {
+        ("one", "x_g"),
+        ("two", "x_g"),
+        ("three", "x_f"),
+    }
 
 
 def test_other_instances_are_never_compared():

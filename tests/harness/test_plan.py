@@ -125,6 +125,19 @@ def test_tasks_of_every_table_travel_and_keep_their_keys(name):
             assert there.trial.key(method) in known
 
 
+@pytest.mark.parametrize("name", scan.table_names())
+def test_a_quick_instance_is_the_full_run_s(name):
+    table = replace(scan.get_table(name), optional=False)
+    full, quick = (
+        {
+            (trial.row.label, trial.repetition): trial.seed and trial.seed.spawn_key
+            for trial in trials_of(table, data=None, seeds=1, quick=is_quick)
+        }
+        for is_quick in (False, True)
+    )
+    assert quick.items() <= full.items()
+
+
 def test_each_table_has_a_key_of_its_own_for_each_record():
     made = [
         key

@@ -6,7 +6,7 @@ from certpgo.errors import InputError
 from reports.harness.experiments.absence import Absence
 from reports.harness.experiments.records import Record
 from reports.harness.experiments.spec import Column, Method, Row, Table
-from reports.harness.rendering.published import compared
+from reports.harness.rendering.published import Printed
 from reports.harness.rendering.render import CROWDED, notes, sections, table_markdown
 
 TABLE = Table(
@@ -100,12 +100,12 @@ def test_a_graph_that_is_not_here_is_said_once():
     ],
 )
 def test_agreement_is_to_the_printed_digits(printed, ours, agrees):
-    assert compared(printed, ours).agrees == agrees
+    assert Printed.of(printed).agrees(ours) == agrees
 
 
 def test_what_is_no_number_cannot_be_compared():
     with pytest.raises(InputError, match="no printed number"):
-        compared("n/a", 1.0)
+        Printed.of("n/a")
 
 
 def test_the_order_in_which_records_were_made_does_not_show():

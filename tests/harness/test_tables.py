@@ -6,6 +6,7 @@ import pytest
 
 from certpgo import registry
 from certpgo.errors import InputError
+from certpgo.linalg.factor import engines
 from certpgo.registry import build
 from reports.harness.experiments import claim_outcomes, scan
 from reports.harness.experiments.figure import Figure
@@ -108,6 +109,20 @@ def committed(table):
 def test_every_committed_value_that_differs_is_explained(table):
     found = cells.cells(table, committed(table))
     assert [c for c in found if c.found is cells.CellStatus.DIFFERS and not c.reason] == []
+
+
+#: Tables of hours, whose records are still those of an engine that is gone.
+STALE = {
+    "eriksson2018_table1",
+    "moreira2020_table5_2",
+}
+
+
+def test_committed_results_name_engines_that_exist(table):
+    if table.name in STALE:
+        pytest.skip("to be run again")
+    named = {record.provenance.get("engine") for record in committed(table)} - {None}
+    assert named <= set(engines())
 
 
 def test_every_committed_claim_that_differs_is_remarked_upon(table):

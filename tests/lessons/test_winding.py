@@ -3,6 +3,9 @@
 import numpy as np
 import pytest
 
+import certpgo
+from certpgo.io.datasets.synthetic import winding_cycle
+
 
 @pytest.fixture
 def shown(lesson):
@@ -84,3 +87,26 @@ def test_exercises(shown):
     assert shown["weak_angles"].max() > np.pi / n
     assert shown["weak_angles"].sum() == pytest.approx(np.pi / 2.0, rel=1e-9)
     assert shown["space_minima"] == [-1, 0]
+
+
+@pytest.mark.parametrize(("size", "closing"), [(3, 95.0), (3, 175.0), (4, 10.0), (9, 100.0)])
+def test_two_windings_are_strict_local_minima_in_space(shown, size, closing):
+    theta = np.radians(closing)
+    ring = certpgo.RotationProblem(winding_cycle(size, theta, 0, d=3)[0].graph)
+    costs = []
+    for k in (0, -1):
+        point = shown["stationary_point"](ring.graph, k)
+        found = shown["hessian_eigenvalues"](ring, point)
+        expected = shown["by_the_formula"](size, (theta + 2.0 * np.pi * k) / size)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+        # three zeros are rotations of the world
+        assert np.abs(found[:3]).max() < 1e-12
+        assert found[3] > 1e-3
+        assert ring.stationarity(point) < 1e-12
+        costs.append(ring.cost(point))
+    assert abs(costs[0] - costs[1]) > 1e-3
+
+
+def test_three_cameras_are_no_counterexample_outside_the_range(shown):
+    expected = shown["by_the_formula"](3, np.radians((85.0 - 360.0) / 3.0))
+    assert expected[0] < -1e-3

@@ -27,6 +27,7 @@ def langevin_scene(
     rng: np.random.Generator,
     *,
     outliers: float = 0.0,
+    per_axis: bool = False,
     data: str | Path | None = None,
 ) -> Instance:
     """Rotations on a real scene's viewing graph; 553 nodes and 103932 edges are Notre_Dame.mat's.
@@ -36,10 +37,13 @@ def langevin_scene(
     name : a dataset, of which only the graph's largest component is used
     sigma_deg : sigma_R, degrees
     outliers : probability that a measurement is a uniformly random rotation
+    per_axis : sigma_R is the deviation of a rotation vector per axis, as the thesis' remark on
+        eq. 2.5 has it: concentration 1/(2 sigma_R^2) instead of the equation's 1/sigma_R^2
     data : folder to search first
     """
     stem, n, edges = viewing_edges(name, data)
-    return _rotations(f"{stem}-langevin", so.random(rng, n, 3), edges, sigma_deg, outliers, rng)
+    deviation = np.sqrt(2.0) * sigma_deg if per_axis else sigma_deg
+    return _rotations(f"{stem}-langevin", so.random(rng, n, 3), edges, deviation, outliers, rng)
 
 
 def langevin_graph(

@@ -157,13 +157,16 @@ class TableReport:
         return f"{self.spec.name}: {counted(len(records), 'result{s}')}{said}"
 
 
-#: How a number ends that was compared with a printed one.
-AGREES, COMPARED = " agrees", (" agrees", " differs", " differs, better")
+#: How a number ends that agrees with a printed one.
+AGREES = " agrees"
 
 
 def compared(cell: str) -> list[str]:
     """What a cell says of numbers that were compared with printed ones."""
-    return [part for part in cell.split("; ") if part.endswith(COMPARED)]
+    from reports.harness.rendering.render import COMPARED
+
+    ends = tuple(filter(None, COMPARED.values()))
+    return [part for part in cell.split("; ") if part.endswith(ends)]
 
 
 def in_brief(cell: str) -> str:

@@ -24,7 +24,7 @@ def record_key(
 
     Parameters
     ----------
-    place : the row's place among the rows that are run, which seeds a synthetic one
+    place : the row's place in the table, which seeds a synthetic one
     repetition : which instance of a synthetic row
     """
     asked = set(table.metrics)

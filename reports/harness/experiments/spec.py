@@ -125,7 +125,8 @@ class Column:
         `FIELDS`
     title : the header
     format : a format specification such as ``".6g"``
-    exact : the printed numbers are of the optimum itself: ours agree or differ, and none is better
+    exact : the printed numbers are of the optimum itself, or of another draw of the noise: ours
+        agree or differ, and none is better
     """
 
     key: str
@@ -164,9 +165,13 @@ class Table:
         are joined by slashes
     comparable : the printed numbers are of the same instances, or of draws of the same kind;
         others are shown, never compared
-    paper : they are those of a paper; others are compared, but not counted among the papers'
+    paper : they are of one of the two papers that this project reproduces; others are compared,
+        but not counted among the papers'
+    others : their columns, or parts of their keys, that are of programs which the paper compares
+        its own methods with
     summary : of the instances of a synthetic row only the ``"mean"`` is shown, or the ``"median"``
-        with quartiles; empty shows each
+        with quartiles; empty shows each; see `reports.harness.rendering.cells` for how each is
+        compared
     certify : certify every estimate
     reference : the method that the others are timed against, or None
     seed, seeds : base seed, and how many instances a synthetic row represents
@@ -189,6 +194,7 @@ class Table:
     key: str = "dataset"
     comparable: bool = True
     paper: bool = True
+    others: tuple[str, ...] = ()
     summary: Literal["", "mean", "median"] = ""
     certify: bool = True
     reference: Method | None = None

@@ -22,7 +22,7 @@ class Trial:
 
     Attributes
     ----------
-    place : the row's place among those that are run
+    place : the row's place in the table, whichever rows are run
     repetition : of a synthetic row, which instance; of others 0
     """
 
@@ -70,7 +70,9 @@ def trials_of(
     """
     usual = 1 if quick else table.seeds
     profile: Profile = "quick" if quick else "full"
-    for place, row in enumerate(chosen_rows(table, data=data, quick=quick)):
+    places = {row.label: place for place, row in enumerate(table.rows + table.stand_ins)}
+    for row in chosen_rows(table, data=data, quick=quick):
+        place = places[row.label]
         for repetition in range((seeds or usual) if row.generator else 1):
             yield Trial(table, row, place, repetition, profile)
 

@@ -1,11 +1,21 @@
 """Every value that a paper's table prints, and whether ours reproduces it.
 
+One rule for each statistic of ours:
+
+- A single number is compared to the printed digits.
+- A mean over the seeds, where the paper prints a mean: it reproduces what rounds to the same digits
+  or lies within two of its standard errors.
+- A median over the seeds, where the paper prints one number and does not say of how many draws: it
+  reproduces what rounds to the same digits. What does not, and lies between our lowest draw and our
+  highest, is among our draws: it may be of a single draw like ours, and that is all that is known.
+
 Times are not counted: machines and years differ, and only the claimed order can be checked, see
 `reports.harness.experiments.claims`. Nor are the columns that say what a row is.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -14,7 +24,7 @@ from statistics import fmean, median, stdev
 from reports.harness.experiments.metrics import metric_of
 from reports.harness.experiments.records import Record
 from reports.harness.experiments.spec import Method, Row, Table
-from reports.harness.rendering.published import compared, published
+from reports.harness.rendering.published import Printed, published
 
 #: A printed number is reproduced within this many standard errors of our mean over the seeds.
 ERRORS = 2.0
@@ -24,6 +34,7 @@ class CellStatus(StrEnum):
     """The outcome of a printed number, the best first."""
 
     REPRODUCED = "reproduced"
+    AMONG = "among our draws"
     BETTER = "better"
     DIFFERS = "differs"
     NOT_RUN = "not run"
@@ -40,8 +51,11 @@ class Cell:
     found : the outcome
     row, method, metric : ours that come nearest, or empty
     ours : our number, or None
-    standard_error : of our mean over the seeds, or None of a single instance
+    standard_error : of our mean over the seeds, or None
+    draws : the lowest and highest, where ours is their median, or None
+    draws_in_all : how many there are
     reason : why it differs, is better or was not run
+    of_other : it is of a program that the paper compares its own methods with
     """
 
     key: str
@@ -53,7 +67,10 @@ class Cell:
     metric: str = ""
     ours: float | None = None
     standard_error: float | None = None
+    draws: tuple[float, float] | None = None
+    draws_in_all: int = 0
     reason: str = ""
+    of_other: bool = False
 
 
 def value_columns(table: Table) -> tuple[str, ...]:
@@ -70,7 +87,8 @@ def value_columns(table: Table) -> tuple[str, ...]:
 def cells(table: Table, records: Iterable[Record]) -> tuple[Cell, ...]:
     """Every value that the paper's table prints, whether or not it is among our rows.
 
-    Where several of our rows or methods correspond to one, the best of them counts.
+    Where several of our rows or methods correspond to one, that of the best outcome counts, and of
+    equal outcomes the nearest.
     """
     return tuple(_cells(table, list(records)))
 
@@ -90,15 +108,38 @@ def _cells(table: Table, records: Sequence[Record]) -> Iterator[Cell]:
             printed = line.get(column)
             if not printed:
                 continue
-            blank = Cell(key, column, printed, CellStatus.NOT_RUN, reason=_said_of_line(table, key))
+            blank = Cell(
+                key,
+                column,
+                printed,
+                CellStatus.NOT_RUN,
+                reason=_said_of_line(table, key),
+                of_other=not {column, *key.split("/")}.isdisjoint(table.others),
+            )
             ours = places.get((key, column), ())
-            found = [_judged(table, blank, *place, records) for place in ours]
-            yield min(found, key=lambda cell: list(CellStatus).index(cell.found), default=blank)
+            found = [judged(table, blank, *place, records) for place in ours]
+            nearest = min(found, key=_distance, default=blank)
+            yield replace(nearest, reason=_of_all(nearest, found))
 
 
-def _judged(
-    table: Table, blank: Cell, row: Row, method: Method, metric: str, records: Sequence[Record]
+def _distance(cell: Cell) -> tuple[int, float]:
+    away = math.inf if cell.ours is None else abs(cell.ours - Printed.of(cell.printed).number)
+    return list(CellStatus).index(cell.found), away
+
+
+def _of_all(cell: Cell, readings: Sequence[Cell]) -> str:
+    """The cell's reason, with how many draws of all readings there are where none reaches it."""
+    draws = [reading.draws_in_all for reading in readings if reading.draws_in_all]
+    if cell.found in (CellStatus.REPRODUCED, CellStatus.AMONG) or not cell.draws_in_all:
+        return cell.reason
+    which = "" if len(draws) == 1 else f" of {len(draws)} readings"
+    return "; ".join(filter(None, (f"none of {sum(draws)} draws{which} reaches it", cell.reason)))
+
+
+def judged(
+    table: Table, blank: Cell, row: Row, method: Method, metric: str, records: Iterable[Record]
 ) -> Cell:
+    """The outcome of a printed value, by the records of the method on the row."""
     mine = [r for r in records if (r.row, r.method) == (row.label, method.label)]
     values = [value for r in mine if (value := r.metrics.get(metric)) is not None]
     said = explanation(table, row.label, method.label)
@@ -106,18 +147,34 @@ def _judged(
     if not values:
         failed = next((r.error for r in mine if r.absence), "")
         return replace(cell, reason=failed or (said if mine else "") or "no record")
-    ours = median(values) if table.summary == "median" else fmean(values)
-    error = _standard_error(values)
-    cell = replace(cell, ours=ours, standard_error=error, reason="")
+    of_draws = table.summary == "median" and len(values) > 1
+    ours = median(values) if of_draws else fmean(values)
+    cell = replace(
+        cell,
+        ours=ours,
+        standard_error=None if of_draws else _standard_error(values),
+        draws=(min(values), max(values)) if of_draws else None,
+        draws_in_all=len(values) if of_draws else 0,
+        reason="",
+    )
     if not (table.comparable and row.comparable):
         return replace(cell, reason=said or "of another instance")
-    better = {column.key: column.better for column in table.columns}
-    comparison = compared(blank.printed, ours, better.get(metric, ""))
-    away = abs(fmean(values) - float(blank.printed))
-    if comparison.agrees or (error is not None and away <= ERRORS * error):
+    printed = Printed.of(blank.printed)
+    if printed.agrees(ours) or _is_near_mean(cell, printed.number):
         return replace(cell, found=CellStatus.REPRODUCED)
-    found = CellStatus.BETTER if comparison.is_better else CellStatus.DIFFERS
+    if cell.draws is not None and printed.is_within(*cell.draws):
+        lower = sum(value < printed.number for value in values)
+        reason = f"{lower} of {len(values)} draws are lower"
+        return replace(cell, found=CellStatus.AMONG, reason=reason)
+    better = {column.key: column.better for column in table.columns}.get(metric, "")
+    found = CellStatus.BETTER if printed.is_worse_than(ours, better) else CellStatus.DIFFERS
     return replace(cell, found=found, reason=said)
+
+
+def _is_near_mean(cell: Cell, printed: float) -> bool:
+    if cell.ours is None or cell.standard_error is None:
+        return False
+    return abs(cell.ours - printed) <= ERRORS * cell.standard_error
 
 
 def _standard_error(values: Sequence[float]) -> float | None:

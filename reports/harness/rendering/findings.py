@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from certpgo.graph.phrases import counted
 from certpgo.view.markdown_tables import markdown_table
@@ -12,7 +12,7 @@ from reports.harness.experiments.claim_outcomes import ClaimOutcome
 from reports.harness.experiments.records import Record
 from reports.harness.experiments.spec import Table
 from reports.harness.rendering import cells
-from reports.harness.rendering.cells import Cell
+from reports.harness.rendering.cells import Cell, CellStatus
 
 #: Titles of the columns of `differing`.
 DIFFERING = ("row", "method", "metric", "printed", "ours", "found", "why they differ")
@@ -35,24 +35,30 @@ def in_words(found: Sequence[Cell]) -> str:
     """How many values are printed, and their outcomes."""
     counts = cells.tally(found)
     return (
-        f"Of {counted(len(found), 'printed value{s}')} {counts[cells.CellStatus.REPRODUCED]} "
-        f"reproduced, {counts[cells.CellStatus.BETTER]} better, {counts[cells.CellStatus.DIFFERS]} "
-        f"different, {counts[cells.CellStatus.NOT_RUN]} not run."
+        f"Of {counted(len(found), 'printed value{s}')} {counts[CellStatus.REPRODUCED]} reproduced, "
+        f"{among(counts)}{counts[CellStatus.BETTER]} better, {counts[CellStatus.DIFFERS]} "
+        f"different, {counts[CellStatus.NOT_RUN]} not run."
     )
 
 
+def among(counts: Mapping[CellStatus, int]) -> str:
+    """How many lie among our draws, if any, with a comma."""
+    count = counts[CellStatus.AMONG]
+    return f"{count} among our draws, " if count else ""
+
+
 def differing(found: Iterable[Cell]) -> tuple[tuple[str, ...], ...]:
-    """The lines of a table of the values that differ or are better, see `DIFFERING`."""
+    """The lines of a table of the values that are run and not reproduced, see `DIFFERING`."""
     return tuple(
         (c.row, c.method, c.metric, c.printed, our_number(c), c.found.value, _why(c))
         for c in found
-        if c.found in (cells.CellStatus.DIFFERS, cells.CellStatus.BETTER)
+        if c.found not in (CellStatus.REPRODUCED, CellStatus.NOT_RUN)
     )
 
 
 def not_run(found: Iterable[Cell]) -> list[str]:
     """The reasons why values were not run, and of how many."""
-    reasons = Counter(cell.reason for cell in found if cell.found is cells.CellStatus.NOT_RUN)
+    reasons = Counter(cell.reason for cell in found if cell.found is CellStatus.NOT_RUN)
     rows = [(reason, str(count)) for reason, count in reasons.items()]
     return [*markdown_table(("not run, because", "values"), rows), ""] if rows else []
 
@@ -64,12 +70,15 @@ def claims_table(found: Iterable[ClaimOutcome]) -> list[str]:
 
 
 def _why(cell: Cell) -> str:
-    return cell.reason or ("not explained" if cell.found is cells.CellStatus.DIFFERS else "")
+    return cell.reason or ("not explained" if cell.found is CellStatus.DIFFERS else "")
 
 
 def our_number(cell: Cell) -> str:
-    """Our number, with its standard error over the seeds."""
+    """Our number, with its standard error over the seeds, or the range of the draws."""
     if cell.ours is None:
         return ""
+    if cell.draws is not None:
+        lowest, highest = cell.draws
+        return f"{cell.ours:.3g} (draws {lowest:.3g} to {highest:.3g})"
     error = cell.standard_error
     return f"{cell.ours:.7g}" + ("" if error is None else f" (standard error {error:.1g})")

@@ -3,28 +3,51 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from certpgo.graph.phrases import counted
 from certpgo.view.markdown_tables import markdown_table
 from reports.harness.experiments import claim_outcomes
 from reports.harness.experiments.claim_outcomes import ClaimOutcome
+from reports.harness.experiments.spec import Table
 from reports.harness.rendering import cells
-from reports.harness.rendering.cells import Cell
+from reports.harness.rendering.cells import Cell, CellStatus
 from reports.harness.rendering.citations import citation
+from reports.harness.rendering.findings import among
 from reports.harness.rendering.results import FigureResult, TableResult
 
 #: Figures that the page opens with.
 OPENING = ("gallery_trajectories", "gallery_zoo", "gallery_bounds")
+#: The groups of printed values that are added up, and whether a cell of a table is in it.
+GROUPS: Mapping[str, Callable[[Table, Cell], bool]] = {
+    "the two papers, of their own methods": lambda table, cell: table.paper and not cell.of_other,
+    "the two papers, of other programs": lambda table, cell: table.paper and cell.of_other,
+    "other sources": lambda table, cell: not table.paper,
+}
+OWN = next(iter(GROUPS))
 RULES = """\
 Rendered by `certpgo report`, a pure function of the records; it also writes each table as CSV and
-LaTeX. A printed value is reproduced when ours rounds to the printed digits or, of a mean over
-seeds, when it lies within two standard errors of our mean; it is better where lower or higher
-numbers are, and ours is. Where several of our readings correspond to one value, the nearest counts.
-Every value of the papers' tables is counted, whether or not it could be run, except times and what
-says what a row is of: for times the claimed order is checked, among the claims. Where a claim names
-no tolerance, the one in its sentence is ours. What own_cost is compared with are values of a
-prototype, which are not counted among the papers'."""
+LaTeX.
+
+Each statistic has one rule, the same in every table:
+
+- **A single number** of ours reproduces a printed one when it rounds to the printed digits.
+- **A mean** over seeds is compared where the paper prints a mean: it reproduces what rounds to the
+  same digits or lies within two of its standard errors.
+- **A median** over seeds is compared where the paper prints one number and does not say of how many
+  draws: it reproduces what rounds to the same digits. Another printed value that lies between our
+  lowest and highest draw is *among our draws*: it may be a single draw like ours. No more is known
+  of it, and it does not count as reproduced.
+
+Better means that lower or higher numbers are better, and ours is; it does not count as reproduced
+either. Where several of our readings correspond to one value, the best outcome counts, and of equal
+ones the nearest; each table names the reading.
+
+The headline counts what Moreira 2020 and Eriksson et al. 2018 print of their own methods. What they
+print of other programs is counted apart, and so are the tables of other sources: certified_factors
+(SE-Sync's costs) and own_cost (a prototype's). Every value is counted, whether or not it could be
+run, except times and what says what a row is of: for times the claimed order is checked, among the
+claims. Where a claim names no tolerance, the one in its sentence is ours."""
 
 
 def index(tables: Sequence[TableResult], figures: Sequence[FigureResult]) -> str:
@@ -35,20 +58,20 @@ def index(tables: Sequence[TableResult], figures: Sequence[FigureResult]) -> str
         lines += ["**Results of the quick profile: of a part of the rows alone.**", ""]
     lines += ["## Claims", "", *_claims(tables, figures), ""]
     lines += ["## Printed values by table", "", *_by_table(tables), ""]
-    lines += ["## Printed values that differ", "", *_reasons(tables, cells.CellStatus.DIFFERS), ""]
+    lines += ["## Printed values that differ", "", *_reasons(tables, CellStatus.DIFFERS), ""]
     lines += ["## Tables", "", *_tables(tables), ""]
     lines += ["## Figures", "", *_figures(figures), ""]
     lines += ["## How values are counted", "", RULES, ""]
-    lines += ["## Printed values not run", "", *_reasons(tables, cells.CellStatus.NOT_RUN), ""]
+    lines += ["## Printed values not run", "", *_reasons(tables, CellStatus.NOT_RUN), ""]
     lines += ["## Environment", "", *_environment(tables, figures), ""]
     return "\n".join(lines)
 
 
 def summary(tables: Sequence[TableResult], figures: Sequence[FigureResult]) -> str:
-    """The outcomes of the papers' printed values and claims, in three sentences."""
-    found = [cell for result in tables if result.table.paper for cell in result.cells]
+    """The outcomes of the papers' printed values and claims, in a few sentences."""
+    found = _of_group(tables, OWN)
     outcomes = [outcome for _, about in _named(tables, figures) for outcome in about]
-    open_ = cells.tally(found)[cells.CellStatus.NOT_RUN], _tally(outcomes)[2]
+    open_ = cells.tally(found)[CellStatus.NOT_RUN], _tally(outcomes)[2]
     values, claims = counted(open_[0], "printed value{s}"), counted(open_[1], "claim{s}")
     return f"{_of_cells(found)} {_of_claims(outcomes)} Not run: {values} and {claims}."
 
@@ -57,12 +80,14 @@ def headline(
     tables: Sequence[TableResult], figures: Sequence[FigureResult]
 ) -> list[tuple[str, str, str]]:
     """The outcomes in numbers, with their names and what they mean."""
-    counts = cells.tally([c for result in tables if result.table.paper for c in result.cells])
-    agreeing = counts[cells.CellStatus.REPRODUCED] + counts[cells.CellStatus.BETTER]
-    ran = agreeing + counts[cells.CellStatus.DIFFERS]
+    counts = cells.tally(_of_group(tables, OWN))
     held, differ, _ = _tally([o for _, about in _named(tables, figures) for o in about])
     return [
-        ("printed values", f"{agreeing} of {ran}", "that were run are reproduced or better"),
+        (
+            "printed values",
+            f"{counts[CellStatus.REPRODUCED]} of {_ran(counts)}",
+            "of the papers' own methods that were run are reproduced",
+        ),
         ("claims", f"{held} of {held + differ}", "that were tried hold"),
     ]
 
@@ -76,17 +101,26 @@ def _opening(figures: Sequence[FigureResult]) -> Iterator[str]:
             yield ""
 
 
+def _of_group(tables: Iterable[TableResult], name: str) -> list[Cell]:
+    is_in = GROUPS[name]
+    return [cell for result in tables for cell in result.cells if is_in(result.table, cell)]
+
+
+def _ran(counts: Mapping[CellStatus, int]) -> int:
+    return sum(counts.values()) - counts[CellStatus.NOT_RUN]
+
+
 def _of_cells(found: Sequence[Cell]) -> str:
     counts = cells.tally(found)
-    unexplained = sum(c.found is cells.CellStatus.DIFFERS and not c.reason for c in found)
+    unexplained = sum(c.found is CellStatus.DIFFERS and not c.reason for c in found)
     why = f", {unexplained} of them unexplained" if unexplained else ", each explained"
-    reproduced, better = counts[cells.CellStatus.REPRODUCED], counts[cells.CellStatus.BETTER]
-    differing = counts[cells.CellStatus.DIFFERS]
-    ran = reproduced + better + differing
-    share = f" ({100 * (reproduced + better) / ran:.0f} %)" if ran else ""
+    reproduced, differing = counts[CellStatus.REPRODUCED], counts[CellStatus.DIFFERS]
+    ran = _ran(counts)
+    share = f" ({100 * reproduced / ran:.0f} %)" if ran else ""
     return (
-        f"Of {counted(ran, 'value{s}')} of the papers' tables that were run, {reproduced} are "
-        f"reproduced and {better} better{share}, {differing} different{why if differing else ''}."
+        f"Of {counted(ran, 'value{s}')} that the papers print of their own methods and that were "
+        f"run, {reproduced} are reproduced{share}, {among(counts)}"
+        f"{counts[CellStatus.BETTER]} better, {differing} different{why if differing else ''}."
     )
 
 
@@ -102,24 +136,18 @@ def _tally(outcomes: Iterable[ClaimOutcome]) -> tuple[int, int, int]:
 
 
 def _by_table(tables: Sequence[TableResult]) -> list[str]:
-    kinds = list(cells.CellStatus)
-    rows = []
-    total = dict.fromkeys(kinds, 0)
-    for result in tables:
-        if result.cells:
-            counts = cells.tally(result.cells)
-            if result.table.paper:
-                total = {kind: total[kind] + counts[kind] for kind in kinds}
-            rows.append((_link(result), *_numbers(len(result.cells), counts)))
-    rows.append(("all", *_numbers(sum(total.values()), total)))
-    return markdown_table(("table", "printed", *(kind.value for kind in kinds)), rows)
+    rows = [
+        (_link(result), *_numbers(cells.tally(result.cells))) for result in tables if result.cells
+    ]
+    rows += [(f"all of {name}", *_numbers(cells.tally(_of_group(tables, name)))) for name in GROUPS]
+    return markdown_table(("table", "printed", *(kind.value for kind in CellStatus)), rows)
 
 
-def _numbers(printed: int, counts: Mapping[cells.CellStatus, int]) -> tuple[str, ...]:
-    return str(printed), *(str(count) for count in counts.values())
+def _numbers(counts: Mapping[CellStatus, int]) -> tuple[str, ...]:
+    return str(sum(counts.values())), *(str(count) for count in counts.values())
 
 
-def _reasons(tables: Iterable[TableResult], found: cells.CellStatus) -> list[str]:
+def _reasons(tables: Iterable[TableResult], found: CellStatus) -> list[str]:
     """Why values differ or were not run, and how many of each table."""
     counts = Counter(
         (result.table.name, cell.reason or "not explained")

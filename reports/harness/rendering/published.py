@@ -15,46 +15,48 @@ from reports.harness.experiments.spec import Method, Row, Table
 
 
 @dataclass(frozen=True)
-class PrintedComparison:
-    """A number of ours compared with a printed one.
+class Printed:
+    """A number as a paper prints it.
 
     Attributes
     ----------
-    printed : as the paper prints it
-    agrees : whether ours rounds to the printed digits
-    is_better : whether it does not and is better
+    text : the digits
+    number : their value
+    half_unit : half a unit of the last digit, and rounding's worth
     """
 
-    printed: str
-    agrees: bool
-    is_better: bool = False
+    text: str
+    number: float
+    half_unit: float
 
-    def __str__(self) -> str:
-        found = "agrees" if self.agrees else "differs, better" if self.is_better else "differs"
-        return f"{self.printed} {found}"
+    @classmethod
+    def of(cls, text: str) -> Printed:
+        """Read it.
 
+        Raises
+        ------
+        InputError
+            The text is no number.
+        """
+        try:
+            number = Decimal(text)
+            exponent = int(number.as_tuple().exponent)
+        except (InvalidOperation, ValueError):
+            raise InputError(f"{text!r} is no printed number") from None
+        return cls(text, float(number), 0.5 * 10.0**exponent * (1.0 + 1e-9))
 
-def compared(printed: str, ours: float, better: Better = "") -> PrintedComparison:
-    """Compare to the printed digits: within half a unit of the last one (and rounding's worth).
+    def agrees(self, ours: float) -> bool:
+        """Whether a number of ours rounds to the printed digits."""
+        return abs(ours - self.number) <= self.half_unit
 
-    Parameters
-    ----------
-    better : which numbers are better than the printed one, if any
+    def is_within(self, lowest: float, highest: float) -> bool:
+        """Whether numbers from lowest to highest, as rounded, include the printed one."""
+        return lowest - self.half_unit <= self.number <= highest + self.half_unit
 
-    Raises
-    ------
-    InputError
-        The text is no number.
-    """
-    try:
-        number = Decimal(printed)
-        exponent = int(number.as_tuple().exponent)
-    except (InvalidOperation, ValueError):
-        raise InputError(f"{printed!r} is no printed number") from None
-    difference = ours - float(number)
-    agrees = abs(difference) <= 0.5 * 10.0**exponent * (1.0 + 1e-9)
-    sign = {"": 0.0, "lower": -1.0, "higher": 1.0}[better]
-    return PrintedComparison(printed, agrees, not agrees and sign * difference > 0.0)
+    def is_worse_than(self, ours: float, better: Better) -> bool:
+        """Whether ours is better, where lower or higher numbers are."""
+        sign = {"": 0.0, "lower": -1.0, "higher": 1.0}[better]
+        return sign * (ours - self.number) > 0.0
 
 
 def printed_number(table: Table, row: Row, method: Method, metric: str) -> str | None:

@@ -14,14 +14,24 @@ from certpgo.solve.comparison_table import remarks, seconds_by_phase, sizes
 from certpgo.view.markdown_tables import markdown_table
 from reports.harness.experiments.averages import LOWER, UPPER, summarized
 from reports.harness.experiments.journal import latest
+from reports.harness.experiments.metrics import metric_of
 from reports.harness.experiments.records import Record
 from reports.harness.experiments.spec import FIELDS, Column, Method, Row, Table
+from reports.harness.rendering.cells import Cell, CellStatus, judged
 from reports.harness.rendering.citations import citation
 from reports.harness.rendering.findings import findings
-from reports.harness.rendering.published import compared, printed_number
+from reports.harness.rendering.published import printed_number
 
 #: Columns of a table that are left out of a section in which they are empty.
 SPARSE = ("kept_percent",)
+#: What is said of a printed number, by how ours compares.
+COMPARED = {
+    CellStatus.REPRODUCED: " agrees",
+    CellStatus.AMONG: " is among our draws",
+    CellStatus.BETTER: " differs, better",
+    CellStatus.DIFFERS: " differs",
+    CellStatus.NOT_RUN: "",
+}
 #: A warning about times taken while more ran than there are cores, or an unknown number.
 CROWDED = (
     "Not every run had a core to itself: those times are longer than necessary and should not be "
@@ -113,8 +123,10 @@ def _section(table: Table, group: Sequence[Record]) -> Section:
     if table.summary:
         count = len({record.seed for record in group})
         seed = "" if first.seed is None else f", {table.summary} of {counted(count, 'instance{s}')}"
+    compared = {record.method: "; ".join(_comparisons(table, record, group)) for record in group}
+    if table.summary:
         group = summarized(group, table.summary)
-    lines = [_line(table, record) for record in group]
+    lines = [_line(table, record, compared[record.method]) for record in group]
     if len({line[1:] for line in lines}) == 1 and first.absence:
         lines = [("every method", *lines[0][1:])]
     header = ("method", *(c.title for c in table.columns), "published", "not run or failed")
@@ -147,10 +159,10 @@ def _reading(record: Record) -> str:
     return reading_sentence(record.reading)
 
 
-def _line(table: Table, record: Record) -> tuple[str, ...]:
+def _line(table: Table, record: Record, compared: str) -> tuple[str, ...]:
     """One record's cells; the last two are the printed numbers and the error, or empty."""
-    cells = [cell_text(column, record) for column in table.columns]
-    return (record.method, *cells, "; ".join(_comparisons(table, record)), record.why_missing)
+    texts = [cell_text(column, record) for column in table.columns]
+    return (record.method, *texts, compared, record.why_missing)
 
 
 def cell_text(column: Column, record: Record) -> str:
@@ -185,22 +197,21 @@ def work(record: Record) -> str:
     return ", ".join(f"{name} {number:,}" for name, number in record.counts.items())
 
 
-def _comparisons(table: Table, record: Record) -> Iterable[str]:
+def _comparisons(table: Table, record: Record, group: Sequence[Record]) -> Iterable[str]:
+    """What is printed for the record's method, and how the group's records of it compare."""
     row, method = _found(table, record)
     if row is None or method is None:
         return
-    columns = {column.key: column for column in table.columns}
-    for metric in method.published:
+    titles = {column.key: column.title for column in table.columns}
+    mine = [other for other in group if other.method == record.method]
+    for metric, column in method.published.items():
         printed = printed_number(table, row, method, metric)
         if printed is None:
             continue
-        ours = record.metrics.get(metric)
-        column = columns.get(metric)
-        title = metric if column is None else column.title
-        if ours is None or not (table.comparable and row.comparable):
-            yield f"{title} {printed}"
-        else:
-            yield f"{title} {compared(printed, ours, column.better if column else '')}"
+        cell = Cell(row.published, column, printed, CellStatus.NOT_RUN)
+        if not metric_of(metric).is_time:
+            cell = judged(table, cell, row, method, metric, mine)
+        yield f"{titles.get(metric, metric)} {printed}{COMPARED[cell.found]}"
 
 
 def _found(table: Table, record: Record) -> tuple[Row | None, Method | None]:
