@@ -1,0 +1,159 @@
+"""What identifies a problem: a digest of its measurements, however they are written.
+
+Two graphs have the same digest under a cost if they state the same measurements: the same nodes by
+the order of their ids, the same ordered pairs, and numbers that agree to nine digits. The order of
+lines, comments, the format of the file, how numbers are written, the initial estimate and what ids
+are called beyond their order do not count. The direction of an edge counts, as (i, j) and (j, i)
+weigh translations in different frames; that of a distance does not.
+
+Under F the weights kappa, tau and what goes with them count, under the costs of other programs the
+information matrices. So reading options that change these change the digest.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from certpgo.graph import Graph, Instance, PoseGraph
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.objective.costs import CHORDAL
+
+#: Fractional bits of the entries of rotations, and significant bits of other numbers: libraries
+#: differ in the last bits of sines and inverses, which nearly never reach these.
+BITS = 32
+#: Version of the digest: part of what is hashed.
+VERSION = 1
+
+Rows = npt.NDArray[np.uint64]
+
+
+@dataclass(frozen=True)
+class Fingerprint:
+    """Digests of a problem, SHA-256 in hexadecimal.
+
+    Attributes
+    ----------
+    digest : of its numbers to nine digits, by which it is recognised
+    exact : of its numbers to the last bit, as read on this computer: only problems that agree in it
+        have bounds in common without any allowance
+    """
+
+    digest: str
+    exact: str
+
+
+def fingerprint(graph: Graph | Instance, cost: str = CHORDAL) -> Fingerprint | None:
+    """The digests of a problem; None under another cost without information matrices.
+
+    Parameters
+    ----------
+    graph : the measurements, or the instance that was read
+    cost : ``"chordal"``, or one of `certpgo.objective.costs`, which need an instance
+
+    Examples
+    --------
+    The order of the measurements does not count:
+
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
+    >>> graph = winding_cycle(5, 0.1, 0)[0].graph
+    >>> fingerprint(graph) == fingerprint(graph.with_edges([4, 2, 0, 1, 3]))
+    True
+    >>> fingerprint(graph) == fingerprint(graph.with_weights(2.0))
+    False
+    """
+    measured = graph.graph if isinstance(graph, Instance) else graph
+    ranges = graph.ranges if isinstance(graph, Instance) else None
+    information = graph.information if isinstance(graph, Instance) else None
+    if cost == CHORDAL:
+        weights = _weights(measured)
+    elif information is None or not isinstance(measured, PoseGraph):
+        return None
+    else:
+        upper = np.triu_indices(information.distinct.shape[1])
+        stated = information.distinct[:, *upper][information.index]
+        weights = np.column_stack([stated, _measures(measured)])
+    header = {
+        "version": VERSION,
+        "kind": measured.kind,
+        "d": measured.d,
+        "nodes": measured.num_nodes,
+        "points": np.flatnonzero(measured.is_point).tolist(),
+        "weights": "kappa, tau" if cost == CHORDAL else "information",
+    }
+    turns = _turns(measured.rotations if not isinstance(measured, PoseGraph) else _rotations(measured))
+    numbers = np.column_stack([_translations(measured), weights])
+    found = []
+    for whole in (False, True):
+        entries = turns if whole else np.rint(np.ldexp(turns, BITS))
+        table = np.column_stack([entries, numbers])
+        tables = [_rows(measured.edges, table, whole, entries.shape[1])]
+        if ranges is not None:
+            of_ranges = np.column_stack([ranges.distances, ranges.weights])
+            tables.append(_rows(np.sort(ranges.edges, axis=1), of_ranges, whole, 0))
+        found.append(_digest(header, tables))
+    return Fingerprint(*found)
+
+
+def _rotations(graph: PoseGraph) -> FloatArray:
+    return graph.rotation.rotations
+
+
+def _turns(rotations: FloatArray) -> FloatArray:
+    """(m, 2 or 9) what determines rotations: in the plane, cosine and sine."""
+    if rotations.shape[1] == 2:
+        return np.asarray(rotations[:, :, 0])
+    return rotations.reshape(-1, 9)
+
+
+def _translations(graph: Graph) -> FloatArray:
+    """(m, 0, d or 2 d) translations, and arms where there are any."""
+    if not isinstance(graph, PoseGraph):
+        return np.empty((graph.num_edges, 0))
+    if graph.arms is None:
+        return graph.translations
+    return np.column_stack([graph.translations, graph.arms])
+
+
+def _weights(graph: Graph) -> FloatArray:
+    """(m, k) weights of F."""
+    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    columns = [rotation.kappa]
+    if isinstance(graph, PoseGraph):
+        columns.append(graph.tau)
+    if rotation.couplings is not None:
+        columns.append(rotation.couplings.reshape(graph.num_edges, -1))
+    return np.column_stack(columns)
+
+
+def _measures(graph: PoseGraph) -> BoolArray:
+    """(m, 2) whether edges measure a rotation, and a translation."""
+    return np.column_stack([graph.measures_rotation, graph.measures_translation])
+
+
+def _rows(edges: IntArray, numbers: FloatArray, whole: bool, done: int) -> Rows:
+    """The bits of a row per measurement, in an order of their own.
+
+    The first ``done`` columns of numbers are rounded already; others are, unless ``whole``.
+    """
+    bits = (np.ascontiguousarray(numbers, dtype=np.float64) + 0.0).view(np.uint64)  # no -0
+    if not whole:
+        spare = np.uint64(52 - BITS)
+        # Carries into the exponent are what they should be.
+        bits[:, done:] = (bits[:, done:] + (np.uint64(1) << (spare - np.uint64(1)))) >> spare << spare
+    rows = np.column_stack([edges.astype(np.uint64), bits])
+    # Any order does that depends on contents alone: one sum per row is sorted, not all columns.
+    odd = np.cumprod(np.full(rows.shape[1], 0x9E3779B97F4A7C15, dtype=np.uint64))
+    return np.asarray(rows[np.argsort((rows * odd).sum(axis=1), kind="stable")])
+
+
+def _digest(header: dict[str, object], tables: list[Rows]) -> str:
+    found = hashlib.sha256(json.dumps(header).encode())
+    for rows in tables:
+        found.update(f"{rows.shape}".encode())
+        found.update(rows.astype("<u8").tobytes())
+    return found.hexdigest()
