@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import typer
 
-from certpgo.cli import _verdict
+from certpgo.cli import _known, _verdict
 from certpgo.cli._next import Asked, steps_after
 from certpgo.cli._outputs import Outputs, Result
 from certpgo.cli._paging import origin_of, write_page
@@ -21,6 +21,7 @@ from certpgo.cli._truth import KnownPoses
 if TYPE_CHECKING:
     from certpgo.graph import Instance
     from certpgo.objective.choose_cost import Certifiable
+    from certpgo.optima import Recognised
     from certpgo.optimize.solution import Solution
     from certpgo.solve.assessment import Assessment
     from certpgo.solve.fit import Fit
@@ -74,6 +75,13 @@ class Solved(Result):
     def accuracy(self) -> TrajectoryErrors | None:
         """Trajectory errors, if the truth is known."""
         return None if self.truth is None else self.truth.errors(self.solution.estimate)
+
+    @cached_property
+    def known(self) -> Recognised | None:
+        """What the register says of the graph, if all measurements are kept."""
+        if self.solution.kept is not None:
+            return None
+        return _known.known(self.part, self.asked.cost, self.certificate)
 
     @property
     def certified_cost(self) -> float:
@@ -129,6 +137,7 @@ class Solved(Result):
                 disagreement=disagreement,
                 accuracy=self.accuracy,
                 fit=self.fit,
+                register=_known.as_json(self.known),
             ),
             "solution": {
                 "method": self.method,
@@ -167,7 +176,7 @@ class Solved(Result):
             self.part,
             self.assessment,
             self.disagreement,
-            more=self._uncertified(),
+            more=[*self._uncertified(), *_known.fact(self.known, certificate)],
             steps=self._steps(written),
             fit=self.fit,
         )

@@ -121,6 +121,7 @@ def as_json(
     assessment: Assessment | None = None,
     accuracy: TrajectoryErrors | None = None,
     fit: Fit | None = None,
+    register: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
     """An estimate of a connected graph: the verdict first, then its details.
 
@@ -130,6 +131,7 @@ def as_json(
     ----------
     certificate : the certificate, or None if none was requested
     cost : F of the estimate, as computed, for the certified measurements
+    register : what is known of a public graph, see `certpgo.cli._known`
     """
     from certpgo.certify.wording import objective
 
@@ -155,6 +157,7 @@ def as_json(
         "averaged": _averaged(part, certificate),
         "fixed_ids": [int(part.ids[node]) for node in part.fixed],
         "notices": list(part.notices),
+        "register": register,
         **({} if assessment is None else _assessment(assessment)),
     }
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,29 +86,20 @@ def fingerprint(graph: Graph | Instance, cost: str = CHORDAL) -> Fingerprint | N
         "points": np.flatnonzero(measured.is_point).tolist(),
         "weights": "kappa, tau" if cost == CHORDAL else "information",
     }
-    turns = _turns(measured.rotations if not isinstance(measured, PoseGraph) else _rotations(measured))
-    numbers = np.column_stack([_translations(measured), weights])
-    found = []
-    for whole in (False, True):
-        entries = turns if whole else np.rint(np.ldexp(turns, BITS))
-        table = np.column_stack([entries, numbers])
-        tables = [_rows(measured.edges, table, whole, entries.shape[1])]
-        if ranges is not None:
-            of_ranges = np.column_stack([ranges.distances, ranges.weights])
-            tables.append(_rows(np.sort(ranges.edges, axis=1), of_ranges, whole, 0))
-        found.append(_digest(header, tables))
-    return Fingerprint(*found)
+    turns, numbers = _turns(measured), np.column_stack([_translations(measured), weights])
+    tables = [_rows(measured.edges, turns, numbers)]
+    if ranges is not None:
+        of_ranges = np.column_stack([ranges.distances, ranges.weights])
+        pairs = np.sort(ranges.edges, axis=1)
+        tables.append(_rows(pairs, np.empty((ranges.num_edges, 0)), of_ranges))
+    rounded, whole = zip(*tables, strict=True)
+    return Fingerprint(_digest(header, rounded), _digest(header, whole))
 
 
-def _rotations(graph: PoseGraph) -> FloatArray:
-    return graph.rotation.rotations
-
-
-def _turns(rotations: FloatArray) -> FloatArray:
-    """(m, 2 or 9) what determines rotations: in the plane, cosine and sine."""
-    if rotations.shape[1] == 2:
-        return np.asarray(rotations[:, :, 0])
-    return rotations.reshape(-1, 9)
+def _turns(graph: Graph) -> FloatArray:
+    """(m, 2 or 9) what determines measured rotations: in the plane, cosine and sine."""
+    R = graph.rotation.rotations if isinstance(graph, PoseGraph) else graph.rotations
+    return np.asarray(R[:, :, 0] if R.shape[1] == 2 else R.reshape(-1, 9))
 
 
 def _translations(graph: Graph) -> FloatArray:
@@ -135,25 +127,27 @@ def _measures(graph: PoseGraph) -> BoolArray:
     return np.column_stack([graph.measures_rotation, graph.measures_translation])
 
 
-def _rows(edges: IntArray, numbers: FloatArray, whole: bool, done: int) -> Rows:
-    """The bits of a row per measurement, in an order of their own.
+def _rows(edges: IntArray, turns: FloatArray, numbers: FloatArray) -> tuple[Rows, Rows]:
+    """The bits of a row per measurement, rounded and whole, in an order that contents decide."""
+    k, spare = turns.shape[1], np.uint64(52 - BITS)
+    entries = np.column_stack([edges, turns, numbers])
+    entries += 0.0  # no -0
+    whole = entries.view(np.uint64)
+    near = entries.copy()
+    near[:, 2 : k + 2] = np.rint(np.ldexp(turns, BITS)) + 0.0
+    rounded = near.view(np.uint64)
+    # Carries into the exponent are what they should be.
+    half = np.uint64(1) << (spare - np.uint64(1))
+    rounded[:, k + 2 :] = ((rounded[:, k + 2 :] + half) >> spare) << spare
+    # Any order does that depends on contents alone, so one sum per row is sorted, not all columns.
+    odd = np.cumprod(np.full(rounded.shape[1], 0x9E3779B97F4A7C15, dtype=np.uint64))
+    order = np.argsort(rounded @ odd, kind="stable")
+    return rounded[order], whole[order]
 
-    The first ``done`` columns of numbers are rounded already; others are, unless ``whole``.
-    """
-    bits = (np.ascontiguousarray(numbers, dtype=np.float64) + 0.0).view(np.uint64)  # no -0
-    if not whole:
-        spare = np.uint64(52 - BITS)
-        # Carries into the exponent are what they should be.
-        bits[:, done:] = (bits[:, done:] + (np.uint64(1) << (spare - np.uint64(1)))) >> spare << spare
-    rows = np.column_stack([edges.astype(np.uint64), bits])
-    # Any order does that depends on contents alone: one sum per row is sorted, not all columns.
-    odd = np.cumprod(np.full(rows.shape[1], 0x9E3779B97F4A7C15, dtype=np.uint64))
-    return np.asarray(rows[np.argsort((rows * odd).sum(axis=1), kind="stable")])
 
-
-def _digest(header: dict[str, object], tables: list[Rows]) -> str:
+def _digest(header: Mapping[str, object], tables: Sequence[Rows]) -> str:
     found = hashlib.sha256(json.dumps(header).encode())
     for rows in tables:
         found.update(f"{rows.shape}".encode())
-        found.update(rows.astype("<u8").tobytes())
+        found.update(np.ascontiguousarray(rows, dtype="<u8").data)
     return found.hexdigest()

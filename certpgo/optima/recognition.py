@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from certpgo.certify.tolerances import difference_up
+from certpgo.certify.wording import part
 from certpgo.graph import Graph, Instance
-from certpgo.graph.phrases import bound_shown, cost_shown
+from certpgo.graph.phrases import bound_shown, cost_shown, gap_shown
 from certpgo.objective.choose_cost import own_cost
 from certpgo.objective.costs import CHORDAL, COSTS
 from certpgo.optima.fingerprint import fingerprint
@@ -28,14 +30,21 @@ class Recognised:
 
     def __str__(self) -> str:
         o = self.optimum
-        like = "" if self.is_exact else ", up to rounding"
-        low, high = bound_shown(o.lower), cost_shown(o.upper)
-        proven = "the proven optimum" if o.verdict == "CERTIFIED" else "the optimum"
-        return f"this is the public {o.name}{like}: {proven} of {_named(o.cost)} is between {low} and {high}"
+        of = "the cost of " + o.cost if o.cost != CHORDAL else "F"
+        here = f"this is the public {o.name}: the optimum of {of} is"
+        if not self.is_exact:
+            here = f"this is the public {o.name} to nine digits: the optimum of {of} there is"
+        return f"{here} proven to be between {bound_shown(o.lower)} and {cost_shown(o.upper)}"
 
     def above(self, cost: float) -> float:
-        """How far a cost is above the proven lower bound, at most, relative to that cost."""
-        return max(cost - self.optimum.lower, 0.0) / cost if cost > 0.0 else 0.0
+        """How far a cost is above the optimum, at most."""
+        return max(difference_up(cost, self.optimum.lower), 0.0)
+
+    def compared(self, cost: float) -> str:
+        """How far the cost of an estimate is above the optimum, in words."""
+        gap = self.above(cost)
+        share = f" ({part(gap / cost)} of its cost)" if cost > 0.0 else ""
+        return f"this estimate is at most {gap_shown(gap)} above it{share}"
 
 
 def known_optimum(
@@ -67,9 +76,7 @@ def known_optimum(
     return None if entry is None or found is None else Recognised(entry, found.exact == entry.exact)
 
 
-def recognise(
-    graph: Graph | Instance, register: Register | None = None
-) -> tuple[Recognised, ...]:
+def recognise(graph: Graph | Instance, register: Register | None = None) -> tuple[Recognised, ...]:
     """What is proven of a graph's optimum under each cost; empty for a graph that is not known.
 
     Parameters
@@ -106,8 +113,3 @@ def sizes_of(graph: Graph | Instance) -> Sizes:
         0 if ranges is None else ranges.num_edges,
         priors,
     )
-
-
-def _named(cost: str) -> str:
-    """A cost in a sentence."""
-    return "F" if cost == CHORDAL else f"the cost of {cost}"

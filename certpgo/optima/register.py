@@ -212,7 +212,8 @@ class Register:
 
     def save(self) -> None:
         """Write the file, sorted."""
-        entries = sorted([*self._optima.values(), *self._absent.values()], key=_by_name)
+        entries: list[Optimum | Absent] = [*self._optima.values(), *self._absent.values()]
+        entries.sort(key=_by_name)
         write_whole(self.path, "".join(f"{_line(entry)}\n" for entry in entries).encode())
 
     def proof(self, entry: Optimum) -> Path:
