@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
@@ -52,7 +52,11 @@ def command(
     ] = None,
     estimate: Annotated[
         str | None,
-        typer.Option("--estimate", metavar="FILE", help="A better estimate, with --add."),
+        typer.Option(
+            "--estimate",
+            metavar="FILE",
+            help="An estimate of GRAPH to judge; a better one, with --add.",
+        ),
     ] = None,
     proof: Annotated[
         Path | None,
@@ -82,10 +86,11 @@ def command(
     """
     from certpgo.optima.register import folder_of
 
-    _refuse_mixtures(graph, add, verify, exact, {"name": name, "source": origin})
-    _refuse_mixtures(graph, add, verify, exact, {"estimate": estimate, "proof": proof})
     if estimate is not None and proof is not None:
         raise InputError("--proof has an estimate of its own: not with --estimate")
+    if estimate is not None and graph is None:
+        raise InputError("--estimate needs a GRAPH")
+    _refuse_mixtures(graph, add, verify, exact, name=name, source=origin, proof=proof)
     held = folder_of(register)
     if verify:
         return _verify(held, reading, exact, json)
@@ -94,11 +99,11 @@ def command(
         return 0
     source = reading.resolve(graph)
     instance = reading.open(source, notices=False, distances=True)
+    start = None if estimate is None else _start(reading, estimate, instance)
     if not add:
-        return _recognise(held, instance, cost, json)
+        return _recognise(held, instance, cost, start, json)
     from certpgo.optima.adding import add as put
 
-    start = None if estimate is None else _start(reading, estimate, instance)
     with working(f"solving {instance.name}"):
         done = [
             put(
@@ -120,7 +125,7 @@ def command(
 
 
 def _refuse_mixtures(
-    graph: str | None, add: bool, verify: bool, exact: bool, options: dict[str, object]
+    graph: str | None, add: bool, verify: bool, exact: bool, **options: object
 ) -> None:
     """Refuse combinations in which an option or the graph would be ignored."""
     if add and verify:
@@ -152,12 +157,29 @@ def _costs(cost: str | None, instance: Instance, proof: Path | None) -> Sequence
     return (own_cost(instance),) if proof is not None else (CHORDAL, *COSTS)
 
 
-def _recognise(held: Register, instance: Instance, cost: str | None, json: bool) -> int:
+def _recognise(
+    held: Register, instance: Instance, cost: str | None, estimate: Estimate | None, json: bool
+) -> int:
+    """Say what is known of a graph; with an estimate, how far that is from it."""
+    from certpgo.objective.choose_cost import certifiable
     from certpgo.optima import recognise
 
     found = [one for one in recognise(instance, held) if cost in (None, one.optimum.cost)]
+    costs = [] if estimate is None else [one.optimum.cost for one in found]
+    above = {
+        cost: certifiable(instance, cost).enclosure(cast("Estimate", estimate))[1] for cost in costs
+    }
     if json:
-        document([{**asdict(one.optimum), "is_exact": one.is_exact} for one in found])
+        document(
+            [
+                {
+                    **asdict(one.optimum),
+                    "is_exact": one.is_exact,
+                    "estimate": above.get(one.optimum.cost),
+                }
+                for one in found
+            ]
+        )
         return 0
     if not found:
         typer.echo(f"{instance.name}: not in the register (certpgo optima --add enters a graph)")
@@ -166,19 +188,23 @@ def _recognise(held: Register, instance: Instance, cost: str | None, json: bool)
 
     for k, one in enumerate(found):
         typer.echo("\n" * bool(k) + f"{one}.")
+        if one.optimum.cost in above:
+            said = one.compared(above[one.optimum.cost])
+            typer.echo(f"{said[0].upper()}{said[1:]}.")
         facts(details(one.optimum, held))
     return 0
 
 
 def _list(held: Register, cost: str | None, json: bool) -> None:
+    from certpgo.graph.phrases import counted
     from certpgo.optima.wording import HEADER, row
 
     optima = [one for one in held.optima if cost in (None, one.cost)]
     if json:
         document([asdict(one) for one in optima])
         return
-    graphs = len({one.name for one in optima})
-    title = f"{len(optima)} certified optima of {graphs} public graphs"
+    graphs = counted(len({one.name for one in optima}), "public graph{s}")
+    title = f"{len(optima)} certified optima of {graphs}"
     table(title, HEADER, [row(one) for one in optima], optional=["priors", "ranges", "points"])
 
 

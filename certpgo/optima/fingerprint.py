@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from certpgo.graph import Graph, Instance, PoseGraph
+from certpgo.graph.information import Information
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.costs import CHORDAL
 
@@ -40,7 +41,7 @@ class Fingerprint:
     Attributes
     ----------
     digest : of its numbers to nine digits, by which it is recognised
-    exact : of its numbers to the last bit, as read on this computer: only problems that agree in it
+    exact : of the numbers that its file states, to the last bit: only problems that agree in it
         have bounds in common without any allowance
     """
 
@@ -70,13 +71,12 @@ def fingerprint(graph: Graph | Instance, cost: str = CHORDAL) -> Fingerprint | N
     measured = graph.graph if isinstance(graph, Instance) else graph
     ranges = graph.ranges if isinstance(graph, Instance) else None
     information = graph.information if isinstance(graph, Instance) else None
+    stated = None if information is None else _upper(information)
     if cost == CHORDAL:
         weights = _weights(measured)
-    elif information is None or not isinstance(measured, PoseGraph):
+    elif stated is None or not isinstance(measured, PoseGraph):
         return None
     else:
-        upper = np.triu_indices(information.distinct.shape[1])
-        stated = information.distinct[:, *upper][information.index]
         weights = np.column_stack([stated, _measures(measured)])
     header = {
         "version": VERSION,
@@ -87,7 +87,8 @@ def fingerprint(graph: Graph | Instance, cost: str = CHORDAL) -> Fingerprint | N
         "weights": "kappa, tau" if cost == CHORDAL else "information",
     }
     turns, numbers = _turns(measured), np.column_stack([_translations(measured), weights])
-    tables = [_rows(measured.edges, turns, numbers)]
+    follow = cost == CHORDAL and stated is not None and weights.shape[1] == 2
+    tables = [_rows(measured.edges, turns, numbers, stated if follow else None)]
     if ranges is not None:
         of_ranges = np.column_stack([ranges.distances, ranges.weights])
         pairs = np.sort(ranges.edges, axis=1)
@@ -122,13 +123,24 @@ def _weights(graph: Graph) -> FloatArray:
     return np.column_stack(columns)
 
 
+def _upper(information: Information) -> FloatArray:
+    """(m, p (p + 1) / 2) upper triangles of information matrices."""
+    rows, columns = np.triu_indices(information.distinct.shape[1])
+    return np.asarray(information.distinct[:, rows, columns][information.index]) + 0.0
+
+
 def _measures(graph: PoseGraph) -> BoolArray:
     """(m, 2) whether edges measure a rotation, and a translation."""
     return np.column_stack([graph.measures_rotation, graph.measures_translation])
 
 
-def _rows(edges: IntArray, turns: FloatArray, numbers: FloatArray) -> tuple[Rows, Rows]:
-    """The bits of a row per measurement, rounded and whole, in an order that contents decide."""
+def _rows(
+    edges: IntArray, turns: FloatArray, numbers: FloatArray, stated: FloatArray | None = None
+) -> tuple[Rows, Rows]:
+    """The bits of a row per measurement, rounded and whole, in an order that contents decide.
+
+    Weights that follow from information ``stated`` in a file count as that, to the last bit.
+    """
     k, spare = turns.shape[1], np.uint64(52 - BITS)
     entries = np.column_stack([edges, turns, numbers])
     entries += 0.0  # no -0
@@ -142,6 +154,8 @@ def _rows(edges: IntArray, turns: FloatArray, numbers: FloatArray) -> tuple[Rows
     # Any order does that depends on contents alone, so one sum per row is sorted, not all columns.
     odd = np.cumprod(np.full(rounded.shape[1], 0x9E3779B97F4A7C15, dtype=np.uint64))
     order = np.argsort(rounded @ odd, kind="stable")
+    if stated is not None:
+        whole = np.column_stack([whole[:, :-2], rounded[:, -2:], stated.view(np.uint64)])
     return rounded[order], whole[order]
 
 
