@@ -11,29 +11,24 @@ if TYPE_CHECKING:
     from certpgo.optima import Recognised
 
 
-def known(part: Instance, cost: str, certificate: Certificate | None) -> Recognised | None:
-    """What is known of a graph under a cost; None where the verdict is about another cost."""
-    from certpgo.optima import known_optimum
-
-    if certificate is not None and certificate.rejected:
-        return None
-    return known_optimum(part, cost)
-
-
-def fact(found: Recognised | None, certificate: Certificate | None) -> Iterator[tuple[str, str]]:
-    """The same as a name and a value, and how far the estimate is above the bound at most."""
-    if found is None:
-        return
-    said = str(found)
-    if certificate is not None and found.is_exact:
-        said += f"; {found.compared(certificate.cost_upper)}"
-    yield "register", said
+def fact(part: Instance, cost: str | None, certificate: Certificate) -> Iterator[tuple[str, str]]:
+    """What is known of a graph, and how far the estimate is above that, as a name and a value."""
+    found = _known(part, cost, certificate)
+    if found is not None:
+        compared = f"; {found.compared(certificate.cost_upper)}" if found.is_exact else ""
+        yield "register", f"{found}{compared}"
 
 
-def as_json(found: Recognised | None) -> dict[str, Any] | None:
-    """The same for --json; None for a graph that is not known."""
-    if found is None:
-        return None
+def as_json(
+    part: Instance, cost: str | None, certificate: Certificate | None
+) -> dict[str, Any] | None:
+    """What is known of a graph, for --json; None if nothing is."""
+    found = _known(part, cost, certificate)
+    return None if found is None else in_short(found)
+
+
+def in_short(found: Recognised) -> dict[str, Any]:
+    """A graph's name in the register, and its bounds under a cost."""
     o = found.optimum
     return {
         "name": o.name,
@@ -44,3 +39,12 @@ def as_json(found: Recognised | None) -> dict[str, Any] | None:
         "verdict": o.verdict,
         "tier": o.tier,
     }
+
+
+def _known(part: Instance, cost: str | None, certificate: Certificate | None) -> Recognised | None:
+    """What is known under a cost; None where the verdict is about other measurements."""
+    from certpgo.optima import known_optimum
+
+    if cost is None or (certificate is not None and certificate.rejected):
+        return None
+    return known_optimum(part, cost)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import typer
 
-from certpgo.cli import _known, _verdict
+from certpgo.cli import _verdict
 from certpgo.cli._next import Asked, steps_after
 from certpgo.cli._outputs import Outputs, Result
 from certpgo.cli._paging import origin_of, write_page
@@ -21,7 +21,6 @@ from certpgo.cli._truth import KnownPoses
 if TYPE_CHECKING:
     from certpgo.graph import Instance
     from certpgo.objective.choose_cost import Certifiable
-    from certpgo.optima import Recognised
     from certpgo.optimize.solution import Solution
     from certpgo.solve.assessment import Assessment
     from certpgo.solve.fit import Fit
@@ -76,12 +75,10 @@ class Solved(Result):
         """Trajectory errors, if the truth is known."""
         return None if self.truth is None else self.truth.errors(self.solution.estimate)
 
-    @cached_property
-    def known(self) -> Recognised | None:
-        """What the register says of the graph, if all measurements are kept."""
-        if self.solution.kept is not None:
-            return None
-        return _known.known(self.part, self.asked.cost, self.certificate)
+    @property
+    def _of_all(self) -> str | None:
+        """The name of the cost, if it is that of all measurements."""
+        return self.asked.cost if self.solution.kept is None else None
 
     @property
     def certified_cost(self) -> float:
@@ -137,7 +134,7 @@ class Solved(Result):
                 disagreement=disagreement,
                 accuracy=self.accuracy,
                 fit=self.fit,
-                register=_known.as_json(self.known),
+                under=self._of_all,
             ),
             "solution": {
                 "method": self.method,
@@ -176,7 +173,8 @@ class Solved(Result):
             self.part,
             self.assessment,
             self.disagreement,
-            more=[*self._uncertified(), *_known.fact(self.known, certificate)],
+            more=self._uncertified(),
+            cost=self._of_all,
             steps=self._steps(written),
             fit=self.fit,
         )

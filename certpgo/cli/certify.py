@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, cast
 
 import typer
 
-from certpgo.cli import _known, _verdict
+from certpgo.cli import _verdict
 from certpgo.cli._help import JUDGING
 from certpgo.cli._interrupting import tell_interrupted, tells_unwritten
 from certpgo.cli._next import Asked, steps_after
@@ -44,7 +43,6 @@ if TYPE_CHECKING:
     from certpgo.io.datasets.source import Source
     from certpgo.io.matching import Matching
     from certpgo.objective.choose_cost import Certifiable, Judged
-    from certpgo.optima import Recognised
     from certpgo.solve.assessment import Assessment
     from certpgo.solve.batch import JudgedGraph
     from certpgo.solve.metrics import TrajectoryErrors
@@ -204,10 +202,6 @@ class _Assessed(Result):
     def standing(self) -> str:
         return "what is proven by then stands" if self.part.judge.interrupted else ""
 
-    @cached_property
-    def known(self) -> Recognised | None:
-        return _known.known(self.part.instance, self.asked.cost, self.found.certificate)
-
     def write(self, outputs: Outputs) -> None:
         outputs.write(self.found.best, instance=self.part.instance)
 
@@ -229,10 +223,8 @@ class _Assessed(Result):
             instance,
             found,
             self.disagreement,
-            more=[
-                *([] if self.accuracy is None else accuracy(self.accuracy)),
-                *_known.fact(self.known, found.certificate),
-            ],
+            more=[] if self.accuracy is None else accuracy(self.accuracy),
+            cost=self.asked.cost,
             steps=steps,
             fit=found.fit,
         )
@@ -246,7 +238,7 @@ class _Assessed(Result):
             assessment=self.found,
             accuracy=self.accuracy,
             fit=self.found.fit,
-            register=_known.as_json(self.known),
+            under=self.asked.cost,
         )
 
     def notices(self, outputs: Outputs) -> Iterator[str]:

@@ -92,7 +92,7 @@ def _as_json(
             for name, by_weights in spectra.items()
         },
         "engine": engine,
-        "register": [_known.as_json(known) for known in recognise(instance)],
+        "register": [_known.in_short(known) for known in recognise(instance)],
     }
 
 

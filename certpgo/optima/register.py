@@ -17,6 +17,7 @@ from typing import Any
 from certpgo.errors import FormatError, InputError
 from certpgo.io.writing import write_whole
 from certpgo.objective.costs import CHORDAL, COSTS
+from certpgo.optima.remarks import Remarks, read_remarks
 
 #: What an optimum rests on, from weak to strong: a certificate of the standard tier; one of the
 #: proof tier, or a proof file that the checker accepts; or one accepted in integers alone.
@@ -192,6 +193,11 @@ class Register:
     def sizes(self) -> frozenset[tuple[str, Sizes]]:
         """The sizes that occur, by kind: other graphs need no digest."""
         return frozenset((o.kind, o.sizes) for o in self._optima.values())
+
+    @cached_property
+    def remarks(self) -> dict[str, Remarks]:
+        """What is said about graphs, by name."""
+        return read_remarks(self.folder)
 
     def get(self, digest: str, cost: str) -> Optimum | None:
         """The optimum of a problem, or None."""

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from certpgo.graph.phrases import bound_shown, cost_shown, gap_shown
 from certpgo.optima.register import Optimum, Register
+from certpgo.optima.remarks import Remarks
 from certpgo.optima.verifying import command
 
 HEADER = (
@@ -50,6 +51,14 @@ def details(o: Optimum, register: Register) -> Iterator[tuple[str, str]]:
     yield "rests on", TRUST[o.tier]
     if o.chi2 is not None:
         yield "chi^2", f"{o.chi2:.6g} at {o.freedom} degrees of freedom"
+    said = register.remarks.get(o.name, Remarks())
+    if said.text:
+        yield "remark", said.text
+    for one in said.of(o.cost):
+        yield "published", f"{one.value} ({one.source})"
+    for one in said.wrong:
+        if one.cost == o.cost:
+            yield "not", f"{one.value}: {one.source}"
     if len(o.names) > 1:
         yield "also called", ", ".join(o.names[1:])
     for source in o.sources:
