@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
@@ -102,24 +102,8 @@ def command(
     start = None if estimate is None else _start(reading, estimate, instance)
     if not add:
         return _recognise(held, instance, cost, start, json)
-    from certpgo.optima.adding import add as put
-
-    with working(f"solving {instance.name}"):
-        done = [
-            put(
-                held,
-                source.path(),
-                instance,
-                one,
-                name=name or "",
-                source=origin or source.origin,
-                estimate=start,
-                proof=proof,
-                exact_within=EXACT if exact else 0.0,
-            )
-            for one in _costs(cost, instance, proof)
-        ]
-    held.save()
+    how = {"name": name or "", "source": origin or source.origin, "estimate": start, "proof": proof}
+    done = _add(register, source.path(), instance, _costs(cost, instance, proof), exact, how)
     _tell(done, json)
     return 0
 
@@ -146,6 +130,28 @@ def _start(reading: Reading, name: str, instance: Instance) -> Estimate:
 
     source = reading.resolve(name)
     return read_estimate(source.path(), instance)
+
+
+def _add(
+    register: Path | None,
+    path: Path,
+    instance: Instance,
+    costs: Sequence[str],
+    exact: bool,
+    how: dict[str, Any],
+) -> list[Added]:
+    """Enter what is found under each cost; others may write to the register meanwhile."""
+    from certpgo.optima.adding import enter, prepare
+    from certpgo.optima.register import folder_of
+
+    done = []
+    for cost in costs:
+        with working(f"solving {instance.name}, {cost}"):
+            found = prepare(path, instance, cost, exact_within=EXACT if exact else 0.0, **how)
+        held = folder_of(register)
+        done.append(enter(held, found))
+        held.save()
+    return done
 
 
 def _costs(cost: str | None, instance: Instance, proof: Path | None) -> Sequence[str]:

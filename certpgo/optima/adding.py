@@ -12,6 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from certpgo.io.writing import folder_to_write, write_whole
 from certpgo.objective.choose_cost import CHORDAL, COSTS, Certifiable, certifiable
 from certpgo.optima.fingerprint import fingerprint
 from certpgo.optima.recognition import sizes_of
-from certpgo.optima.register import Absent, Optimum, Register, merged_names
+from certpgo.optima.register import Absent, Optimum, Register, is_name, merged_names
 from certpgo.solve.fit import fit_of
 from certpgo.solve.solving import solve
 
@@ -59,7 +60,7 @@ class Evidence:
     Attributes
     ----------
     upper, lower : of the optimum
-    tier : see `certpgo.optima.register.TIERS`
+    tier : ``"standard"``, ``"proven"`` or ``"exact"``
     proof : content of the proof file, or None
     unproven : why there is no proof file, or empty
     """
@@ -71,8 +72,36 @@ class Evidence:
     unproven: str = ""
 
 
-def add(
-    register: Register,
+@dataclass(frozen=True)
+class Prepared:
+    """What was found about a graph under a cost, to `enter`.
+
+    Attributes
+    ----------
+    entry : the optimum, or why there is none
+    proof : content of its proof file, or None
+    """
+
+    entry: Optimum | Absent
+    proof: bytes | None = None
+
+
+def add(register: Register, path: Path, instance: Instance, cost: str, **how: Any) -> Added:
+    """Solve a graph and put the result into a register; the caller saves that.
+
+    Parameters
+    ----------
+    path, instance, cost, how : as of `prepare`
+
+    Raises
+    ------
+    InputError
+        As of `prepare` and `enter`.
+    """
+    return enter(register, prepare(path, instance, cost, **how))
+
+
+def prepare(
     path: Path,
     instance: Instance,
     cost: str,
@@ -82,11 +111,8 @@ def add(
     estimate: Estimate | None = None,
     proof: Path | None = None,
     exact_within: float = 0.0,
-) -> Added:
-    """Solve a graph and put the result into a register, with its proof, if it is better.
-
-    Nothing there becomes worse: an entry is replaced by one of a stronger tier, or of the same with
-    a cheaper estimate or a higher bound and nothing weaker. The caller saves the register.
+) -> Prepared:
+    """Solve a graph, prove the result, and have the proof checked.
 
     Parameters
     ----------
@@ -108,11 +134,10 @@ def add(
         problem = certifiable(instance, cost)
     except CertPGOError as error:
         reason = str(error).removeprefix(f"{instance.source}: ").removeprefix(f"{name}: ")
-        return _absent(register, Absent(name, cost, reason))
+        return Prepared(Absent(name, cost, reason))
     fingerprints = fingerprint(instance, cost)
     if fingerprints is None:
-        return _absent(register, Absent(name, cost, "no information matrices"))
-    known = register.get(fingerprints.digest, cost)
+        return Prepared(Absent(name, cost, "no information matrices"))
     if proof is None:
         found = solve(instance, cost=cost, initial=estimate, tier=_tier(problem, cost))
         certificate, point = found.certificate, found.estimate
@@ -149,16 +174,30 @@ def add(
         unproven=evidence.unproven,
         version=_version(),
     )
-    return _put(register, known, entry, evidence.proof)
+    return Prepared(entry, evidence.proof)
 
 
-def _absent(register: Register, entry: Absent) -> Added:
-    register.put(entry)
-    return Added(entry, "absent")
+def enter(register: Register, found: Prepared) -> Added:
+    """Put an optimum into a register, and its proof if that is small enough, unless it is worse.
 
+    Nothing there becomes worse: an entry is replaced by one of a stronger tier, or of the same with
+    a cheaper estimate or a higher bound and nothing weaker. The caller saves the register.
 
-def _put(register: Register, known: Optimum | None, entry: Optimum, proof: bytes | None) -> Added:
-    """Put an entry into the register, and its proof if it is small enough, unless worse."""
+    Raises
+    ------
+    InputError
+        The name is no word, or that of another graph.
+    """
+    entry, proof = found.entry, found.proof
+    if not is_name(entry.name):
+        raise InputError(f"a name has letters, digits and ._+- alone, not {entry.name!r}")
+    if isinstance(entry, Absent):
+        register.put(entry)
+        return Added(entry, "absent")
+    known = register.get(entry.digest, entry.cost)
+    for other in register.named(entry.name):
+        if other.cost == entry.cost and other is not known:
+            raise InputError(f"{entry.name} is the name of another graph: --name gives this one's")
     if known is not None and not known.is_improved_by(entry):
         kept = merged_names(known, entry.names, entry.sources)
         register.put(kept)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cache, cached_property
@@ -63,7 +64,7 @@ class Optimum:
     upper : cost of the best known estimate, rounded up
     lower : no estimate costs less
     verdict : of the certificate
-    tier : what it rests on, see `TIERS`
+    tier : ``"standard"``, ``"proven"`` or ``"exact"``: what it rests on
     chi2, freedom : chi^2 at the best estimate, and its degrees of freedom; None where they have no
         meaning
     proof_sha256, proof_bytes : of the proof file that the checker accepted; None without one
@@ -302,6 +303,9 @@ def _check(o: Optimum) -> None:
             raise ValueError(f"{what} {value!r} is none of {', '.join(known)}")
     if not o.names:
         raise ValueError("no name")
+    for name in o.names:
+        if not is_name(name):
+            raise ValueError(f"{name!r} is no name")
     bounds = (o.lower, o.upper)
     if not all(isinstance(x, float | int) and math.isfinite(x) for x in bounds):
         raise ValueError("bounds are numbers")
@@ -310,6 +314,11 @@ def _check(o: Optimum) -> None:
     for digest in (o.digest, o.exact, o.file_sha256):
         if len(digest) != 64 or not set(digest) <= set("0123456789abcdef"):
             raise ValueError(f"{digest!r} is no SHA-256")
+
+
+def is_name(name: str) -> bool:
+    """Whether a graph may be called so: the name is part of a file's."""
+    return re.fullmatch(r"\w[\w.+-]*", name) is not None
 
 
 def merged_names(entry: Optimum, names: Iterable[str], sources: Iterable[str]) -> Optimum:

@@ -28,13 +28,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("names", nargs="*")
     parser.add_argument("--timeout", type=float, default=TIMEOUT)
+    parser.add_argument("--no-exact", action="store_true", help="without the check in integers")
     parser.add_argument("--again", action="store_true")
     parser.add_argument("--register", type=Path, default=None)
     given = parser.parse_args()
     for name in given.names or by_size():
         for cost in (CHORDAL, *COSTS):
             if given.again or not is_known(given.register, name, cost):
-                compute(name, cost, given.timeout, given.register)
+                compute(name, cost, given.timeout, given.register, not given.no_exact)
     return 0
 
 
@@ -51,9 +52,10 @@ def is_known(folder: Path | None, name: str, cost: str) -> bool:
     return (name, cost) in absent or any(one.cost == cost for one in register.named(name))
 
 
-def compute(name: str, cost: str, timeout: float, folder: Path | None) -> None:
+def compute(name: str, cost: str, timeout: float, folder: Path | None, exact: bool) -> None:
     """Add an optimum in a process of its own."""
-    line = [sys.executable, "-m", "certpgo", "optima", "--add", name, "--cost", cost, "--exact"]
+    line = [sys.executable, "-m", "certpgo", "optima", "--add", name, "--cost", cost]
+    line += ["--exact"] if exact else []
     line += ["--register", str(folder)] if folder else []
     start = time.perf_counter()
     try:

@@ -41,6 +41,7 @@ class Edges:
 
     @property
     def d(self) -> int:
+        """Dimension of space."""
         return self.t.shape[1]
 
 
@@ -67,6 +68,7 @@ def read_g2o(path: Path) -> Edges:
 
 
 def planar(theta: float) -> np.ndarray:
+    """A rotation of the plane."""
     return np.array([[np.cos(theta), -np.sin(theta)], [np.sin(theta), np.cos(theta)]])
 
 
