@@ -132,6 +132,7 @@ MIXTURES = {
     "without GRAPH": ("{g}", "--verify"),
     "--estimate needs a GRAPH": ("--estimate", "{g}"),
     "no such folder": ("--register", "nowhere"),
+    "no such file or dataset": ("--add", "nowhere.g2o"),
     "of its own": ("--add", "{g}", "--proof", "x", "--estimate", "{g}"),
 }
 

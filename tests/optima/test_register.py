@@ -114,6 +114,29 @@ def test_a_submitted_proof_is_judged_by_the_checker(filled, loop, read, tmp_path
         add(filled, loop, read(loop), "chordal", proof=proof)
 
 
+def test_names_are_words_of_one_graph_each(filled, loop, read, tmp_path):
+    other = tmp_path / "other.g2o"
+    other.write_text("EDGE_SE2 0 1 1 0 0.1 1 0 0 1 0 1\n")
+    before = filled.optima
+    with pytest.raises(InputError, match="name of another graph"):
+        add(filled, other, read(other), "chordal", name="loop")
+    for bad in ("../other", "a/b", ".hidden", "two words", "-"):
+        with pytest.raises(InputError, match="a name has letters"):
+            add(filled, other, read(other), "chordal", name=bad)
+    assert filled.optima == before
+
+
+def test_what_others_entered_meanwhile_stays(register, loop, read):
+    from certpgo.optima.adding import enter, prepare
+
+    found = {cost: prepare(loop, read(loop), cost) for cost in ("chordal", "g2o")}
+    for prepared in found.values():  # each by a writer that knows nothing of the other
+        held = Register(register.folder)
+        enter(held, prepared)
+        held.save()
+    assert {o.cost for o in Register(register.folder).optima} == {"chordal", "g2o"}
+
+
 def test_what_has_no_optimum_says_why(register, read, tmp_path):
     path = tmp_path / "two.g2o"
     path.write_text("EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\nEDGE_SE2 2 3 1 0 0 1 0 0 1 0 1\n")
@@ -161,6 +184,7 @@ def line_of(register, **changes):
         ({"tier": "gold"}, "tier 'gold'"),
         ({"verdict": "PERHAPS"}, "verdict"),
         ({"names": []}, "no name"),
+        ({"names": ["../up"]}, "is no name"),
         ({"lower": 1e9}, "above the upper"),
         ({"upper": None}, "bounds are numbers"),
         ({"digest": "abc"}, "no SHA-256"),
