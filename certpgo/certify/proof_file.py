@@ -3,7 +3,7 @@
 An .npz archive without pickles. Its layout, with b = d for rotations alone and d + 1 for poses;
 nodes are those of the edges, by ascending id:
 
-    claim         JSON as bytes: the graph file and its reading options (see `claim_of`)
+    claim         JSON as bytes: the graph file and its reading options (see `_claim`)
     rotations     (n, 4) quaternions x y z w of any norm, or (n, 2) half-angle pairs cos sin
     translations  (n, d); absent for rotations alone
     multipliers   (n, d (d + 1) / 2) upper triangles of Lam', row by row
@@ -65,7 +65,7 @@ def refuse_unreadable(source: Path, instance: Instance, cost: str) -> None:
     """
     _refuse_priors_of_rotations(instance)
     if _map_of(instance) or {"fixed", "also"} & {*instance.options}:
-        claim_of(source, instance, None if cost == costs.CHORDAL else cost)
+        _claim(source, instance, None if cost == costs.CHORDAL else cost)
 
 
 def _refuse_priors_of_rotations(instance: Instance) -> None:
@@ -154,16 +154,16 @@ def _proof(
     _refuse_priors_of_rotations(instance)
     minorants, rejections = None, None
     if prices is not None:
-        claim, graph = claim_of(source, instance)
+        claim, graph = _claim(source, instance)
         cut = TruncatedProblem(problem_of(instance.graph), prices)
         multipliers, witness, rejections = rejection_evidence(cut, graph, certificate)
         claim |= {"version": 3}
     elif certificate.objective == CHORDAL:
-        claim, graph = claim_of(source, instance)
+        claim, graph = _claim(source, instance)
         multipliers, witness = _evidence(instance, graph, certificate)
     else:
         problem = problem_of_certificate(instance, certificate)
-        claim, graph = claim_of(source, instance, problem.edge_cost.name)
+        claim, graph = _claim(source, instance, problem.edge_cost.name)
         evidence = cost_evidence(problem, graph, certificate)
         multipliers, witness = evidence.multipliers, evidence.witness
         minorants = evidence.minorants
@@ -236,7 +236,22 @@ def provable(source: str | Path) -> Path:
     return path
 
 
-def claim_of(
+def claim_of(source: Path, instance: Instance, cost: str | None = None) -> dict[str, Any]:
+    """What a proof about an instance claims to be about, without pin and exponent.
+
+    Parameters
+    ----------
+    source, cost : as of `refuse_unreadable`; None for F
+
+    Raises
+    ------
+    InputError
+        A proof cannot be about it.
+    """
+    return _claim(source, instance, cost)[0]
+
+
+def _claim(
     source: Path, instance: Instance, cost: str | None = None
 ) -> tuple[dict[str, Any], checker.Graph]:
     """The subject of the proof (hashes, kind, reading options), and the graph the checker reads."""

@@ -281,7 +281,7 @@ def in_integers(path: Path, proof: Path, seconds: float) -> tuple[float, float] 
 
 def _refuse_other_claim(path: Path, instance: Instance, cost: str, proof: Path) -> None:
     """Refuse a proof that is not about this cost of all measurements, as they were read."""
-    expected, _ = claim_of(path, instance, None if cost == CHORDAL else cost)
+    expected = claim_of(path, instance, None if cost == CHORDAL else cost)
     try:
         with np.load(proof, allow_pickle=False) as archive:
             claim = checker.read_claim(archive)

@@ -79,7 +79,9 @@ def row(register: Register, o: Optimum, picture: str) -> str:
     edges = f"{s.edges}" + (f" + {s.ranges}" if s.ranges else "")
     printed = "<br>".join(f"{escape(p.value)}, {escape(p.source)}" for p in remarks.of(o.cost))
     said = [escape(remarks.text)] if remarks.text else []
-    said += [f"Not {escape(w.value)}: {escape(w.source)}." for w in remarks.wrong if w.cost == o.cost]
+    said += [
+        f"Not {escape(w.value)}: {escape(w.source)}." for w in remarks.wrong if w.cost == o.cost
+    ]
     chi2 = "" if o.chi2 is None else f"{o.chi2:.6g}<br>{o.freedom}"
     cells = (
         (picture, None),
