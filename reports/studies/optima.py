@@ -22,6 +22,8 @@ from certpgo.io import datasets
 from certpgo.objective.costs import CHORDAL, COSTS
 from certpgo.optima import Absent, Register
 
+#: The reason of what no run has come to: the next one does.
+LATER = "not computed yet"
 #: Seconds of CPU time for a graph under a cost, without the check in integers.
 SECONDS = 300
 
@@ -35,7 +37,11 @@ def main() -> int:
     parser.add_argument("--no-exact", action="store_true", help="without the check in integers")
     parser.add_argument("--again", action="store_true")
     parser.add_argument("--register", type=Path, default=None)
+    parser.add_argument("--pending", action="store_true", help="only enter what is not computed")
     given = parser.parse_args()
+    if given.pending:
+        enter_pending(given.register)
+        return 0
     for name in given.names or by_size():
         for cost in given.costs:
             if given.again or not is_known(given.register, name, cost):
@@ -52,8 +58,18 @@ def by_size() -> list[str]:
 def is_known(folder: Path | None, name: str, cost: str) -> bool:
     """Whether the register says something about a graph under a cost."""
     register = Register(folder)
-    absent = {(one.name, one.cost) for one in register.absent}
+    absent = {(one.name, one.cost) for one in register.absent if one.reason != LATER}
     return (name, cost) in absent or any(one.cost == cost for one in register.named(name))
+
+
+def enter_pending(folder: Path | None) -> None:
+    """Enter what no run has come to, of graphs that have an optimum."""
+    register = Register(folder)
+    for name in {one.name for one in register.optima}:
+        for cost in (CHORDAL, *COSTS):
+            if not is_known(folder, name, cost):
+                register.put(Absent(name, cost, LATER))
+    register.save()
 
 
 def compute(name: str, cost: str, seconds: int, folder: Path | None, exact: bool) -> None:
