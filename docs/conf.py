@@ -46,6 +46,7 @@ extensions = [
     "extensions.docstrings",
     "extensions.generated",
     "extensions.numbers",
+    "extensions.optima",
     "extensions.pictures",
     "extensions.scenes",
 ]
@@ -96,6 +97,7 @@ html_theme = "furo"
 html_title = "certpgo"
 html_static_path = ["static"]
 html_css_files = ["site.css", "print.css"]
+html_js_files = ["optima.js"]
 mathjax_path = generated.MATHJAX
 mathjax3_config = {"options": {"enableMenu": False}}
 

@@ -32,6 +32,7 @@ RANKS = {
     "registry": 6,
     "solve": 7,
     "registration": 8,
+    "optima": 8,
     "view": 9,
     "plot": 10,
     "__init__": 11,

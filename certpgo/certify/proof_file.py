@@ -236,6 +236,21 @@ def provable(source: str | Path) -> Path:
     return path
 
 
+def claim_of(source: Path, instance: Instance, cost: str | None = None) -> dict[str, Any]:
+    """What a proof about an instance claims to be about, without pin and exponent.
+
+    Parameters
+    ----------
+    source, cost : as of `refuse_unreadable`; None for F
+
+    Raises
+    ------
+    InputError
+        A proof cannot be about it.
+    """
+    return _claim(source, instance, cost)[0]
+
+
 def _claim(
     source: Path, instance: Instance, cost: str | None = None
 ) -> tuple[dict[str, Any], checker.Graph]:

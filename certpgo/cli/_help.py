@@ -23,7 +23,7 @@ GROUPS = {
     "From images and scans": ("reconstruct", "register"),
     "Look and convert": ("info", "view", "convert"),
     "Outliers, maps and loop closures": ("outliers", "merge", "sparsify", "suggest"),
-    "Compare": ("compare", "list", "fetch"),
+    "Compare": ("compare", "optima", "list", "fetch"),
     "Reproduce": ("reproduce", "report", "gate", "bench"),
 }
 OTHERS = "Others"

@@ -76,6 +76,11 @@ class Solved(Result):
         return None if self.truth is None else self.truth.errors(self.solution.estimate)
 
     @property
+    def _of_all(self) -> str | None:
+        """The name of the cost, if it is that of all measurements."""
+        return self.asked.cost if self.solution.kept is None else None
+
+    @property
     def certified_cost(self) -> float:
         """The cost of the certified measurements, those that a robust method kept."""
         if self.solution.weights is None:
@@ -129,6 +134,7 @@ class Solved(Result):
                 disagreement=disagreement,
                 accuracy=self.accuracy,
                 fit=self.fit,
+                under=self._of_all,
             ),
             "solution": {
                 "method": self.method,
@@ -168,6 +174,7 @@ class Solved(Result):
             self.assessment,
             self.disagreement,
             more=self._uncertified(),
+            cost=self._of_all,
             steps=self._steps(written),
             fit=self.fit,
         )

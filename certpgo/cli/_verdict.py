@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from certpgo.cli import _known
 from certpgo.cli._show import facts, paragraph
 
 if TYPE_CHECKING:
@@ -60,8 +61,12 @@ def show(
     more: Iterable[tuple[str, str]] = (),
     steps: Sequence[str] = (),
     fit: Fit | None = None,
+    cost: str | None = None,
 ) -> None:
-    """Print the numbers behind a verdict, ``more`` of them, what limits it, and what to do next."""
+    """Print the numbers behind a verdict, ``more`` of them, what limits it, and what to do next.
+
+    With the name of a ``cost``, also what the register knows of the graph under it.
+    """
     from certpgo.certify.certificate import CHORDAL
     from certpgo.certify.wording import limits, numbers, stated_objective, trusts
     from certpgo.solve import accuracy_wording as wording
@@ -80,6 +85,7 @@ def show(
                 else [("outliers?", wording.hint(disagreement, certificate))]
             ),
             *([] if assessment is None else wording.comparison(assessment, part)),
+            *_known.fact(part, cost, certificate),
             *trusts(certificate),
             *([("objective", stated_objective(part.options, certificate))] if chordal else []),
             *wording.provenance(part, certificate),
@@ -121,6 +127,7 @@ def as_json(
     assessment: Assessment | None = None,
     accuracy: TrajectoryErrors | None = None,
     fit: Fit | None = None,
+    under: str | None = None,
 ) -> dict[str, Any]:
     """An estimate of a connected graph: the verdict first, then its details.
 
@@ -130,6 +137,8 @@ def as_json(
     ----------
     certificate : the certificate, or None if none was requested
     cost : F of the estimate, as computed, for the certified measurements
+    under : the name of the cost of all measurements, or None for another: what the register is
+        asked for
     """
     from certpgo.certify.wording import objective
 
@@ -155,6 +164,7 @@ def as_json(
         "averaged": _averaged(part, certificate),
         "fixed_ids": [int(part.ids[node]) for node in part.fixed],
         "notices": list(part.notices),
+        "register": _known.as_json(part, under, c),
         **({} if assessment is None else _assessment(assessment)),
     }
 

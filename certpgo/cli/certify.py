@@ -223,6 +223,7 @@ class _Assessed(Result):
             found,
             self.disagreement,
             more=[] if self.accuracy is None else accuracy(self.accuracy),
+            cost=self.asked.cost,
             steps=steps,
             fit=found.fit,
         )
@@ -236,6 +237,7 @@ class _Assessed(Result):
             assessment=self.found,
             accuracy=self.accuracy,
             fit=self.found.fit,
+            under=self.asked.cost,
         )
 
     def notices(self, outputs: Outputs) -> Iterator[str]:

@@ -226,6 +226,7 @@ def _compare(
 
     On interruption those so far are shown. Without a spinner, each is printed on stderr.
     """
+    from certpgo.optima import known_optimum
     from certpgo.solve.comparison import compare
     from certpgo.solve.comparison_table import OPTIONAL, TITLE, in_a_line
 
@@ -250,6 +251,8 @@ def _compare(
             typer.echo(f"{TITLE}\n" if is_first else "")
             hidden = (FAILED,) if phases else (FAILED, "by phase")
             table(*_section(rows, hidden), optional=OPTIONAL)
+            if (known := known_optimum(part, cost)) is not None:
+                paragraph(f"{str(known)[0].upper()}{str(known)[1:]}.")
             for result in rows:
                 if result.error:
                     paragraph(f"{result.method}: {FAILED}: {result.error}")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from certpgo.cli import _known
 from certpgo.cli._options import GraphNames, Json
 from certpgo.cli._reading import Components, Reading, takes_reading
 from certpgo.cli._show import document, facts, working
@@ -79,6 +80,7 @@ def _as_json(
 ) -> dict[str, Any]:
     from certpgo.graph.phrases import shown_path
     from certpgo.objective.choose_cost import costs_of
+    from certpgo.optima import recognise
 
     return {
         "name": instance.name,
@@ -96,6 +98,7 @@ def _as_json(
             for name, by_weights in spectra.items()
         },
         "engine": engine,
+        "register": [_known.in_short(known) for known in recognise(instance)],
     }
 
 
@@ -104,6 +107,7 @@ def _lines(
 ) -> Iterable[tuple[str, str]]:
     from certpgo.graph.phrases import counted, reading_sentence, shown_path
     from certpgo.objective.choose_cost import costs_of
+    from certpgo.optima import recognise
 
     yield "name", instance.name
     yield "source", shown_path(instance.source)
@@ -132,6 +136,8 @@ def _lines(
     yield "ground truth", "available" if instance.truth is not None else "none"
     for sentence in instance.notices:
         yield "notice", sentence
+    for known in recognise(instance):
+        yield "register", str(known)
     yield "engine", engine
 
 

@@ -36,6 +36,11 @@ class Source:
         """Whether it is a file whose path is also the name of a dataset."""
         return self.name in entries()
 
+    @property
+    def origin(self) -> str:
+        """Where a dataset is from, ``OWNER/REPOSITORY@COMMIT:PATH``; empty for other files."""
+        return ""
+
     def path(self, *, download: bool = True) -> Path:
         """The local file, downloaded if necessary and allowed.
 
@@ -81,6 +86,12 @@ class Dataset(Source):
 
     #: It is the dataset.
     hides_dataset = False
+
+    @property
+    def origin(self) -> str:
+        """Where it is from, as of a `Source`; a word where it is in no repository."""
+        entry = self.entry
+        return f"{entry.origin}@{entry.commit[:12]}:{entry.path}" if entry.url else entry.origin
 
     @cached_property
     def found(self) -> Path | None:
