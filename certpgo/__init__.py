@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from certpgo import plot as plot
     from certpgo.certify import Certificate, Tier, Verdict, certify
     from certpgo.certify.proof_file import check, write_proof
-    from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
+    from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph, SimilarityGraph
     from certpgo.graph.labels import WORLD
     from certpgo.graph.priors import with_directions, with_priors
     from certpgo.graph.ranges import Ranges
@@ -60,7 +60,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "certify": ("Certificate", "Tier", "Verdict", "certify"),
     "certify.proof_file": ("check", "write_proof"),
-    "graph": ("Estimate", "Instance", "PoseGraph", "RotationGraph"),
+    "graph": ("Estimate", "Instance", "PoseGraph", "RotationGraph", "SimilarityGraph"),
     "graph.labels": ("WORLD",),
     "graph.priors": ("with_directions", "with_priors"),
     "graph.ranges": ("Ranges",),
@@ -123,6 +123,7 @@ __all__ = [
     "RotationGraph",
     "RotationProblem",
     "Session",
+    "SimilarityGraph",
     "Solution",
     "SolveSettings",
     "Sparsified",

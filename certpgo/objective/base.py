@@ -226,6 +226,24 @@ class Objective(Speaking, ABC):
         return self.pattern.layout_of(self.matrix).trailing(self.d)
 
     @property
+    def held(self) -> IntArray:
+        """The nodes whose blocks have orthonormal columns: all poses, unless scales are unknown."""
+        return self.poses
+
+    @property
+    def held_rows(self) -> BoolArray:
+        """(N,) which rows of the matrix are of these blocks."""
+        return self.rotation_rows
+
+    def admissible(self, multipliers: FloatArray) -> FloatArray:
+        """Multipliers (n, d, d) that bounds may have near given ones, which are symmetric."""
+        return multipliers
+
+    def entry_errors(self, multipliers: FloatArray, w: FloatArray) -> FloatArray | None:
+        """(N,) row sums of the rounding in S's entries, weighted by w; None for those of poses."""
+        return None
+
+    @property
     def tangent_layout(self) -> Layout:
         """Of Hessians and Gauss-Newton matrices: rows of translations, then of rotations."""
         d, q = self.d, so.tangent_dim(self.d)
