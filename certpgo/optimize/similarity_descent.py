@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 
 import numpy as np
 
@@ -30,9 +31,20 @@ STATIONARY = 1e-10
 
 
 def starts(problem: SimilarityProblem) -> Iterator[Start]:
-    """Estimates from which descents begin, the first usually in the right basin."""
-    yield Start(separate_start(problem), "scales, then poses")
-    yield Start(problem.linear_start(), "linear relaxation")
+    """Estimates from which descents begin: the nearest to a basin, then the least shrunk.
+
+    Raises
+    ------
+    NumericalError
+        The weights are too uneven for both.
+    """
+    try:
+        yield Start(problem.linear_start(), "linear relaxation")
+    except (NumericalError, np.linalg.LinAlgError):
+        yield Start(separate_start(problem), "scales, then poses")
+        return
+    with suppress(NumericalError, np.linalg.LinAlgError):
+        yield Start(separate_start(problem), "scales, then poses")
 
 
 def separate_start(problem: SimilarityProblem) -> Estimate:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
@@ -44,24 +45,18 @@ class SimilaritySearch(Search):
             self.keep(self.descend(initial.estimate))
             if not self.settings.try_own_start:
                 return
-        lacking: Exception | None = None
-        try:
-            for start in starts(self.problem):
-                if initial is not None and self.ends():
-                    return
-                found = self.descend(start.estimate)
-                if not hasattr(self, "best"):
-                    self.start = self.origin = start.name
-                    self.keep(found)
-                elif self.improve(found):
-                    self.start = start.name
-                    self.origin = f"{start.name}, which led to a lower cost than {self.origin}"
-                if self.ends():
-                    return
-        except (NumericalError, np.linalg.LinAlgError) as error:
-            lacking = error
-        if lacking is not None and not hasattr(self, "best"):
-            raise lacking
+        for start in starts(self.problem):
+            if initial is not None and self.ends():
+                return
+            found = self.descend(start.estimate)
+            if self.bound is None and math.isinf(self.cost):
+                self.start = self.origin = start.name
+                self.keep(found)
+            elif self.improve(found):
+                self.start = start.name
+                self.origin = f"{start.name}, which led to a lower cost than {self.origin}"
+            if self.ends():
+                return
 
     def relaxation(self) -> Iterator[Lift]:
         """Escape to higher ranks until the gap is closed or the relaxation is solved."""

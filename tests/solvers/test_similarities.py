@@ -7,17 +7,28 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from similarities import cost_by_loops, similarity_graph
 from strategies import dimensions, rng_of, seeds
 
 import certpgo
 from certpgo import Estimate, PoseProblem, RotationGraph, SimilarityGraph
 from certpgo.errors import GraphError, InputError
+from certpgo.io.datasets.monocular import random_maps
 from certpgo.linalg import rotations as so
 from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.optimize.similarity_descent import descend, starts
 
 noises = st.sampled_from([0.05, 0.2, 0.4])
+
+
+def cost_by_loops(graph, estimate):
+    """F, edge by edge."""
+    total, rotation = 0.0, graph.rotation
+    A = estimate.scales[:, None, None] * estimate.rotations
+    for k, (i, j) in enumerate(graph.edges.tolist()):
+        E = A[j] - graph.scales[k] * A[i] @ rotation.rotations[k]
+        r = estimate.translations[j] - estimate.translations[i] - A[i] @ graph.translations[k]
+        total += rotation.kappa[k] * (E * E).sum() + graph.tau[k] * (r * r).sum()
+    return total
 
 
 def two_maps(gap):
@@ -50,7 +61,7 @@ def test_opposite_measurements_shrink_what_they_are_of():
 @given(seeds, dimensions, noises, st.integers(0, 2))
 @settings(max_examples=25)
 def test_the_cost_is_that_of_its_edges(seed, d, noise, points):
-    graph, truth = similarity_graph(rng_of(seed), d, turn=noise, scale=noise, points=points)
+    graph, truth = random_maps(rng_of(seed), d, turn=noise, scale=noise, points=points)
     problem = SimilarityProblem(graph)
     expected = cost_by_loops(graph, truth)
     low, high = problem.enclosure(truth)
@@ -68,7 +79,7 @@ def test_the_cost_is_that_of_its_edges(seed, d, noise, points):
 def test_derivatives_are_those_of_the_cost(seed, d, noise, points):
     """At a stationary point the model is exact to third order: halving a step divides by 8."""
     rng = rng_of(seed)
-    graph, truth = similarity_graph(rng, d, turn=noise, known=(2,), points=points)
+    graph, truth = random_maps(rng, d, turn=noise, known=(2,), points=points)
     problem = SimilarityProblem(graph)
     there = problem.linearized(descend(problem, truth).estimate)
     x = rng.standard_normal(there.layout.size)
@@ -87,7 +98,7 @@ def test_derivatives_are_those_of_the_cost(seed, d, noise, points):
 def test_bounds_hold_for_all_that_descents_find(seed, d, turn, scale, points):
     """No descent from random starts ends below the bound, and certified ones are the best."""
     rng = rng_of(seed)
-    graph, _ = similarity_graph(rng, d, turn=turn, scale=scale, move=turn, points=points)
+    graph, _ = random_maps(rng, d, turn=turn, scale=scale, move=turn, points=points)
     answer, problem = certpgo.solve(graph), SimilarityProblem(graph)
     assert answer.certificate.lower_bound <= problem.enclosure(answer.estimate)[1]
     for _ in range(4):
@@ -103,7 +114,7 @@ def test_bounds_hold_for_all_that_descents_find(seed, d, turn, scale, points):
 @given(seeds, dimensions, noises)
 @settings(max_examples=20)
 def test_multipliers_of_unknown_scales_have_no_negative_trace(seed, d, noise):
-    graph, truth = similarity_graph(rng_of(seed), d, turn=noise, scale=noise)
+    graph, truth = random_maps(rng_of(seed), d, turn=noise, scale=noise)
     problem = SimilarityProblem(graph)
     answer = certpgo.certify(graph, truth)
     for Lam in (problem.multipliers(truth), answer.multipliers):
@@ -116,7 +127,7 @@ def test_multipliers_of_unknown_scales_have_no_negative_trace(seed, d, noise):
 @settings(max_examples=10)
 def test_certificates_prove_a_semidefinite_matrix(seed, d):
     """The multipliers of an answer, in dense arithmetic: S >= 0 but for rounding."""
-    graph, truth = similarity_graph(rng_of(seed), d, points=1)
+    graph, truth = random_maps(rng_of(seed), d, points=1)
     problem = SimilarityProblem(graph)
     found = certpgo.certify(graph, truth)
     S = problem.certificate_matrix(found.multipliers).toarray()
@@ -129,7 +140,7 @@ def test_certificates_prove_a_semidefinite_matrix(seed, d):
 @given(seeds, dimensions)
 @settings(max_examples=10)
 def test_of_known_scales_it_is_the_problem_of_poses(seed, d):
-    graph, truth = similarity_graph(rng_of(seed), d)
+    graph, truth = random_maps(rng_of(seed), d)
     known = replace(graph, scales=np.ones(graph.num_edges), free=np.zeros(graph.num_nodes, bool))
     flat = certpgo.PoseGraph(graph.rotation, graph.translations, graph.tau)
     ours, theirs = certpgo.solve(known), certpgo.solve(flat)
@@ -150,7 +161,7 @@ def test_laws_of_invariance(seed, d, noise):
     j are multiplied; and kappa of what leads to j, c^2 times as much.
     """
     rng = rng_of(seed)
-    graph, _ = similarity_graph(rng, d, turn=noise, scale=noise)
+    graph, _ = random_maps(rng, d, turn=noise, scale=noise)
     answer = certpgo.solve(graph)
 
     def same(other, scales=None):
@@ -188,7 +199,7 @@ def test_another_unit_of_the_map_is_another_cost(seed, d):
     A_i -> A_i / s_k and t -> t / s_k turn one feasible set into the other and divide F by s_k^2, so
     the optimum there is at most F / s_k^2 of each map here.
     """
-    graph, _ = similarity_graph(rng_of(seed), d)
+    graph, _ = random_maps(rng_of(seed), d)
     here, k = certpgo.solve(graph), 3
     there = certpgo.solve(graph.held_at(k))
     s = here.estimate.scales
@@ -198,7 +209,7 @@ def test_another_unit_of_the_map_is_another_cost(seed, d):
 
 
 def test_all_starts_lead_to_the_optimum_where_noise_is_small():
-    graph, _ = similarity_graph(np.random.default_rng(0), 3, 20, 40, turn=0.05, scale=0.05)
+    graph, _ = random_maps(np.random.default_rng(0), 3, 20, 40, turn=0.05, scale=0.05)
     problem = SimilarityProblem(graph)
     best = certpgo.solve(graph)
     assert best.verdict == "CERTIFIED"
@@ -210,7 +221,7 @@ def test_a_loose_relaxation_has_a_bound_of_higher_rank():
     """Its bound is the minimum of the relaxation: an interior-point solver's 9.5788699."""
     rng, bounded = np.random.default_rng(5), 0
     for _ in range(40):
-        graph, _ = similarity_graph(rng, 2, turn=0.8, scale=0.5, move=1.0)
+        graph, _ = random_maps(rng, 2, turn=0.8, scale=0.5, move=1.0)
         answer = certpgo.solve(graph)
         assert answer.verdict in ("CERTIFIED", "BOUNDED")
         bounded += answer.verdict == "BOUNDED"
@@ -220,7 +231,7 @@ def test_a_loose_relaxation_has_a_bound_of_higher_rank():
 
 
 def test_estimates_of_others_are_judged():
-    graph, truth = similarity_graph(np.random.default_rng(1), 3)
+    graph, truth = random_maps(np.random.default_rng(1), 3)
     found = certpgo.certify(graph, truth)
     assert found.verdict == "BOUNDED"
     assert found.basin_is_global
@@ -234,7 +245,7 @@ def test_estimates_of_others_are_judged():
 
 
 def test_graphs_that_mean_nothing_are_refused():
-    graph, _ = similarity_graph(np.random.default_rng(1), 3, points=1)
+    graph, _ = random_maps(np.random.default_rng(1), 3, points=1)
     everything = ~graph.is_point
     for changed, said in (
         ({"free": everything}, "no pose has a known scale"),
