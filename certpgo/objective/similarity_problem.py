@@ -140,6 +140,8 @@ class SimilarityProblem(PoseProblem):
         """Refuse an estimate of another graph, or one whose known scales are others."""
         super().check(estimate)
         if estimate.scales is None:
+            if self.graph.free.any():
+                raise InputError("the estimate has no scales, but the graph's are unknown")
             return
         off = np.abs(estimate.scales[self.held] - 1.0) > 1e-9
         if off.any():

@@ -1,4 +1,4 @@
-"""Certificates over similarities, attacked: are any of them false, and how tight is the relaxation?
+"""Attacks certificates over similarities, and counts how often the relaxation is tight.
 
     python -m reports.studies.similarities attack [--graphs N] [--sdp N] [--seed S]
     python -m reports.studies.similarities map [--graphs N]
