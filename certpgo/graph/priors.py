@@ -10,7 +10,7 @@ import numpy as np
 
 from certpgo.errors import GraphError, InputError
 from certpgo.graph.edges import broadcast, check_weights, components_of
-from certpgo.graph.graph import has_matrix_weights
+from certpgo.graph.graph import has_matrix_weights, require_one_unit
 from certpgo.graph.pose_graph import PoseGraph
 from certpgo.graph.rotation_graph import RotationGraph
 from certpgo.linalg import rotations as so
@@ -73,6 +73,7 @@ def with_priors(
     >>> print(answer.verdict.value, bool(error.max() < 0.1))
     CERTIFIED True
     """
+    require_one_unit(graph, "priors")
     if has_matrix_weights(graph):
         raise InputError("priors are added before matrix weights, couplings or arms")
     nodes = np.asarray(nodes)
