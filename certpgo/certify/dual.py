@@ -339,7 +339,7 @@ class _Attempts:
         """The bound by multipliers with S >= 0."""
         poses = self.problem.held
         diagonal = _diagonals(proven)[poses]
-        value = math.nextafter(math.fsum(diagonal.ravel().tolist()), -math.inf)
+        value = self.problem.value_of(diagonal)
         taken = _diagonals(self.shifted.multipliers)[poses] - diagonal
         return DualBound(value, proven, float(taken.max()), self.factorizations, self.nonzeros)
 

@@ -64,7 +64,14 @@ class Shifted:
         unit = U * float(problem.matrix.diagonal()[is_rotation].mean())
         multipliers = problem.multipliers(point)
         return Shifted(
-            multipliers, point.rotations, arms, pin, is_rotation, weights, unit, problem.held
+            multipliers,
+            problem.frames_of(point),
+            arms,
+            pin,
+            is_rotation,
+            weights,
+            unit,
+            problem.held,
         )
 
     def less(self, shift: float, demand: FloatArray) -> FloatArray:

@@ -71,7 +71,7 @@ class SimilarCase(Case):
         """The bound by the multipliers of a converged point of any rank."""
         problem, here = self.problem, self.problem.blocks(point)
         enough = cost - self.rtol * cost - FLOOR * self.atol * problem.scale
-        for given_up in (0.0,) if here.rank == problem.d else SHARES:
+        for given_up in SHARES if here.rank > problem.d and not problem.in_mean_unit else (0.0,):
             found = dual_bound(
                 problem,
                 here,

@@ -31,13 +31,14 @@ class SimilarityGraph(PoseGraph):
     Attributes
     ----------
     scales : (m,) measured s_ij, positive; by default ones
-    free : (n,) which poses have an unknown scale; by default all but the first
+    free : (n,) which poses have an unknown scale; by default all. Then the unit of the map is the
+        root mean square of the scales, and the cost is divided by its square: it is that of maps
+        in any unit
 
     Raises
     ------
     GraphError
-        As `PoseGraph`; or scales that are not (m,) and positive, a point with a scale, or no pose
-        whose scale is known, without which the map has no unit.
+        As `PoseGraph`; or scales that are not (m,) and positive, or a point with a scale.
 
     Examples
     --------
@@ -67,14 +68,15 @@ class SimilarityGraph(PoseGraph):
         free = np.array(self.free) if np.size(self.free) else ~self.is_point
         if free.shape != (n,):
             raise GraphError(f"free must be {n} flags, one per node")
-        if not np.size(self.free) and len(self.pose_nodes):
-            free[self.pose_nodes[0]] = False
         if (free & self.is_point).any():
             node = int(np.argmax(free & self.is_point))
             raise GraphError(f"node {node}: a point has no scale")
-        if not (~free & ~self.is_point).any():
-            raise GraphError("no pose has a known scale: hold one of them, to give the map a unit")
         object.__setattr__(self, "free", frozen_flags(free))
+
+    @property
+    def in_mean_unit(self) -> bool:
+        """Whether no pose has a known scale, and the unit is the root mean square of all."""
+        return bool(self.free[self.pose_nodes].all())
 
     @property
     def size_in_words(self) -> str:

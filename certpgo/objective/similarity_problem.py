@@ -26,20 +26,16 @@ from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import CSC, BoolArray, FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import U
 from certpgo.linalg.blocks import Layout, pinned
-from certpgo.linalg.factor import Factor
 from certpgo.objective import operators
 from certpgo.objective.base import FirstOrder
 from certpgo.objective.edge_sums import EdgeSums
 from certpgo.objective.problem import PoseProblem
-from certpgo.objective.quadratic_model import ROUNDING, largest_step
+from certpgo.objective.similarity_model import SimilarityModel
 from certpgo.objective.similarity_rounding import enclosure, entry_errors
 
 #: What the cost is called.
-SIMILAR = "F over similarities, in the unit of the poses of known scale"
-#: Damping that fixes the gauge, and the least after a step that fails, relative to the diagonal.
-GAUGE, DAMPING = 1e-12, 1e-4
-#: Share of a solved scale below which that of a start is not taken.
-SMALLEST = 1e-3
+SIMILAR = "F over similarities"
+IN_KNOWN, IN_MEAN = "the poses of known scale", "the root mean square scale"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -64,7 +60,11 @@ class SimilarityProblem(PoseProblem):
             raise InputError("SimilarityProblem takes a SimilarityGraph")
         super().__post_init__()
 
-    title = SIMILAR
+    @property
+    def title(self) -> str:
+        """What the cost is."""
+        return f"{SIMILAR}, in the unit of {IN_MEAN if self.in_mean_unit else IN_KNOWN}"
+
     cost_name = "similarity"
     takes_scales = True
 
@@ -92,9 +92,16 @@ class SimilarityProblem(PoseProblem):
 
     # --- Points -----------------------------------------------------------------------------------
 
+    @property
+    def in_mean_unit(self) -> bool:
+        """Whether the unit is the root mean square of the scales, as none is known."""
+        return self.graph.in_mean_unit
+
     @cached_property
     def held(self) -> IntArray:
-        """The poses of known scale."""
+        """The poses whose scales are known, or whose mean square scale is."""
+        if self.in_mean_unit:
+            return self.graph.pose_nodes
         return np.flatnonzero(~self.graph.free & ~self.graph.is_point)
 
     @cached_property
@@ -114,12 +121,23 @@ class SimilarityProblem(PoseProblem):
 
     def blocks(self, point: Point) -> Lift:
         """The point with A_i = s_i R_i in place of rotations."""
-        if isinstance(point, Lift):
-            return point
-        A = point.rotations
-        if point.scales is not None:
+        A, t = point.rotations, point.translations
+        if isinstance(point, Estimate) and point.scales is not None:
             A = self.scales_of(point)[:, None, None] * A
-        return Lift(A, point.translations)
+        if not self.in_mean_unit:
+            return Lift(A, t)
+        unit = math.sqrt(float(np.mean(np.square(self.sizes_of(A)[self.held]))))
+        return Lift(A / unit, None if t is None else t / unit)
+
+    def sizes_of(self, A: FloatArray) -> FloatArray:
+        """(n,) scales of blocks (n, r, d); 1 of points."""
+        sizes = np.sqrt(np.einsum("nra,nra->n", A, A) / self.d)
+        return np.where(self.graph.is_point, 1.0, sizes)
+
+    def frames_of(self, point: Point) -> FloatArray:
+        """(n, r, d) blocks with orthonormal columns, of which those of a point are multiples."""
+        A = point.rotations
+        return np.asarray(A / self.sizes_of(A)[:, None, None])
 
     def scales_of(self, estimate: Estimate) -> FloatArray:
         """(n,) the scales of an estimate: 1 where they are known, and without any."""
@@ -128,13 +146,17 @@ class SimilarityProblem(PoseProblem):
         return np.where(self.graph.free, estimate.scales, 1.0)
 
     def estimate_of(self, point: Lift) -> Estimate:
-        """The nearest estimate to a point of rank d, at its translations."""
+        """The nearest estimate to a point of rank d; if no scale is known, the first one is 1."""
         Q = so.project(point.rotations)
         s = np.einsum("nab,nab->n", Q, point.rotations) / self.d
         s = np.where(self.graph.free, s, 1.0)
         if not (s > 0.0).all():
             raise NumericalError("a scale is not positive")
-        return Estimate(Q, point.translations, scales=s)
+        t = translations_of(point)
+        if self.in_mean_unit:
+            unit = s[self.held[0]]
+            s, t = np.where(self.graph.free, s / unit, 1.0), t / unit
+        return Estimate(Q, t, scales=s)
 
     def check(self, estimate: Estimate) -> None:
         """Refuse an estimate of another graph, or one whose known scales are others."""
@@ -142,6 +164,8 @@ class SimilarityProblem(PoseProblem):
         if estimate.scales is None:
             if self.graph.free.any():
                 raise InputError("the estimate has no scales, but the graph's are unknown")
+            return
+        if self.in_mean_unit:
             return
         off = np.abs(estimate.scales[self.held] - 1.0) > 1e-9
         if off.any():
@@ -172,38 +196,52 @@ class SimilarityProblem(PoseProblem):
         return self.with_optimal_translations(Estimate(rotations, t, scales=scales))
 
     def multipliers(self, point: Point) -> FloatArray:
-        """(n, d, d) symmetric multipliers, whose traces at poses of unknown scale are exactly >= 0.
+        """(n, d, d) symmetric multipliers of trace zero at poses of unknown scale.
 
-        Those traces are zero but for rounding: they count s_i^2 >= 0 times in the cost.
+        Those traces are exactly >= 0, by a little, as they count s_i^2 >= 0 times in the cost.
+        Where no scale is known, all traces are the cost over the number of poses, but for rounding.
         """
-        return self._multipliers(self.blocks(point), self.gradient(point))
+        here = self.blocks(point)
+        return self.multipliers_at(here, self.gradient(here))
 
-    def _multipliers(self, point: Lift, gradient: FloatArray) -> FloatArray:
-        A, free = point.rotations, self.graph.free
-        square = np.einsum("nra,nra->n", A, A) / self.d
-        square = np.where(free, np.maximum(square, np.finfo(float).tiny), 1.0)
+    def multipliers_at(self, point: Lift, gradient: FloatArray) -> FloatArray:
+        """The same, of admissible blocks with half the gradient of F there."""
+        A = point.rotations
+        square = np.where(self.graph.free, self.sizes_of(A) ** 2, 1.0)
+        square = np.maximum(square, np.finfo(float).tiny)
         Lam = operators.multipliers(gradient[:, :, 1:], A) / square[:, None, None]
         Lam[self.graph.is_point] = 0.0
         return self.admissible(Lam)
 
     def admissible(self, Lam: FloatArray) -> FloatArray:
-        """Multipliers without their mean diagonals at poses of unknown scale, the trace >= 0."""
+        """Multipliers with other mean diagonals at poses of unknown scale; see `multipliers`."""
         free = np.flatnonzero(self.graph.free)
         own, d = Lam[free], np.arange(self.d)
-        own[:, d, d] -= (np.trace(own, axis1=1, axis2=2) / self.d)[:, None]
-        diagonal = own[:, d, d]
-        size = np.abs(diagonal).sum(axis=1)
-        trace = diagonal.sum(axis=1)  # within 2 U of the sizes
-        own[:, -1, -1] += np.maximum(-trace, 0.0) + 4.0 * U * size + 2.0**-1000
+        means = np.trace(own, axis1=1, axis2=2) / self.d
+        common = float(means.mean()) if self.in_mean_unit else 0.0
+        own[:, d, d] -= (means - common)[:, None]
+        if not self.in_mean_unit:
+            diagonal = own[:, d, d]
+            size = np.abs(diagonal).sum(axis=1)
+            trace = diagonal.sum(axis=1)  # within 2 U of the sizes
+            own[:, -1, -1] += np.maximum(-trace, 0.0) + 4.0 * U * size + 2.0**-1000
         out = Lam.copy()
         out[free] = own
         return out
+
+    def value_of(self, diagonals: FloatArray) -> float:
+        """The bound by diagonals (k, d) of the multipliers at the `held` poses, rounded down."""
+        if not self.in_mean_unit:
+            return super().value_of(diagonals)
+        least = min(math.fsum(row) for row in diagonals.tolist())
+        product = math.nextafter(least, -math.inf) * len(diagonals)
+        return math.nextafter(product, -math.inf)
 
     def first_order(self, estimate: Estimate) -> FirstOrder:
         """Cost, gradient, multipliers and stationarity at an estimate."""
         model = self.linearized(estimate)
         gradient = model.layout.unpack(model.gradient)
-        Lam = self._multipliers(model.point, model.euclidean)
+        Lam = self.multipliers_at(model.point, model.euclidean)
         return FirstOrder(model.cost, gradient, Lam, self.stationarity(estimate))
 
     def stationarity(self, estimate: Estimate) -> float:
@@ -244,8 +282,15 @@ class SimilarityProblem(PoseProblem):
 
     def enclosure(self, estimate: Estimate) -> tuple[float, float]:
         """Lower and upper bounds on F of the estimate, for the rotations nearest to the stored."""
-        point, s = self.blocks(estimate), self.scales_of(estimate)
-        return enclosure(self.graph, self.form, point, s, so.rotation_defect(estimate.rotations))
+        s = self.scales_of(estimate)
+        point = Lift(s[:, None, None] * estimate.rotations, estimate.translations)
+        own = so.rotation_defect(estimate.rotations)
+        low, high = enclosure(self.graph, self.form, point, s, own)
+        if not self.in_mean_unit:
+            return low, high
+        mean = float(np.mean(np.square(s[self.held])))
+        off = (len(self.held) + 16.0) * 2.0 * U
+        return low / mean * (1.0 - off), high / mean * (1.0 + off)
 
     def entry_errors(self, multipliers: FloatArray, w: FloatArray) -> FloatArray:
         """(N,) row sums of the rounding in S's entries, weighted by w."""
@@ -280,98 +325,3 @@ class SimilarityProblem(PoseProblem):
         blocks = np.swapaxes(X[:, 1:], 1, 2)
         blocks[self.graph.is_point] = np.eye(d)
         return self.with_optimal_translations(self.estimate_of(Lift(blocks, X[:, 0])))
-
-
-class SimilarityModel:
-    """F near a point of rank r, a `QuadraticModel` over translations, turns and log-scales."""
-
-    def __init__(self, problem: SimilarityProblem, point: Lift) -> None:
-        self.problem, self.point = problem, point
-        self.cost = float(problem._sums.terms(point).sum())
-        self.rank = point.rotations.shape[1]
-        self.layout = problem.layout(self.rank)
-
-    @cached_property
-    def gauge(self) -> FloatArray:
-        """(N,) a little everywhere, which holds motions of the whole."""
-        return np.full(self.layout.size, GAUGE)
-
-    @property
-    def rounding(self) -> float:
-        """A decrease of the cost that may be lost in rounding."""
-        return ROUNDING * self.cost
-
-    @cached_property
-    def euclidean(self) -> FloatArray:
-        """Half the Euclidean gradient, (n, r, d + 1)."""
-        return self.problem.gradient(self.point)
-
-    @cached_property
-    def _basis(self) -> FloatArray:
-        """(n, q + 1, r, d) tangents: turns by a radian, then growth by a factor of e."""
-        A, free = self.point.rotations, self.problem.graph.free
-        s = np.sqrt(np.einsum("nra,nra->n", A, A) / self.problem.d)
-        s[self.problem.graph.is_point] = 1.0
-        turns = math.sqrt(2.0) * so.tangent_basis(A / s[:, None, None])
-        growth = np.where(free[:, None, None], A, 0.0)
-        return np.concatenate([s[:, None, None, None] * turns, growth[:, None]], axis=1)
-
-    @cached_property
-    def gradient(self) -> FloatArray:
-        """(N,) half the gradient of F."""
-        G = self.euclidean
-        turn = np.einsum("nqrd,nrd->nq", self._basis, G[:, :, 1:])
-        return self.layout.pack(np.concatenate([G[:, :, 0], turn], axis=1))
-
-    def _hessian(self, measured: PoseGraph, multipliers: FloatArray) -> CSC:
-        problem = self.problem
-        diagonal, upper = operators.lifted_hessian(measured, self._basis, multipliers)
-        known = ~problem.graph.free
-        diagonal[known, -1, -1] = 1.0 + np.abs(diagonal[known, self.rank, self.rank])
-        return problem.pattern.assemble(diagonal, upper, self.rank)
-
-    @cached_property
-    def gauss_newton(self) -> CSC:
-        """The Gauss-Newton matrix of F/2."""
-        return self._hessian(self.problem.form, np.zeros((self.problem.n,) + (self.problem.d,) * 2))
-
-    @cached_property
-    def hessian(self) -> CSC:
-        """The Riemannian Hessian of F/2."""
-        Lam = self.problem._multipliers(self.point, self.euclidean)
-        return self._hessian(self.problem.form, Lam)
-
-    def scale(self, H: CSC) -> FloatArray:
-        """(N,) the diagonal, positive, and one number for each position."""
-        size, r = self.layout.unpack(np.abs(H.diagonal())), self.rank
-        largest = np.repeat([size[:, :r].max(), size[:, r:].max()], [r, size.shape[1] - r])
-        size[:, :r] = size[:, :r].mean(axis=1, keepdims=True)
-        return self.layout.pack(np.maximum(size, 1e-12 * largest))
-
-    def raised(self, damping: float) -> float:
-        """The damping after a failed step."""
-        return max(10.0 * damping, DAMPING)
-
-    def stationarity(self, scale: FloatArray) -> float:
-        """The largest gradient over ``scale``, radians and shares of scales and lengths."""
-        unpack, graph = self.layout.unpack, self.problem.graph
-        steps = operators.steps(self.problem.form, self.point)
-        moved = float(graph.tau @ np.einsum("ma,ma->m", steps, steps)) / float(graph.tau.sum())
-        length = math.sqrt(moved) or 1.0
-        return largest_step(unpack(self.gradient), unpack(scale), self.rank, length)
-
-    def factor(self, A: CSC) -> Factor | None:
-        """The factor of a matrix with the same pattern."""
-        return self.problem.symbolic(A).factor(A)
-
-    def moved(self, x: FloatArray) -> SimilarityModel:
-        """The model after a step x (N,): the nearest admissible blocks, scales by exponentials."""
-        step, r, problem = self.layout.unpack(x), self.rank, self.problem
-        A, t = self.point.rotations, translations_of(self.point) + step[:, :r]
-        s = np.sqrt(np.einsum("nra,nra->n", A, A) / problem.d)
-        s[problem.graph.is_point] = 1.0
-        turn = np.einsum("nq,nqrd->nrd", step[:, r:-1], self._basis[:, :-1])
-        Q = so.orthonormal((A + turn) / s[:, None, None])
-        growth = np.where(problem.graph.free, np.clip(step[:, -1], -3.0, 3.0), 0.0)
-        grown = np.where(problem.graph.free, s * np.exp(growth), 1.0)
-        return SimilarityModel(problem, Lift(grown[:, None, None] * Q, t))

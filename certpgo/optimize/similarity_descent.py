@@ -70,12 +70,14 @@ def log_scales(problem: SimilarityProblem) -> FloatArray:
     i, j = graph.edges.T
     weights = graph.rotation.kappa
     known = np.flatnonzero(~graph.free)
+    if problem.in_mean_unit:
+        known = np.append(known, problem.root)
     measured = weights * np.log(graph.scales)
     forces = scatter_sum(j, measured, n) - scatter_sum(i, measured, n)
     forces[known] = 0.0
     L = laplacian(problem.pattern, weights)
     # Some known ones, such as points, have no measured scale and a diagonal of zero.
-    L = add_to_diagonal(pinned(L, known), (~graph.free).astype(float))
+    L = add_to_diagonal(pinned(L, known), np.isin(np.arange(n), known).astype(float))
     factor = problem.symbolic(L).factor(L)
     if factor is None:
         raise NumericalError("the measured scales do not determine the scales of all poses")

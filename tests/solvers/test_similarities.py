@@ -35,7 +35,8 @@ def two_maps(gap):
     """Two poses and two measurements of their ratio of scales that disagree: 2 and 2 + gap."""
     rotation = RotationGraph(2, [[0, 1], [0, 1]], [np.eye(2)] * 2, kappa=np.ones(2))
     scales = np.array([2.0, 2.0 + gap])
-    return SimilarityGraph(rotation, np.zeros((2, 2)), np.ones(2), scales=scales)
+    free = np.array([False, True])
+    return SimilarityGraph(rotation, np.zeros((2, 2)), np.ones(2), scales=scales, free=free)
 
 
 def test_two_measurements_of_a_scale_are_averaged():
@@ -51,7 +52,7 @@ def test_opposite_measurements_shrink_what_they_are_of():
     theta = 1.2
     turns = so.exp(np.array([[theta], [-theta]]))
     rotation = RotationGraph(2, [[0, 1], [0, 1]], turns, kappa=np.ones(2))
-    graph = SimilarityGraph(rotation, np.zeros((2, 2)), np.ones(2))
+    graph = SimilarityGraph(rotation, np.zeros((2, 2)), np.ones(2), free=np.array([False, True]))
     answer = certpgo.solve(graph)
     assert answer.estimate.scales[1] == pytest.approx(np.cos(theta), rel=1e-9)
     assert answer.verdict == "CERTIFIED"
@@ -248,7 +249,6 @@ def test_graphs_that_mean_nothing_are_refused():
     graph, _ = random_maps(np.random.default_rng(1), 3, points=1)
     everything = ~graph.is_point
     for changed, said in (
-        ({"free": everything}, "no pose has a known scale"),
         ({"free": everything[1:]}, "flags, one per node"),
         ({"free": np.ones(len(everything), bool)}, "a point has no scale"),
         ({"scales": -graph.scales}, "a scale is a positive number"),
@@ -261,3 +261,74 @@ def test_graphs_that_mean_nothing_are_refused():
         PoseProblem(graph)
     with pytest.raises(GraphError, match="a scale is a positive number, not 0"):
         Estimate(np.array([np.eye(2)] * 2), scales=np.array([1.0, 0.0]))
+
+
+# --- No known scale: the unit is the root mean square
+
+
+def unscaled(graph):
+    return replace(graph, free=~graph.is_point)
+
+
+@given(seeds, dimensions, noises, noises, st.integers(0, 2))
+@settings(max_examples=20)
+def test_bounds_in_the_mean_unit_hold_for_all_that_descents_find(seed, d, turn, scale, points):
+    rng = rng_of(seed)
+    graph, truth = random_maps(rng, d, turn=turn, scale=scale, move=turn, points=points)
+    graph = unscaled(graph)
+    answer, problem = certpgo.solve(graph), SimilarityProblem(graph)
+    mean = np.mean(truth.scales[graph.free] ** 2)
+    low, high = problem.enclosure(truth)
+    assert low <= cost_by_loops(graph, truth) / mean <= high
+    assert problem.cost(truth) == pytest.approx(low)
+    for _ in range(4):
+        R = so.random(rng, graph.num_nodes, d)
+        s = np.where(graph.free, np.exp(rng.standard_normal(graph.num_nodes)), 1.0)
+        found = descend(problem, problem.complete(R, s)).estimate
+        cost = cost_by_loops(graph, found) / np.mean(found.scales[graph.free] ** 2)
+        assert cost >= answer.certificate.lower_bound * (1.0 - 1e-12)
+        if answer.verdict == "CERTIFIED":
+            assert cost >= answer.cost * (1.0 - 1e-5) - 1e-12 * problem.scale
+
+
+@given(seeds, dimensions, noises)
+@settings(max_examples=15)
+def test_the_mean_unit_is_nobodys(seed, d, noise):
+    """A map in another unit costs the same, and its verdict is the same; so do other names."""
+    rng = rng_of(seed)
+    graph, truth = random_maps(rng, d, turn=noise, scale=noise)
+    graph = unscaled(graph)
+    problem, answer = SimilarityProblem(graph), certpgo.solve(graph)
+    larger = replace(truth, translations=3.0 * truth.translations, scales=3.0 * truth.scales)
+    assert problem.cost(larger) == pytest.approx(problem.cost(truth))
+    order = rng.permutation(graph.num_nodes)
+    other = certpgo.solve(graph.subgraph(order))
+    assert other.verdict == answer.verdict
+    assert other.cost == pytest.approx(answer.cost, rel=1e-7)
+    found = certpgo.certify(graph, larger)
+    assert found.lower_bound == pytest.approx(answer.certificate.lower_bound, rel=1e-6)
+    traces = np.trace(found.multipliers, axis1=1, axis2=2)
+    assert found.lower_bound == pytest.approx(graph.num_nodes * traces.min(), rel=1e-12)
+
+
+def test_derivatives_in_the_mean_unit_are_those_of_the_cost():
+    graph, truth = random_maps(np.random.default_rng(3), 3, turn=0.3, points=1)
+    problem = SimilarityProblem(unscaled(graph))
+    there = problem.linearized(descend(problem, truth).estimate)
+    x = np.random.default_rng(0).standard_normal(there.layout.size)
+    errors = []
+    for h in (2e-3, 1e-3):
+        model = there.cost + 2 * h * there.gradient @ x + h * h * (x @ (there.hessian @ x))
+        errors.append(abs(there.moved(h * x).cost - model))
+    assert errors[1] <= errors[0] / 5 + 1e-11 * there.cost
+
+
+def test_a_known_scale_bears_the_whole_cost_and_a_mean_unit_does_not():
+    """Euler: with one known scale its multiplier's trace is F, so a chain shrinks away from it."""
+    graph, truth = random_maps(np.random.default_rng(2), 3, 60, 80, turn=0.1, scale=0.1)
+    held, free = certpgo.solve(graph), certpgo.solve(unscaled(graph))
+    Lam = held.certificate.multipliers
+    assert np.trace(Lam[0]) == pytest.approx(held.cost, rel=1e-6)
+    errors = [np.log(found.estimate.scales / truth.scales) for found in (held, free)]
+    assert errors[0].mean() < -0.3  # a shrunk map
+    assert errors[1].std() < 0.3

@@ -176,7 +176,10 @@ def test_trajectories_leave_scales_out_and_say_so(tmp_path):
         ("VERTEX_SIM3:EXPMAP 0 0 0 0 4 5 6 70", "logarithms of scales within 69"),
         ("EDGE_SIM3:EXPMAP 0 7 0 0 0 4 5 6", "takes 2 ids and 7 numbers"),
         ("EDGE_SIM3:EXPMAP 0 7 0 0 0 4 5 6 -80", "logarithms of scales within 69"),
-        ("EDGE_SIM3:EXPMAP 0 7 0 0 0 4 5 6 0 1 2 3", "then 28 or no information numbers; 12 values found"),
+        (
+            "EDGE_SIM3:EXPMAP 0 7 0 0 0 4 5 6 0 1 2 3",
+            "then 28 or no information numbers; 12 values found",
+        ),
         ("EDGE_SIM3:EXPMAP 7 7 0 0 0 4 5 6 0", "node 7 is measured from itself"),
         ("EDGE_SE3:QUAT 0 7 0 0 0 0 0 0 1", "no tag 'EDGE_SE3:QUAT'"),
     ],
