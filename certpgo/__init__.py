@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from certpgo.solve.merging import Merged, merge
     from certpgo.solve.outliers import Disagreement
     from certpgo.solve.result import CertifiedSolution
+    from certpgo.solve.reweighing import Reweighed, reweigh
     from certpgo.solve.robust import solve_robustly
     from certpgo.solve.robust_session import RobustSession
     from certpgo.solve.session import Session
@@ -80,6 +81,7 @@ _HOMES = {
     "solve.merging": ("Merged", "merge"),
     "solve.outliers": ("Disagreement",),
     "solve.result": ("CertifiedSolution",),
+    "solve.reweighing": ("Reweighed", "reweigh"),
     "solve.robust": ("solve_robustly",),
     "solve.robust_session": ("RobustSession",),
     "solve.session": ("Session",),
@@ -119,6 +121,7 @@ __all__ = [
     "PoseGraph",
     "PoseProblem",
     "Ranges",
+    "Reweighed",
     "RobustSession",
     "RotationGraph",
     "RotationProblem",
@@ -147,6 +150,7 @@ __all__ = [
     "read_sequence",
     "reconstruct",
     "register",
+    "reweigh",
     "show",
     "solve",
     "solve_many",

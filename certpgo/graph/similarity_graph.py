@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -112,6 +112,25 @@ class SimilarityGraph(PoseGraph):
             self.absolute,
             self.scales,
             free,
+        )
+
+    def in_units_of(self, scales: FloatArray) -> SimilarityGraph:
+        """The measurements where node i has a unit s_i times its own, and kappa is in these units.
+
+        Estimates of the two graphs differ by the scales alone. Of an estimate's scales, the unknown
+        ones are then near 1, and a rotation's residual counts in the unit of node j, that of a
+        translation in node i's: the weights are kappa / s_j^2 and tau / s_i^2 in the world's.
+
+        Parameters
+        ----------
+        scales : (n,) positive, 1 for poses of known scale
+        """
+        i, j = self.edges.T
+        return replace(
+            self,
+            translations=scales[i, None] * self.translations,
+            tau=self.tau / scales[i] ** 2,
+            scales=self.scales * scales[i] / scales[j],
         )
 
     def subgraph(self, nodes: IntArray) -> SimilarityGraph:

@@ -13,6 +13,7 @@ first fails if anything false was found.
 import argparse
 import sys
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 
@@ -30,16 +31,18 @@ STARTS, SOLVED, INTERIOR = 6, 1e-9, 2e-6
 
 
 def sampled(rng: np.random.Generator) -> SimilarityGraph:
-    """A random graph, of random dimension, size, noise, known scales and points."""
+    """A random graph, of random dimension, size, noise, unit, known scales and points."""
     d, n = int(rng.integers(2, 4)), int(rng.integers(4, 10))
     points = int(rng.integers(0, 3)) if n > 5 else 0
     poses = n - points
     known = rng.choice(poses, int(rng.integers(0, 3)), replace=False).tolist()
     turn, scale, move = rng.choice(NOISES, 3)
     m = poses - 1 + int(rng.integers(1, 8))
-    return random_maps(rng, d, n, m, turn=turn, scale=scale, move=move, known=known, points=points)[
-        0
-    ]
+    graph, _ = random_maps(
+        rng, d, n, m, turn=turn, scale=scale, move=move, known=known, points=points
+    )
+    in_mean_unit = rng.integers(0, 2)
+    return replace(graph, free=~graph.is_point) if in_mean_unit else graph
 
 
 def lowest(problem: SimilarityProblem, rng: np.random.Generator, count: int) -> float:
@@ -63,11 +66,13 @@ def relaxation(problem: SimilarityProblem) -> float:
     across = M[np.ix_(turned, ~turned)]
     Q = M[np.ix_(turned, turned)] - across @ np.linalg.pinv(T) @ across.T
     G = cp.Variable(Q.shape, PSD=True)
-    constraints, poses = [], np.flatnonzero(layout.sizes > 1)
+    sizes, constraints, poses = [], [], np.flatnonzero(layout.sizes > 1)
     for k, node in enumerate(poses.tolist()):
         block = G[k * d : (k + 1) * d, k * d : (k + 1) * d]
-        size = block[0, 0] if problem.graph.free[node] else 1.0
-        constraints.append(block == size * np.eye(d))
+        sizes.append(block[0, 0] if problem.graph.free[node] else 1.0)
+        constraints.append(block == sizes[-1] * np.eye(d))
+    if problem.in_mean_unit:
+        constraints.append(sum(sizes) == len(sizes))
     posed = cp.Problem(cp.Minimize(cp.trace(Q @ G)), constraints)
     return float(posed.solve(solver=cp.CLARABEL))
 
@@ -117,6 +122,7 @@ def tightness(graphs: int, seed: int = 0) -> None:
                 for k in range(graphs):
                     rng = np.random.default_rng([seed, d, k])
                     graph, _ = random_maps(rng, d, turn=turn, scale=scale, move=turn)
+                    graph = replace(graph, free=~graph.is_point)
                     found = certpgo.solve(graph).certificate
                     tight += found.verdict == "CERTIFIED"
                     if found.verdict != "CERTIFIED":

@@ -16,6 +16,7 @@ from certpgo.io.datasets.monocular import random_maps
 from certpgo.linalg import rotations as so
 from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.optimize.similarity_descent import descend, starts
+from certpgo.solve.reweighing import reweigh
 
 noises = st.sampled_from([0.05, 0.2, 0.4])
 
@@ -332,3 +333,46 @@ def test_a_known_scale_bears_the_whole_cost_and_a_mean_unit_does_not():
     errors = [np.log(found.estimate.scales / truth.scales) for found in (held, free)]
     assert errors[0].mean() < -0.3  # a shrunk map
     assert errors[1].std() < 0.3
+
+
+# --- Weights in the units of the frames
+
+
+@given(seeds, dimensions, noises)
+@settings(max_examples=10)
+def test_other_units_of_nodes_are_other_weights(seed, d, noise):
+    rng = rng_of(seed)
+    graph, truth = random_maps(rng, d, turn=noise, points=1)
+    s = np.where(graph.free, np.exp(rng.standard_normal(graph.num_nodes)), 1.0)
+    i, j = graph.edges.T
+    weighed = replace(
+        graph,
+        rotation=graph.rotation.with_weights(graph.rotation.kappa / s[j] ** 2),
+        tau=graph.tau / s[i] ** 2,
+    )
+    moved = replace(truth, scales=truth.scales / s)
+    expected = cost_by_loops(weighed, truth)
+    assert cost_by_loops(graph.in_units_of(s), moved) == pytest.approx(expected, rel=1e-9)
+
+
+def test_weights_of_the_frames_do_not_depend_on_their_units():
+    """Another unit of every node, with the same weights in these, leads to the same map."""
+    rng = np.random.default_rng(4)
+    graph, truth = random_maps(rng, 3, 12, 24, turn=0.05, scale=0.05, move=0.05)
+    graph = unscaled(graph)
+    first = reweigh(graph)
+    assert first.settled
+    assert first.answer.verdict == "CERTIFIED"
+    s = np.exp(rng.standard_normal(12))
+    other = graph.in_units_of(s)
+    second = reweigh(replace(other, tau=graph.tau))
+    # kappa was in the units of the nodes, tau in that of the world: only scales are compared.
+    assert np.log(first.answer.estimate.scales).std() < 1e-5
+    assert np.log(first.estimate.scales / truth.scales).std() < 0.1
+    assert np.log(second.estimate.scales * s / truth.scales).std() < 0.2
+
+
+def test_graphs_without_unknown_scales_are_not_reweighed():
+    graph, _ = random_maps(np.random.default_rng(0))
+    with pytest.raises(InputError, match="re-weighting takes a graph with unknown scales"):
+        reweigh(graph.rotation)
