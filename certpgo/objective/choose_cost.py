@@ -125,14 +125,17 @@ def problem_under(
 
 
 def certifiable(
-    posed: Graph | Instance | InformationProblem | RangeProblem, cost: str | None = None
+    posed: Graph | Instance | InformationProblem | RangeProblem | SimilarityProblem,
+    cost: str | None = None,
 ) -> Certifiable:
     """The problem as of `problem_under`, `range_problem` or `similarity_problem`."""
     if isinstance(_graph_of(posed), SimilarityGraph) and not isinstance(posed, Objective):
         return similarity_problem(posed, cost)
     if isinstance(posed, Instance) and posed.ranges is not None:
         return range_problem(posed, cost)
-    return posed if isinstance(posed, RangeProblem) else problem_under(posed, cost)
+    if isinstance(posed, RangeProblem | SimilarityProblem):
+        return posed
+    return problem_under(posed, cost)
 
 
 def _graph_of(posed: Graph | Instance | InformationProblem | RangeProblem) -> object:
