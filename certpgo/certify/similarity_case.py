@@ -6,7 +6,7 @@ and compensated at the poses of known scale, as `certpgo.certify.multipliers` do
 
     S + diag(delta) >= 0,  delta > 0 only in rows of poses of known scale,
 
-so F* >= sum tr(Lam_i) - sum delta over these. docs/similarities.md has the proof.
+so F* >= sum tr(Lam_i) - sum delta over these. docs/concepts/similarities.md has the proof.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ class SimilarityGraph(PoseGraph):
 
         kappa |A_j - s_ij A_i R_ij|_F^2 + tau |t_j - t_i - A_i t_ij|^2,
 
-    in the world's unit; see docs/similarities.md. Points measure no scale.
+    in the world's unit; see docs/concepts/similarities.md. Points measure no scale.
 
     Attributes
     ----------

@@ -11,7 +11,6 @@ from certpgo.graph.kinds import Kind
 from certpgo.graph.phrases import counted
 from certpgo.graph.priors import require_determined, require_held
 from certpgo.graph.similarity_graph import SimilarityGraph
-from certpgo.objective.base import Objective
 from certpgo.objective.costs import CHORDAL, COSTS
 from certpgo.objective.edge_cost import EdgeCost
 from certpgo.objective.information_problem import InformationProblem, Surrogate, surrogate
@@ -129,16 +128,18 @@ def certifiable(
     cost: str | None = None,
 ) -> Certifiable:
     """The problem as of `problem_under`, `range_problem` or `similarity_problem`."""
-    if isinstance(_graph_of(posed), SimilarityGraph) and not isinstance(posed, Objective):
+    if isinstance(posed, RangeProblem | SimilarityProblem):
+        return posed
+    if isinstance(_graph_of(posed), SimilarityGraph):
         return similarity_problem(posed, cost)
     if isinstance(posed, Instance) and posed.ranges is not None:
         return range_problem(posed, cost)
-    if isinstance(posed, RangeProblem | SimilarityProblem):
-        return posed
     return problem_under(posed, cost)
 
 
-def _graph_of(posed: Graph | Instance | InformationProblem | RangeProblem) -> object:
+def _graph_of(
+    posed: Graph | Instance | InformationProblem | RangeProblem | SimilarityProblem,
+) -> object:
     return posed if isinstance(posed, RotationGraph | PoseGraph) else posed.graph
 
 

@@ -36,7 +36,7 @@ def problem_of_factors(
     inverse = np.array([np.linalg.inv(_information(factor)) for factor in factors])
     diagonal = np.einsum("maa->ma", inverse)
     turned, moved = (slice(2, 3), slice(0, 2)) if d == 2 else (slice(0, 3), slice(3, 6))
-    kappa = (1.0 if d == 2 else 1.5) / diagonal[:, turned].sum(axis=1)
+    kappa = (0.5 if d == 2 else 1.5) / diagonal[:, turned].sum(axis=1)
     rotation = RotationGraph(len(keys), edges, R, kappa)
     graph = SimilarityGraph(rotation, t, d / diagonal[:, moved].sum(axis=1), scales=s)
     return SimilarityProblem(graph), Estimate(rotations, positions, scales=scales)

@@ -1,13 +1,13 @@
 """Poses of unknown scale: F over similarities A_i = s_i R_i, t_i.
 
 F is a quadratic form of A and t, the same matrix M as that of poses but for measured scales. A pose
-of known scale has A^T A = I; one of unknown scale has A^T A = s^2 I for any s. So its multiplier is
-symmetric of trace zero, and the bound is the trace over the poses of known scale:
+of known scale has A^T A = I; one of unknown scale has A^T A = s^2 I for any s. For S = M less the
+blocks Lam of symmetric multipliers,
 
-    tr(X M X^T) = tr(X S X^T) + sum_i <A_i^T A_i, Lam_i>,   S = M - blkdiag(0, Lam),
+    F = tr(X S X^T) + sum of tr(Lam_i) of known scales + sum of s_i^2 tr(Lam_i) of unknown ones.
 
-where the last sum is the constant sum of tr(Lam_i) over poses of known scale, plus s_i^2 tr(Lam_i)
-of the others. See docs/similarities.md.
+Where some scales are known, the unknown ones have traces of zero. Where none is, the cost is F over
+the mean of s_i^2, and all traces are equal. docs/concepts/similarities.md has the proofs.
 """
 
 from __future__ import annotations

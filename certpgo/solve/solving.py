@@ -99,7 +99,7 @@ def solve(
         PoseGraph,
         RotationGraph,
     )
-    if cost in (None, CHORDAL) and not isinstance(posed, known):
+    if cost in (None, CHORDAL) and not isinstance(posed, (*known, *problems)):
         raise InputError(f"solve takes a graph, an instance or a path, not {kind_of(posed)}")
     source = posed if isinstance(posed, Instance) else None
     problem = certifiable(posed, cost)
