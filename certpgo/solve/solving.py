@@ -91,14 +91,8 @@ def solve(
     chosen = (settings or DEFAULT).changed(options)
     posed: Any = measured(graph)
     start = None if initial is None else estimated(initial, posed)
-    known = (
-        Instance,
-        InformationProblem,
-        RangeProblem,
-        SimilarityProblem,
-        PoseGraph,
-        RotationGraph,
-    )
+    known = (PoseGraph, RotationGraph, Instance)
+    problems = (InformationProblem, RangeProblem, SimilarityProblem)
     if cost in (None, CHORDAL) and not isinstance(posed, (*known, *problems)):
         raise InputError(f"solve takes a graph, an instance or a path, not {kind_of(posed)}")
     source = posed if isinstance(posed, Instance) else None
