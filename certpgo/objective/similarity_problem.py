@@ -42,8 +42,8 @@ IN_KNOWN, IN_MEAN = "the poses of known scale", "the root mean square scale"
 class SimilarityProblem(PoseProblem):
     """Minimise F over similarities and points; see `certpgo.SimilarityGraph`.
 
-    Points of its relaxation are `Lift`s whose blocks Y_i have Y_i^T Y_i = s_i^2 I. Estimates have
-    scales; without any they are ones.
+    A point of its relaxation is a `Lift` whose blocks Y_i have Y_i^T Y_i = s_i^2 I. An estimate has
+    scales; without any, they are ones.
 
     Raises
     ------
