@@ -153,6 +153,7 @@ def with_directions(
     >>> print(answer.verdict.value, bool(np.abs(tilt).max() < 0.02))
     CERTIFIED True
     """
+    require_one_unit(graph, "directions")
     nodes, d, rotation = np.asarray(nodes), graph.d, graph.rotation
     k = len(nodes)
     g, h = _unit(np.asarray(seen, dtype=np.float64)), np.eye(d)[-1]
