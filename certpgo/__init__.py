@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from certpgo import plot as plot
     from certpgo.certify import Certificate, Tier, Verdict, certify
     from certpgo.certify.proof_file import check, write_proof
-    from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
+    from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph, SimilarityGraph
     from certpgo.graph.labels import WORLD
     from certpgo.graph.priors import with_directions, with_priors
     from certpgo.graph.ranges import Ranges
@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from certpgo.solve.merging import Merged, merge
     from certpgo.solve.outliers import Disagreement
     from certpgo.solve.result import CertifiedSolution
+    from certpgo.solve.reweighing import Reweighed, reweigh
     from certpgo.solve.robust import solve_robustly
     from certpgo.solve.robust_session import RobustSession
     from certpgo.solve.session import Session
@@ -60,7 +61,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "certify": ("Certificate", "Tier", "Verdict", "certify"),
     "certify.proof_file": ("check", "write_proof"),
-    "graph": ("Estimate", "Instance", "PoseGraph", "RotationGraph"),
+    "graph": ("Estimate", "Instance", "PoseGraph", "RotationGraph", "SimilarityGraph"),
     "graph.labels": ("WORLD",),
     "graph.priors": ("with_directions", "with_priors"),
     "graph.ranges": ("Ranges",),
@@ -80,6 +81,7 @@ _HOMES = {
     "solve.merging": ("Merged", "merge"),
     "solve.outliers": ("Disagreement",),
     "solve.result": ("CertifiedSolution",),
+    "solve.reweighing": ("Reweighed", "reweigh"),
     "solve.robust": ("solve_robustly",),
     "solve.robust_session": ("RobustSession",),
     "solve.session": ("Session",),
@@ -119,10 +121,12 @@ __all__ = [
     "PoseGraph",
     "PoseProblem",
     "Ranges",
+    "Reweighed",
     "RobustSession",
     "RotationGraph",
     "RotationProblem",
     "Session",
+    "SimilarityGraph",
     "Solution",
     "SolveSettings",
     "Sparsified",
@@ -146,6 +150,7 @@ __all__ = [
     "read_sequence",
     "reconstruct",
     "register",
+    "reweigh",
     "show",
     "solve",
     "solve_many",

@@ -7,12 +7,14 @@ from typing import Any
 from certpgo.certify.certificate import Tier
 from certpgo.certify.chordal_case import Case
 from certpgo.certify.range_case import RangedCase
+from certpgo.certify.similarity_case import SimilarCase
 from certpgo.certify.surrogate_case import OwnCostCase
 from certpgo.certify.truncated_case import TruncatedCase
 from certpgo.errors import InputError, kind_of
 from certpgo.objective.base import Objective
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.range_problem import RangeProblem
+from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.objective.truncated_problem import TruncatedProblem
 from certpgo.optimize.monitor import Monitor, silent
 
@@ -20,6 +22,7 @@ _KINDS: tuple[tuple[type[Any], type[Case]], ...] = (
     (InformationProblem, OwnCostCase),
     (RangeProblem, RangedCase),
     (TruncatedProblem, TruncatedCase),
+    (SimilarityProblem, SimilarCase),
     (Objective, Case),
 )
 

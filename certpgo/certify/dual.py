@@ -17,19 +17,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from certpgo.certify.anchored import Anchored
+from certpgo.certify.assembly_errors import assembly_errors
 from certpgo.certify.multipliers import Shifted
-from certpgo.graph import Estimate, PoseGraph
+from certpgo.graph import Estimate
 from certpgo.graph.display import Brief
 from certpgo.graph.relaxed_point import Point
-from certpgo.linalg import compiled
-from certpgo.linalg.arrays import CSC, BoolArray, FloatArray, IntArray
+from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import U
-from certpgo.linalg.blocks import add_to_diagonal, pinned, scatter_sum, with_entries
-from certpgo.linalg.rotations import rotation_defect
+from certpgo.linalg.blocks import add_to_diagonal, pinned, with_entries
 from certpgo.linalg.rounding_bound import OTHERS
 from certpgo.objective.edge_cost import Minorants
-from certpgo.objective.operators import degrees
-from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.objective.problem import Problem
 
 #: Of an anchored bound: the largest loss over the cost that is tried first, and the factor by
 #: which the second may be larger.
@@ -107,6 +105,7 @@ def dual_bound(
     sharp: bool = True,
     tight: bool = False,
     floor: float = 0.0,
+    given_up: float = 0.0,
 ) -> DualBound | None:
     """The best lower bound by the multipliers of ``point``; None if it is useless.
 
@@ -120,8 +119,10 @@ def dual_bound(
     tight : give up if rounding does not explain the shift, that is, if the certificate matrix has
         a negative eigenvalue
     floor : the value from which a bound is useful; below zero where weights may be negative
+    given_up : the share of the multipliers that is left out, for a certificate matrix that exceeds
+        a positive semidefinite one by this share of M
     """
-    attempts = _Attempts(problem, point, rounding, enough, sharp, floor)
+    attempts = _Attempts(problem, point, rounding, enough, sharp, floor, given_up)
     anchored = None
     if isinstance(point, Estimate) and attempts.loses_to_rounding():
         anchored = attempts.anchored(point)
@@ -142,15 +143,20 @@ class _Attempts:
         enough: float,
         sharp: bool,
         floor: float = 0.0,
+        given_up: float = 0.0,
     ) -> None:
         self.problem, self.rounding, self.enough, self.sharp = problem, rounding, enough, sharp
         self.floor = floor
         self.shifted = Shifted.of(problem, point)
+        if given_up:
+            fewer = problem.admissible((1.0 - given_up) * self.shifted.multipliers)
+            self.shifted = replace(self.shifted, multipliers=fewer)
         self.is_rotation, self.weights = self.shifted.is_rotation, self.shifted.weights
         pin = self.shifted.pin
         self.pin: IntArray | None = None
         if pin is not None:
-            self.pin = self.rows_of(pin)[: len(self.shifted.arms) // problem.n]
+            sizes = problem.pattern.layout_of(problem.matrix).sizes
+            self.pin = self.rows_of(pin)[: int(sizes.max()) - problem.d]
         self.symbolic = problem.symbolic(problem.matrix)
         self.cost = problem.cost(point)
         self.factorizations = self.nonzeros = 0
@@ -315,7 +321,7 @@ class _Attempts:
         if found is None:
             return None
         self.nonzeros = found.nonzeros
-        radii = _assembly_radii(self.problem, multipliers, self.weights, self.is_rotation)
+        radii = assembly_errors(self.problem, multipliers, self.weights, self.is_rotation)
         delta = 1.001 * (found.sums + radii) / self.weights  # rounding of the products
         if pin is not None:
             delta[pin] = 0.0  # pinned: its diagonal entry can be arbitrarily large
@@ -323,7 +329,7 @@ class _Attempts:
 
     def bound(self, multipliers: FloatArray, reduction: FloatArray) -> DualBound:
         """The bound by multipliers whose diagonals are reduced by ``reduction`` (N,)."""
-        d, poses, proven = self.problem.d, self.problem.poses, multipliers.copy()
+        d, poses, proven = self.problem.d, self.problem.held, multipliers.copy()
         # Rounded down: a smaller Lam' only adds to the diagonal of S.
         diagonal = _diagonals(multipliers)[poses] - reduction[self.is_rotation].reshape(-1, d)
         _diagonals(proven)[poses] = np.nextafter(diagonal, -np.inf)
@@ -331,9 +337,9 @@ class _Attempts:
 
     def of_multipliers(self, proven: FloatArray) -> DualBound:
         """The bound by multipliers with S >= 0."""
-        poses = self.problem.poses
+        poses = self.problem.held
         diagonal = _diagonals(proven)[poses]
-        value = math.nextafter(math.fsum(diagonal.ravel().tolist()), -math.inf)
+        value = self.problem.value_of(diagonal)
         taken = _diagonals(self.shifted.multipliers)[poses] - diagonal
         return DualBound(value, proven, float(taken.max()), self.factorizations, self.nonzeros)
 
@@ -341,55 +347,3 @@ class _Attempts:
 def _diagonals(blocks: FloatArray) -> FloatArray:
     """(n, d) diagonals of blocks (n, d, d): the same memory."""
     return np.asarray(np.einsum("nii->ni", blocks))
-
-
-def _assembly_radii(
-    problem: Problem, multipliers: FloatArray, w: FloatArray, is_rotation: BoolArray
-) -> FloatArray:
-    """(N,) row sums of the rounding in S's entries, weighted by w; 0 where S is a stored number.
-
-    An entry that sums k products is off by at most k + 4 units of rounding of the sum of their
-    sizes, plus the distance of measured rotations from SO(d). Row sums of d x d rotations are at
-    most sqrt(d); the bound follows by the triangle inequality.
-    """
-    n, d = problem.n, problem.d
-    graph = problem.rotation.graph
-    sums = (np.bincount(graph.edges.ravel(), minlength=n) + 4.0) * U
-    root = math.sqrt(d)
-    if graph.is_general:
-        # Couplings are stored as they are, and the nuclear norm bounds all of an edge's blocks.
-        nuclear = np.trace(graph.polar[1], axis1=1, axis2=2)
-        turn = 2.1 * root * sums * degrees(graph.edges, nuclear, n)
-    else:
-        defect = rotation_defect(graph.rotations)
-        turn = (sums + defect) * problem.rotation.node_weights * (1.0 + root)
-    turn = turn + sums * np.abs(multipliers).sum(axis=2).max(axis=1)
-    if not isinstance(problem, PoseProblem):
-        return np.repeat(turn, d)
-    w_t = float(w[~is_rotation][0])
-    out, spread, across, degree = _lever_sums(problem.graph)
-    turn = turn + sums * (spread + 2.0 * out * w_t)
-    move = 2.0 * degree * w_t + 2.0 * out + across
-    layout = problem.pattern.layout_of(problem.matrix)
-    of_positions = int(layout.sizes.max()) - d
-    rows = [sums * move] * of_positions + [turn] * d
-    return layout.pack(np.stack(rows, axis=1))
-
-
-def _lever_sums(graph: PoseGraph) -> FloatArray:
-    """(4, n) sums, in any order, of the sizes of levers b from i to j, and of arms a at j.
-
-    With 1-norms: of tau |b| at i and tau |a| at j, of these times |a| + |b|, of tau |b| at j and
-    tau |a| at i, and of tau at both.
-    """
-    n, (i, j), rotation = graph.num_nodes, graph.edges.T, graph.rotation
-    if compiled.AVAILABLE:
-        measured = rotation.rotations, None, rotation.kappa, graph.tau, graph.translations
-        sums = np.zeros((n, 4))
-        compiled.kernel.lever_sums((graph.edges, *measured, graph.arms), graph.d, sums)
-        return np.ascontiguousarray(sums.T)
-    tau, b = np.abs(graph.tau), np.abs(graph.translations).sum(axis=1)
-    a = np.zeros_like(b) if graph.arms is None else np.abs(graph.arms).sum(axis=1)
-    at_i = np.stack([tau * b, tau * b * (a + b), tau * a, tau], axis=1)
-    at_j = np.stack([tau * a, tau * a * (a + b), tau * b, tau], axis=1)
-    return np.ascontiguousarray((scatter_sum(i, at_i, n) + scatter_sum(j, at_j, n)).T)

@@ -26,12 +26,13 @@ class Shifted:
     ----------
     multipliers : (n, d, d) Lam
     blocks : (n, r, d) the point's rotations
-    arms : (k, r) of each row of translations, from the pinned pose; none for rotations alone
+    arms : (k, r) of each row of translations, from the pinned pose, and of blocks of unknown scale;
+        none for rotations alone
     pin : the most central pose, whose translation is pinned; None for rotations alone
-    is_rotation : (N,) which rows of the certificate matrix belong to rotations
+    is_rotation : (N,) which rows of the certificate matrix belong to rotations of known scale
     weights : (N,) weights of its row sums: for translations, a typical arm
     unit : the unit of rounding of a typical diagonal entry
-    poses : the nodes that have a rotation
+    poses : the nodes that have a rotation, of known scale
     """
 
     multipliers: FloatArray
@@ -46,19 +47,31 @@ class Shifted:
     @staticmethod
     def of(problem: Problem, point: Point) -> Shifted:
         """The family of a point of any rank."""
-        is_rotation = problem.rotation_rows
+        is_rotation = problem.held_rows
         arms, pin = np.zeros((0, point.rotations.shape[1])), None
         weights = np.ones(len(is_rotation))
         if isinstance(problem, PoseProblem) and point.translations is not None:
             t = point.translations
             # Pinning the pose nearest the centroid costs least.
             pin = int(np.argmin(np.linalg.norm(t - t.mean(axis=0), axis=1)))
-            arms = problem.position_rows(t - t[pin]).reshape(-1, t.shape[1])
-            weights[~is_rotation] = 2.0 ** _exponent(arms)
+            arms = problem.loose_rows(point, pin)
+            is_position = ~problem.rotation_rows
+            weights[is_position] = 2.0 ** _exponent(arms[is_position[~is_rotation]])
+            unscaled = ~(is_rotation | is_position)
+            if unscaled.any():
+                lengths = np.linalg.norm(arms[unscaled[~is_rotation]], axis=1)
+                weights[unscaled] = np.exp2(np.round(np.log2(lengths)))
         unit = U * float(problem.matrix.diagonal()[is_rotation].mean())
         multipliers = problem.multipliers(point)
         return Shifted(
-            multipliers, point.rotations, arms, pin, is_rotation, weights, unit, problem.poses
+            multipliers,
+            problem.frames_of(point),
+            arms,
+            pin,
+            is_rotation,
+            weights,
+            unit,
+            problem.held,
         )
 
     def less(self, shift: float, demand: FloatArray) -> FloatArray:

@@ -226,6 +226,8 @@ def provable(source: str | Path) -> Path:
     """
     path = Path(source)
     form = format_of(path).name
+    if form == "sim3":
+        raise InputError(f"{path}: there are no proofs about nodes of unknown scale (similarities)")
     if form not in FORMATS:
         raise InputError(
             f"{path}: a proof is about a g2o or 1DSfM file, not {form}; "

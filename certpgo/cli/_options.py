@@ -135,6 +135,27 @@ def refuse_with_distances(instance: Instance, **options: Any) -> None:
             raise InputError(f"{instance.name}: --{name} is not for graphs with distances")
 
 
+def refuse_of_kinds(instance: Instance, **options: Any) -> None:
+    """Refuse options that graphs with distances or nodes of unknown scale do not have."""
+    refuse_with_distances(instance, **options)
+    refuse_with_scales(instance, **options)
+
+
+def refuse_with_scales(instance: Instance, **options: Any) -> None:
+    """Refuse options that graphs with nodes of unknown scale do not have.
+
+    Raises
+    ------
+    InputError
+        There are such nodes, and one of the options is used.
+    """
+    from certpgo.graph import SimilarityGraph
+
+    for name, value in options.items():
+        if isinstance(instance.graph, SimilarityGraph) and value:
+            raise InputError(f"{instance.name}: --{name} is not for nodes of unknown scale")
+
+
 def note_distances_uncounted(instance: Instance) -> None:
     """Print a notice that connectivity does not count distances, if there are any."""
     from certpgo.graph.phrases import counted

@@ -25,6 +25,7 @@ from certpgo.cli._options import (
     chosen_cost,
     refuse_chordal_only,
     refuse_with_distances,
+    refuse_with_scales,
     tier_for,
     tier_option,
     time_limit_option,
@@ -176,6 +177,7 @@ def command(
     outputs.refuse_overwriting(*inputs)
     instance = timed(reading.open(source, distances=True), timestamps)
     refuse_with_distances(instance, method=method, robust=robust, proof=proof)
+    refuse_with_scales(instance, method=method, robust=robust, proof=proof, covariances=covariances)
     parts = reading.parts(instance)
     if len(parts) > 1 or not certify:
         _refuse_parts(proof=proof, html=html, covariances=covariances)

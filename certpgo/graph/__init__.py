@@ -5,5 +5,6 @@ from __future__ import annotations
 from certpgo.graph.dataset import Instance
 from certpgo.graph.estimate import Estimate
 from certpgo.graph.graph import Graph, PoseGraph, RotationGraph
+from certpgo.graph.similarity_graph import SimilarityGraph
 
-__all__ = ["Estimate", "Graph", "Instance", "PoseGraph", "RotationGraph"]
+__all__ = ["Estimate", "Graph", "Instance", "PoseGraph", "RotationGraph", "SimilarityGraph"]

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from certpgo.errors import GraphError
-from certpgo.graph.graph import Graph
+from certpgo.graph.graph import Graph, require_one_unit
 from certpgo.graph.pose_graph import PoseGraph
 from certpgo.graph.ranges import Ranges
 from certpgo.graph.rotation_graph import RotationGraph
@@ -34,6 +34,8 @@ def joined(
     GraphError
         They are of different dimensions or kinds, or only some have couplings.
     """
+    for graph in graphs:
+        require_one_unit(graph, "joint graphs")
     require_one_make(map(make_of, graphs))
     rotations = [graph.rotation for graph in graphs]
     rotation = RotationGraph(

@@ -353,4 +353,6 @@ class Instance(Speaking):
         keys = self.keys
         if times is not None:
             keys = replace(keys, times_ns=np.append(times, NO_TIME))
-        return Estimate(np.concatenate([estimate.rotations, np.eye(d)[None]]), t, keys)
+        s = estimate.scales
+        s = None if s is None else np.append(s, 1.0)
+        return Estimate(np.concatenate([estimate.rotations, np.eye(d)[None]]), t, keys, s)

@@ -27,12 +27,14 @@ class Estimate(Speaking):
     translations : (n, d) origins t_i of the bodies in the world frame, metres; or None
     keys : ids, names and timestamps, as far as the source states them; `certpgo.write` writes
         them, and what is given with an instance is matched by them
+    scales : (n,) how many units of the world one of the node's own is, positive; None where all
+        nodes measure in the unit of the world. See `certpgo.SimilarityGraph`
 
     Raises
     ------
     GraphError
-        A matrix is not a rotation (the worst is named), a translation is not finite, or the keys
-        are of another number of nodes.
+        A matrix is not a rotation (the worst is named), a translation is not finite, a scale is not
+        positive, or the keys are of another number of nodes.
 
     Examples
     --------
@@ -49,6 +51,7 @@ class Estimate(Speaking):
     rotations: FloatArray
     translations: FloatArray | None = None
     keys: Keys = NO_KEYS
+    scales: FloatArray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "rotations", frozen_floats(self.rotations))
@@ -64,6 +67,9 @@ class Estimate(Speaking):
             cleaned = frozen_floats(so.nearest_to_rounding(self.rotations))
             object.__setattr__(self, "rotations", cleaned)
         self.keys.require(n)
+        if self.scales is not None:
+            object.__setattr__(self, "scales", frozen_floats(self.scales))
+            check_scales("node", self.scales, n)
         if self.translations is None:
             return
         object.__setattr__(self, "translations", frozen_floats(self.translations))
@@ -79,17 +85,20 @@ class Estimate(Speaking):
         rotations: FloatArray,
         translations: FloatArray | None = None,
         keys: Keys = NO_KEYS,
+        scales: FloatArray | None = None,
     ) -> Estimate:
         """An estimate without checks, for matrices known to be rotations."""
         new = object.__new__(cls)
         object.__setattr__(new, "rotations", rotations)
         object.__setattr__(new, "translations", translations)
         object.__setattr__(new, "keys", keys)
+        object.__setattr__(new, "scales", scales)
         return new
 
     @property
     def _headline(self) -> str:
         what = "rotation{s}" if self.translations is None else "pose{s}"
+        what = what if self.scales is None else "pose{s} with scales"
         return f"{type(self).__name__}: {counted(self.num_nodes, what)}, {self.d}D"
 
     def _facts(self) -> Iterator[tuple[str, str]]:
@@ -98,6 +107,8 @@ class Estimate(Speaking):
             yield "extent", " x ".join(f"{length:.4g}" for length in np.ptp(t, axis=0)) + " m"
             steps = np.linalg.norm(np.diff(t, axis=0), axis=1)
             yield "path", f"{steps.sum():.4g} m through all nodes in their order"
+        if self.scales is not None and len(self.scales):
+            yield "scales", f"{self.scales.min():.4g} to {self.scales.max():.4g}"
         yield from self.keys.facts()
         yield "next", "certpgo.certify(graph, estimate); certpgo.write(path, estimate)"
 
@@ -118,20 +129,20 @@ class Estimate(Speaking):
 
     def with_translations(self, translations: FloatArray | None) -> Estimate:
         """The same rotations with other translations."""
-        return Estimate.trusted(self.rotations, translations, self.keys)
+        return Estimate.trusted(self.rotations, translations, self.keys, self.scales)
 
     def keyed(self, keys: Keys) -> Estimate:
         """The same poses with these keys."""
         keys.require(self.num_nodes)
-        return Estimate.trusted(self.rotations, self.translations, keys)
+        return Estimate.trusted(self.rotations, self.translations, keys, self.scales)
 
     def moved(self, rotation: FloatArray, translation: FloatArray | None = None) -> Estimate:
         """The estimate in another world frame: S R_i and S t_i + s (``rotation`` S is (d, d))."""
         if self.translations is None:
-            return Estimate(rotation @ self.rotations, keys=self.keys)
+            return Estimate(rotation @ self.rotations, keys=self.keys, scales=self.scales)
         offset = np.zeros(self.d) if translation is None else np.asarray(translation)
         moved = self.translations @ rotation.T + offset
-        return Estimate(rotation @ self.rotations, moved, self.keys)
+        return Estimate(rotation @ self.rotations, moved, self.keys, self.scales)
 
     def anchored(self, node: int, like: Estimate | None = None) -> Estimate:
         """The estimate moved so that ``node`` is the identity at the origin, or as in ``like``."""
@@ -146,4 +157,21 @@ class Estimate(Speaking):
     def subset(self, nodes: IntArray) -> Estimate:
         """The estimate of ``nodes`` alone, in that order."""
         translations = None if self.translations is None else self.translations[nodes]
-        return Estimate(self.rotations[nodes], translations, self.keys.subset(nodes))
+        scales = None if self.scales is None else self.scales[nodes]
+        return Estimate(self.rotations[nodes], translations, self.keys.subset(nodes), scales)
+
+
+def check_scales(of: str, scales: FloatArray, count: int) -> None:
+    """Refuse scales that are not ``count`` positive numbers, within 2^-100 and 2^100.
+
+    Raises
+    ------
+    GraphError
+        One is not, or there are more or fewer.
+    """
+    if scales.shape != (count,):
+        raise GraphError(f"scales must be ({count},), not {scales.shape}")
+    bad = ~((scales >= 2.0**-100) & (scales <= 2.0**100))
+    if bad.any():
+        k = int(np.argmax(bad))
+        raise GraphError(f"{of} {k}: a scale is a positive number, not {scales[k]:g}")

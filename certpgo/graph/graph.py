@@ -10,14 +10,17 @@ from certpgo.errors import GraphError, InputError
 from certpgo.graph.kinds import Measurements
 from certpgo.graph.pose_graph import PoseGraph
 from certpgo.graph.rotation_graph import RotationGraph
+from certpgo.graph.similarity_graph import SimilarityGraph
 
 __all__ = [
     "Graph",
     "PoseGraph",
     "RotationGraph",
+    "SimilarityGraph",
     "has_matrix_weights",
     "require_connected",
     "require_isotropic",
+    "require_one_unit",
 ]
 
 Graph = RotationGraph | PoseGraph
@@ -39,6 +42,12 @@ def has_matrix_weights(graph: Graph) -> bool:
     if isinstance(graph, PoseGraph):
         return graph.arms is not None or graph.rotation.is_general
     return graph.is_general
+
+
+def require_one_unit(graph: Graph, what: str) -> None:
+    """Refuse a graph with nodes of unknown scale by an InputError, which says for what."""
+    if isinstance(graph, SimilarityGraph):
+        raise InputError(f"{what} of nodes of unknown scale (similarities) are not known here")
 
 
 def require_isotropic(graph: Graph) -> None:

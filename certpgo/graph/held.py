@@ -17,7 +17,7 @@ from certpgo.errors import InputError
 from certpgo.graph.concatenate import joined
 from certpgo.graph.dataset import Instance
 from certpgo.graph.estimate import Estimate
-from certpgo.graph.graph import Graph, PoseGraph
+from certpgo.graph.graph import Graph, PoseGraph, SimilarityGraph
 from certpgo.graph.information import Information, joined_information
 from certpgo.graph.mounted import Frames, mounted
 from certpgo.graph.phrases import counted, few
@@ -52,6 +52,9 @@ def with_held(instance: Instance, *, hold: bool = True) -> Instance:
     if not constrained or instance.stated is not None:
         return instance
     poses = fixed[~instance.graph.is_point[fixed]]
+    if isinstance(instance.graph, SimilarityGraph):
+        said = f"{counted(len(fixed), 'node{s}')} fixed by the file: {FREED}"
+        return replace(instance, notices=(*instance.notices, said))
     if not hold or not len(poses) or instance.initial is None:
         said = f"{counted(len(fixed), 'node{s}')} fixed by the file: {FREED}"
         if hold:

@@ -10,7 +10,7 @@ import numpy as np
 
 from certpgo.errors import GraphError, InputError
 from certpgo.graph.edges import broadcast, check_weights, components_of
-from certpgo.graph.graph import has_matrix_weights
+from certpgo.graph.graph import has_matrix_weights, require_one_unit
 from certpgo.graph.pose_graph import PoseGraph
 from certpgo.graph.rotation_graph import RotationGraph
 from certpgo.linalg import rotations as so
@@ -73,6 +73,7 @@ def with_priors(
     >>> print(answer.verdict.value, bool(error.max() < 0.1))
     CERTIFIED True
     """
+    require_one_unit(graph, "priors")
     if has_matrix_weights(graph):
         raise InputError("priors are added before matrix weights, couplings or arms")
     nodes = np.asarray(nodes)
@@ -152,6 +153,7 @@ def with_directions(
     >>> print(answer.verdict.value, bool(np.abs(tilt).max() < 0.02))
     CERTIFIED True
     """
+    require_one_unit(graph, "directions")
     nodes, d, rotation = np.asarray(nodes), graph.d, graph.rotation
     k = len(nodes)
     g, h = _unit(np.asarray(seen, dtype=np.float64)), np.eye(d)[-1]

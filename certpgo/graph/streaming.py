@@ -8,7 +8,7 @@ import numpy as np
 
 from certpgo.errors import InputError
 from certpgo.graph.dataset import Instance
-from certpgo.graph.graph import Graph
+from certpgo.graph.graph import Graph, require_one_unit
 from certpgo.graph.information import Information
 from certpgo.graph.labels import Label
 from certpgo.linalg.arrays import IntArray
@@ -59,6 +59,7 @@ def streamed(
     for first in range(0, len(order), size):
         edges = order[first : first + size]
         nodes = np.unique(graph.edges[edges])
+        require_one_unit(graph, "streams")
         part = graph.with_edges(edges).subgraph(nodes)
         if isinstance(measured, Instance):
             one = _part(measured, part, edges, nodes)

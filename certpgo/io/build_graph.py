@@ -8,7 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.errors import FormatError, NoEdges, NoMeasurements
-from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
+from certpgo.graph import (
+    Estimate,
+    Graph,
+    Instance,
+    PoseGraph,
+    RotationGraph,
+    SimilarityGraph,
+)
 from certpgo.graph.information import Information, joined_information
 from certpgo.graph.mounted import Frames, mounted
 from certpgo.graph.phrases import counted, shown_path
@@ -54,9 +61,13 @@ def _instance(dialect: Dialect, path: Path, options: ReadOptions, content: Recor
     measured, priors = Rows.joined([rows["edge"], rows["sighting"]]), rows["prior"]
     _refuse_far(path, nodes.ids, measured)
     _refuse_far(path, nodes.ids, priors)
+    unit = nodes.fixed[0] if nodes.fixed else 0
     of_poses = dialect.named or nodes.points is not None or measured.translations.any()
-    graph = _graph(nodes, measured, with_translations=bool(of_poses or len(priors)))
+    graph = _graph(nodes, measured, unit, with_translations=bool(of_poses or len(priors)))
     notices = _notices(content, nodes, graph, len(rows["sighting"]))
+    if isinstance(graph, SimilarityGraph):
+        nodes, notice = in_unit_of(nodes, unit)
+        notices.append(notice)
     information, initial = measured.information, nodes.values
     world, origin = None, None
     if isinstance(graph, RotationGraph):
@@ -94,6 +105,17 @@ def _instance(dialect: Dialect, path: Path, options: ReadOptions, content: Recor
     return replace(instance, initial=None if initial is None else instance.with_world(initial))
 
 
+def in_unit_of(nodes: Nodes, unit: int) -> tuple[Nodes, str]:
+    """The nodes with their initial values in the unit of one of them, and a notice that says so."""
+    said = f"the scale of node {nodes.ids[unit]} is 1, the unit of the map"
+    values = nodes.values
+    if values is None or values.scales is None or values.translations is None:
+        return nodes, said
+    one = float(values.scales[unit])
+    scaled = Estimate(values.rotations, values.translations / one, values.keys, values.scales / one)
+    return replace(nodes, values=scaled), said if one == 1.0 else f"{said}; it was {one:.6g}"
+
+
 def poses_from_lines(dialect: Dialect, path: Path) -> LabelledPoses:
     """The poses and points on the vertex lines of a file."""
     content, _ = read_lines([path], dialect, ReadOptions(ignore_information=True))
@@ -108,7 +130,10 @@ def poses_from_lines(dialect: Dialect, path: Path) -> LabelledPoses:
     ids = vertices.nodes[:, 0]
     refuse_duplicates(path, ids, vertices.lines)
     is_point = np.arange(len(ids)) >= len(poses) if len(points) else None
-    return LabelledPoses(vertices.rotations, vertices.translations, ids=ids, points=is_point)
+    scales = vertices.scales if len(vertices.scales) else None
+    return LabelledPoses(
+        vertices.rotations, vertices.translations, ids=ids, points=is_point, scales=scales
+    )
 
 
 def _refuse_choices(path: Path, dialect: Dialect, options: ReadOptions) -> None:
@@ -144,10 +169,17 @@ def _refuse_far(path: Path, ids: IntArray, rows: Rows) -> None:
         raise FormatError(path, None, said)
 
 
-def _graph(nodes: Nodes, measured: Rows, *, with_translations: bool) -> PoseGraph | RotationGraph:
-    """Measurements between poses, then those of points."""
+def _graph(
+    nodes: Nodes, measured: Rows, unit: int, *, with_translations: bool
+) -> PoseGraph | RotationGraph:
+    """Measurements between poses, then those of points; of similarities, a node has scale 1."""
     n, R, kappa = len(nodes.ids), measured.rotations, measured.kappa
     rotation = RotationGraph(n, measured.nodes, R, kappa)
+    if len(measured.scales):
+        more = measured.scales, np.arange(n) != unit
+        return SimilarityGraph(
+            rotation, measured.translations, measured.tau, None, None, None, None, *more
+        )
     if not with_translations:
         return rotation
     return PoseGraph(rotation, measured.translations, measured.tau, points=nodes.points)

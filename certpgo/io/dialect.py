@@ -40,6 +40,7 @@ class Tag:
     apart : whether points may be numbered apart, so that poses have the same numbers
     timed : whether a time follows the tag
     loose : whether more may follow, which is not read
+    more : how many numbers may follow that are not read; 0 for none
     """
 
     kind: Kind
@@ -50,6 +51,7 @@ class Tag:
     apart: bool = False
     timed: bool = False
     loose: bool = False
+    more: int = 0
 
     @property
     def nodes(self) -> int:
@@ -76,6 +78,7 @@ class Dialect:
     name : of the format
     tags : by their text
     poses : from d and the numbers (k, p) of a pose
+    scales : from the numbers (k, p) of a similarity to its scales (k,); None where there are none
     layouts : order of the precision in 2D and 3D, by d
     refused : tags that are refused, with what is expected instead
     rotation_information : what the format's rotational information refers to
@@ -98,6 +101,7 @@ class Dialect:
     precision: WeightsAre | None = None
     named: bool = False
     isotropic: bool = False
+    scales: Callable[[FloatArray], FloatArray] | None = None
 
     def precision_size(self, tag: Tag) -> int:
         """How many numbers a precision has."""

@@ -338,7 +338,7 @@ def _in_own_order(poses: LabelledPoses, times: Path | None, how: Matching) -> Es
     if t is not None and not t.any():
         t = None
     try:
-        estimate = Estimate(poses.rotations, t, keys)
+        estimate = Estimate(poses.rotations, t, keys, poses.scales)
     except CertPGOError as error:
         raise InputError(str(error)) from None
     if keys.ids is not None:

@@ -80,6 +80,7 @@ class LabelledPoses:
     times_ns : (k,) integers, nanoseconds, for formats with timestamps
     names : (k,) of images, for formats with names
     points : (k,) which are points, without rotation; None for none
+    scales : (k,) of similarities; None for poses
     """
 
     rotations: FloatArray
@@ -88,13 +89,14 @@ class LabelledPoses:
     times_ns: IntArray | None = None
     names: tuple[str, ...] = ()
     points: BoolArray | None = None
+    scales: FloatArray | None = None
 
     @classmethod
     def of(cls, estimate: Estimate) -> LabelledPoses:
         """The poses of an estimate with its keys."""
         keys = estimate.keys
         named = keys.ids, keys.times_ns, keys.names, keys.points
-        return cls(estimate.rotations, estimate.translations, *named)
+        return cls(estimate.rotations, estimate.translations, *named, estimate.scales)
 
     @property
     def keys(self) -> Keys:
@@ -105,7 +107,8 @@ class LabelledPoses:
         """Some poses, by index, in that order."""
         t, keys = self.translations, self.keys.subset(chosen)
         named = keys.ids, keys.times_ns, keys.names, keys.points
-        return LabelledPoses(self.rotations[chosen], None if t is None else t[chosen], *named)
+        t, s = (None if x is None else x[chosen] for x in (t, self.scales))
+        return LabelledPoses(self.rotations[chosen], t, *named, s)
 
     def without_points(self) -> LabelledPoses:
         """The poses alone."""
@@ -124,7 +127,9 @@ def estimate_at(poses: LabelledPoses, order: IntArray, with_translations: bool) 
     """
     if not with_translations:
         return Estimate(poses.rotations[order])
-    return Estimate(poses.rotations[order], require_translations(poses)[order])
+    scales = None if poses.scales is None else poses.scales[order]
+    t = require_translations(poses)[order]
+    return Estimate(poses.rotations[order], t, scales=scales)
 
 
 def require_translations(poses: LabelledPoses) -> FloatArray:
@@ -174,6 +179,7 @@ class Format:
     write_poses : for an estimate and the keys of its nodes, or None
     holds_points : whether such a file of an estimate can store points
     holds_ranges : whether such a file of a graph can store distances, and points that no pose sees
+    holds_scales : whether such a file of a graph or an estimate can store scales
     holds_translations : whether such a file can store them
     holds_ids : whether a file of an estimate can store node ids
     holds_times : whether it can store timestamps; in a TUM file, in place of ids
@@ -194,6 +200,7 @@ class Format:
     holds_translations: bool = True
     holds_points: bool = False
     holds_ranges: bool = False
+    holds_scales: bool = False
     holds_ids: bool = False
     holds_times: bool = False
     holds_name: Callable[[str], bool] = lambda name: False

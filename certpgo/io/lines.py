@@ -166,6 +166,8 @@ class _Parser:
     def _refuse_incomplete(self, name: str, tag: Tag, texts: list[bytes]) -> None:
         """Refuse precisions that are too short or too long."""
         size, required = self._dialect.precision_size(tag), self._dialect.precision is not None
+        if tag.more and {len(text.split()) for text in texts} <= {0, tag.more}:
+            return
         if tag.loose or not (required or any(texts)):
             return
         # Of many texts `weigh` counts the numbers; a single one is counted for its message.
@@ -193,6 +195,8 @@ class _Parser:
             R, t, off_norm = self._dialect.poses(tag.d, numbers)
             counts[OFF_NORM] += off_norm
         rows = Rows(nodes, R, t, *self._weights(tag, fields, R, counts))
+        if self._dialect.scales is not None:
+            rows = replace(rows, scales=self._dialect.scales(numbers))
         if tag.kind in ("prior", "sighting"):
             sensors = ids[:, -1] if tag.sensor else np.full(k, BODY)
             flags = np.full(k, tag.apart), np.full(k, tag.is_position)

@@ -112,7 +112,7 @@ def numbered_by_id(path: Path, content: Records) -> tuple[Nodes, Measured]:
     fixed = _known(path, ids, np.array(content.fixed, dtype=np.intp), "FIX {}")
     measured = {k: replace(rows, nodes=numbered(ids, rows.nodes)) for k, rows in measured.items()}
     order, unvalued = np.argsort(vertices), len(ids) - len(vertices)
-    known = None if unvalued else Estimate(values.rotations[order], values.translations[order])
+    known = None if unvalued else _estimate(values.subset(order))
     apart = distinct(sightings.nodes[sightings.apart, 1])
     nodes = Nodes(
         ids,
@@ -125,6 +125,11 @@ def numbered_by_id(path: Path, content: Records) -> tuple[Nodes, Measured]:
         mounts=mounts,
     )
     return nodes, measured
+
+
+def _estimate(rows: Rows) -> Estimate:
+    scales = rows.scales if len(rows.scales) else None
+    return Estimate(rows.rotations, rows.translations, scales=scales)
 
 
 def _taken(content: Records, *kinds: Kind) -> Measured:

@@ -32,6 +32,7 @@ class Rows:
     sensors : (k,) ids of the sensors that measure or are measured; `BODY` for the body itself
     apart : (k,) whether points may be numbered apart, so that poses have the same numbers
     bodily : (k,) whether a prior is of the body's position, whatever sensor it names
+    scales : (k,) of similarities
     stamps : (k, 2) times of poses, see `certpgo.io.timestamps.decimals`
     lines : (k,) numbers of the lines
     """
@@ -45,6 +46,7 @@ class Rows:
     sensors: IntArray = field(default_factory=lambda: _NONE)
     apart: BoolArray = field(default_factory=lambda: _NONE.astype(np.bool_))
     bodily: BoolArray = field(default_factory=lambda: _NONE.astype(np.bool_))
+    scales: FloatArray = field(default_factory=lambda: np.empty(0))
     stamps: IntArray = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
     lines: IntArray = field(default_factory=lambda: _NONE)
 

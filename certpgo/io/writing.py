@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from certpgo.errors import InputError, InputNotice, kind_of
-from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph, SimilarityGraph
 from certpgo.graph.keys import SECOND, Keys
 from certpgo.graph.kinds import Kind
 from certpgo.graph.phrases import counted
@@ -108,6 +108,8 @@ def write(
     graph = whole.graph
     if graph.rotation.is_general:
         raise InputError(f"{path}: no format holds matrix weights or couplings")
+    if isinstance(graph, SimilarityGraph) and not form.holds_scales:
+        raise InputError(f"{path}: only .g2o and .npz files hold similarities")
     if form.name != "npz":
         _refuse_arms(path, whole, form)
     if form.name != "npz" and _is_partly_unwritable(whole):
@@ -151,6 +153,8 @@ def _write_estimate(
         lost.append(f"{form.name} files hold poses only: points are not written")
     if estimate.translations is not None and not form.holds_translations:
         lost.append(f"{form.name} files hold rotations only: translations are not written")
+    if anchored.scales is not None and not form.holds_scales:
+        lost.append(f"{form.name} files hold poses only: scales are not written")
     keys = _timed(keys, anchored.num_nodes, timestamps)
     if form.name == "tum" and keys.times_ns is not None and not keys.times_differ:
         keys = replace(keys, times_ns=None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -224,6 +225,32 @@ class Objective(Speaking, ABC):
     def rotation_rows(self) -> BoolArray:
         """(N,) which rows of the matrix belong to rotations."""
         return self.pattern.layout_of(self.matrix).trailing(self.d)
+
+    @property
+    def held(self) -> IntArray:
+        """The nodes whose blocks have orthonormal columns: all poses, unless scales are unknown."""
+        return self.poses
+
+    @property
+    def held_rows(self) -> BoolArray:
+        """(N,) which rows of the matrix are of these blocks."""
+        return self.rotation_rows
+
+    def value_of(self, diagonals: FloatArray) -> float:
+        """The bound by diagonals (k, d) of the multipliers at the `held` nodes, rounded down."""
+        return math.nextafter(math.fsum(diagonals.ravel().tolist()), -math.inf)
+
+    def admissible(self, multipliers: FloatArray) -> FloatArray:
+        """Multipliers (n, d, d) that bounds may have near given ones, which are symmetric."""
+        return multipliers
+
+    def frames_of(self, point: Point) -> FloatArray:
+        """(n, r, d) the orthonormal blocks of a point."""
+        return point.rotations
+
+    def entry_errors(self, multipliers: FloatArray, w: FloatArray) -> FloatArray | None:
+        """(N,) row sums of the rounding in S's entries, weighted by w; None for those of poses."""
+        return None
 
     @property
     def tangent_layout(self) -> Layout:

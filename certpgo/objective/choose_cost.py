@@ -5,17 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from certpgo.errors import InputError, SpecError
-from certpgo.graph import Graph, Instance, PoseGraph
+from certpgo.graph import Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.information import InformationGraph
 from certpgo.graph.kinds import Kind
 from certpgo.graph.phrases import counted
 from certpgo.graph.priors import require_determined, require_held
+from certpgo.graph.similarity_graph import SimilarityGraph
 from certpgo.objective.costs import CHORDAL, COSTS
 from certpgo.objective.edge_cost import EdgeCost
 from certpgo.objective.information_problem import InformationProblem, Surrogate, surrogate
 from certpgo.objective.position_costs import WithPositions
-from certpgo.objective.problem import Problem, problem_of
+from certpgo.objective.problem import ALONE, Problem, problem_of
 from certpgo.objective.range_problem import RangeProblem
+from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.objective.truncated_problem import TruncatedProblem
 
 #: What estimates are certified for.
@@ -30,6 +32,7 @@ __all__ = [
     "InformationProblem",
     "Judged",
     "RangeProblem",
+    "SimilarityProblem",
     "Surrogate",
     "certifiable",
     "costs_of",
@@ -38,6 +41,7 @@ __all__ = [
     "own_cost",
     "problem_under",
     "range_problem",
+    "similarity_problem",
     "surrogate",
 ]
 
@@ -100,6 +104,9 @@ def problem_under(
             f"{posed.source or posed.name}: graphs with distances are for certpgo solve and "
             "certify alone, in the cost F"
         )
+    if isinstance(_graph_of(posed), SimilarityGraph):
+        said = f"{posed.source or posed.name}: " if isinstance(posed, Instance) else ""
+        raise InputError(f"{said}similarities {ALONE}")
     if isinstance(posed, Instance):
         cost = own_cost(posed) if cost is None else cost
         if isinstance(posed.graph, PoseGraph) and posed.graph.is_partial:
@@ -117,12 +124,47 @@ def problem_under(
 
 
 def certifiable(
-    posed: Graph | Instance | InformationProblem | RangeProblem, cost: str | None = None
+    posed: Graph | Instance | InformationProblem | RangeProblem | SimilarityProblem,
+    cost: str | None = None,
 ) -> Certifiable:
-    """The problem as of `problem_under`, or of `range_problem` if there are distances."""
+    """The problem as of `problem_under`, `range_problem` or `similarity_problem`."""
+    if isinstance(posed, RangeProblem | SimilarityProblem):
+        return posed
+    if isinstance(_graph_of(posed), SimilarityGraph):
+        return similarity_problem(posed, cost)
     if isinstance(posed, Instance) and posed.ranges is not None:
         return range_problem(posed, cost)
-    return posed if isinstance(posed, RangeProblem) else problem_under(posed, cost)
+    return problem_under(posed, cost)
+
+
+def _graph_of(
+    posed: Graph | Instance | InformationProblem | RangeProblem | SimilarityProblem,
+) -> object:
+    return posed if isinstance(posed, RotationGraph | PoseGraph) else posed.graph
+
+
+def similarity_problem(
+    posed: Graph | Instance | InformationProblem | RangeProblem, cost: str | None = None
+) -> SimilarityProblem:
+    """The problem of a graph with nodes of unknown scale, or of an instance with one.
+
+    Raises
+    ------
+    InputError
+        It has distances too; or a cost of another program.
+    """
+    source = f"{posed.source or posed.name}: " if isinstance(posed, Instance) else ""
+    if isinstance(posed, Instance) and posed.ranges is not None:
+        raise InputError(f"{source}distances are not for nodes of unknown scale")
+    if cost not in (None, CHORDAL):
+        said = "with nodes of unknown scale there is only the cost F (--cost chordal)"
+        raise InputError(f"{source}{said}")
+    graph = _graph_of(posed)
+    if not isinstance(graph, SimilarityGraph):
+        raise InputError(f"{source}no nodes of unknown scale")
+    if isinstance(posed, Instance) and graph.is_partial:
+        require_determined(graph, posed.named)
+    return SimilarityProblem(graph)
 
 
 def range_problem(instance: Instance, cost: str | None = None) -> RangeProblem:

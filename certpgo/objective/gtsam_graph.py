@@ -15,8 +15,10 @@ from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.information import InformationGraph
 from certpgo.io.gtsam_values import estimate_from_values
 from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.objective import gtsam_similarities
 from certpgo.objective.costs.gtsam import GtsamCost
 from certpgo.objective.information_problem import InformationProblem
+from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.objective.truncated_problem import TruncatedProblem
 
 _BETWEEN = {"BetweenFactorPose2": 2, "BetweenFactorPose3": 3}
@@ -25,7 +27,9 @@ TRUNCATED = "TruncatedLeastSquares"
 _PRIORS = ("PriorFactorPose2", "PriorFactorPose3")
 
 
-def from_gtsam(graph: Any, values: Any) -> tuple[InformationProblem | TruncatedProblem, Estimate]:
+def from_gtsam(
+    graph: Any, values: Any
+) -> tuple[InformationProblem | TruncatedProblem | SimilarityProblem, Estimate]:
     """The problem of a factor graph's relative poses under GTSAM's own cost, and the estimate.
 
     The cost is twice GTSAM's error. Node k is the k-th key of the values, ascending. One prior on a
@@ -36,10 +40,13 @@ def from_gtsam(graph: Any, values: Any) -> tuple[InformationProblem | TruncatedP
     title says. With truncated least squares, factors that are cut off at the values cost at most
     what GTSAM says, and the others are kept: the problem is then a `TruncatedProblem`.
 
+    Factors of similarities, whose cost of logarithms has no quadratic form below it, become a
+    problem of F with the weights of their noise: a `SimilarityProblem`, with all scales unknown.
+
     Parameters
     ----------
     graph : a NonlinearFactorGraph of BetweenFactorPose2 or BetweenFactorPose3 with Gaussian noise,
-        or with robust noise
+        or with robust noise; or of BetweenFactorSimilarity2 or BetweenFactorSimilarity3
     values : a pose for every key of the graph
 
     Raises
@@ -73,6 +80,8 @@ def from_gtsam(graph: Any, values: Any) -> tuple[InformationProblem | TruncatedP
             raise InputError(f"from_gtsam takes a factor graph and Values, not {kind_of(given)}")
     factors = [graph.at(k) for k in range(graph.size()) if graph.at(k) is not None]
     kinds = [type(factor).__name__ for factor in factors]
+    if set(kinds) & gtsam_similarities.BETWEEN.keys():
+        return _of_similarities(factors, kinds, values)
     other = sorted(set(kinds) - {*_BETWEEN, *_PRIORS})
     if other:
         raise InputError(f"only relative poses can be certified, not a {other[0]}")
@@ -98,6 +107,27 @@ def from_gtsam(graph: Any, values: Any) -> tuple[InformationProblem | TruncatedP
     if not any(_is_robust(factor) for factor in between):
         return problem, estimate
     return _as_robust(problem, between, problem.edge_costs(estimate)), estimate
+
+
+def _of_similarities(
+    factors: list[Any], kinds: list[str], values: Any
+) -> tuple[SimilarityProblem, Estimate]:
+    """The problem of factors of similarities, all of one dimension, with at most one prior."""
+    known = gtsam_similarities.BETWEEN
+    other = sorted(set(kinds) - {*known, *gtsam_similarities.PRIORS})
+    if other or len({known[kind] for kind in kinds if kind in known}) > 1:
+        said = other[0] if other else "factor of another dimension"
+        raise InputError(f"beside relative similarities, a {said} cannot be certified")
+    between = [f for f, kind in zip(factors, kinds, strict=True) if kind in known]
+    if len(factors) - len(between) > 1:
+        raise InputError(f"{len(factors) - len(between)} priors: one fixes the frame, more do not")
+    keys = np.array(sorted(int(key) for key in values.keys()))  # noqa: SIM118 - not a mapping
+    pairs = np.array([[int(key) for key in factor.keys()] for factor in between])  # noqa: SIM118
+    missing = ~np.isin(pairs, keys)
+    if missing.any():
+        raise InputError(f"the values have no similarity at key {pairs[missing][0]}")
+    edges, d = np.searchsorted(keys, pairs), known[type(between[0]).__name__]
+    return gtsam_similarities.problem_of_factors(between, values, keys, edges, d)
 
 
 def _is_robust(factor: Any) -> bool:
@@ -130,13 +160,18 @@ def _require_problem(problem: object) -> None:
         raise InputError(f"to_gtsam takes an InformationProblem, not {kind_of(problem)}")
 
 
-def to_gtsam(problem: InformationProblem, estimate: Estimate) -> tuple[Any, Any]:
+def to_gtsam(
+    problem: InformationProblem | SimilarityProblem, estimate: Estimate
+) -> tuple[Any, Any]:
     r"""The factor graph and values of a problem and an estimate, with keys 0 ... n-1.
 
-    ``graph.error(values)`` is half the cost under ``"gtsam"``; no prior is added.
+    ``graph.error(values)`` is half the cost under ``"gtsam"``; no prior is added. Of similarities,
+    it is near half of F where residuals are small and scales near 1.
 
     Raises
     ------
+    InputError
+        There are points or known scales among similarities.
     MissingDependency
         GTSAM is not installed.
 
@@ -154,6 +189,11 @@ def to_gtsam(problem: InformationProblem, estimate: Estimate) -> tuple[Any, Any]
     >>> abs(2 * graph.error(values) - best.cost) < 1e-9
     True
     """
+    if isinstance(problem, SimilarityProblem):
+        similar: tuple[Any, Any] = gtsam_similarities.factors_and_values(
+            _library(), problem, estimate
+        )
+        return similar
     _require_problem(problem)
     graph, gtsam = factors_of(problem), _library()
     t, values = estimate.translations, gtsam.Values()

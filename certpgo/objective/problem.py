@@ -8,15 +8,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
-from certpgo.errors import NumericalError
+from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.graph import require_connected
 from certpgo.graph.priors import require_determined
 from certpgo.graph.relaxed_point import Point, translations_of
 from certpgo.graph.scale import Scale
+from certpgo.graph.similarity_graph import SimilarityGraph
 from certpgo.linalg import scalar_least_squares as network
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import scatter_sum
@@ -24,6 +26,9 @@ from certpgo.linalg.factor import Factor, default_engine
 from certpgo.objective import operators
 from certpgo.objective.base import AnyPoint, Objective, require_graph
 from certpgo.objective.rotation_problem import RotationProblem, RotationsOfPoses
+
+#: What unknown scales are for.
+ALONE = "(nodes of unknown scale) are for certpgo.solve and certify alone, in the cost F"
 
 __all__ = ["PoseProblem", "Problem", "RotationProblem", "problem_of"]
 
@@ -65,8 +70,13 @@ class PoseProblem(Objective):
     graph: PoseGraph
     engine: str = field(default_factory=default_engine)
 
+    #: Whether scales of nodes may be unknown.
+    takes_scales: ClassVar[bool] = False
+
     def __post_init__(self) -> None:
         require_graph(self, PoseGraph, "a RotationGraph has no translations: RotationProblem(g)")
+        if isinstance(self.graph, SimilarityGraph) and not self.takes_scales:
+            raise InputError(f"similarities {ALONE}")
         require_connected(self.graph)
         if self.graph.is_partial:
             require_determined(self.graph)
@@ -101,6 +111,11 @@ class PoseProblem(Objective):
     def position_rows(self, t: FloatArray) -> FloatArray:
         """(n, p, r) what translations (n, r) are in the p rows of positions in the matrix."""
         return t[:, None]
+
+    def loose_rows(self, point: Point, pin: int) -> FloatArray:
+        """(k, r) rows of X^T whose lengths no constraint fixes, the pinned pose at the origin."""
+        t = translations_of(point)
+        return self.position_rows(t - t[pin]).reshape(-1, t.shape[1])
 
     @cached_property
     def translation_laplacian(self) -> CSC:

@@ -13,8 +13,8 @@ from certpgo.linalg.blocks import add_to_diagonal, divided, pinned
 from certpgo.linalg.eigen import krylov_schur
 from certpgo.linalg.factor import Factor
 from certpgo.linalg.rotations import orthonormal
+from certpgo.objective.problem import PoseProblem
 from certpgo.objective.range_problem import RangeProblem
-from certpgo.objective.signed_weights import SignedProblem
 from certpgo.optimize.low_rank_descent import lowest_of_halvings
 
 #: Shifts that make a scaled certificate matrix definite.
@@ -52,7 +52,7 @@ def escape(
     root = np.sqrt(np.maximum(weights, np.finfo(float).tiny))
     A = divided(S, root)
     # The motions of the whole have eigenvalue zero, and must not hide the one that is looked for.
-    value, v = _smallest(below, A, point.rotations.shape[1] + MORE, asked)
+    value, v = smallest_eigenpair(below, A, point.rotations.shape[1] + MORE, asked)
     if value > -RESOLUTION:
         return None
     direction = layout.unpack(v / root)
@@ -60,8 +60,8 @@ def escape(
     return _leave(problem, point, below.rising(direction))
 
 
-def _smallest(
-    below: SignedProblem, A: CSC, pairs: int, asked: Callable[[], bool]
+def smallest_eigenpair(
+    below: PoseProblem, A: CSC, pairs: int, asked: Callable[[], bool]
 ) -> tuple[float, FloatArray]:
     """The smallest eigenvalue, of as many that are computed together, and its vector."""
     for shift in SHIFTS:

@@ -29,6 +29,7 @@ from certpgo.objective.choose_cost import Judged
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.objective.range_problem import RangeProblem
+from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.objective.truncated_problem import TruncatedProblem
 from certpgo.optimize.unobservable import MOST, undetermined
 
@@ -133,10 +134,11 @@ def fit_of(
 
     Returns
     -------
-    None where the source does not state the noise, where a robust method changed weights, where
-    nothing is measured twice, or where numbers are beyond the range of doubles.
+    None where the source does not state the noise, of nodes of unknown scale, where a robust method
+    changed weights, where nothing is measured twice, or where numbers are beyond the range of
+    doubles.
     """
-    if not instance.states_noise:
+    if not instance.states_noise or isinstance(problem, SimilarityProblem):
         return None
     if isinstance(problem, TruncatedProblem):
         kept = np.where(problem.is_rejected, 0.0, 1.0)

@@ -19,6 +19,7 @@ from certpgo.errors import GraphError, InputError
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.concatenate import joined, joined_ranges
 from certpgo.graph.display import Speaking
+from certpgo.graph.graph import require_one_unit
 from certpgo.graph.held import refuse_held
 from certpgo.graph.information import Information
 from certpgo.graph.kinds import Kind
@@ -226,7 +227,11 @@ def _tails(problem: Problem | RangeProblem, estimate: Estimate) -> FloatArray:
 
 
 def _as_instance(one: Instance | Graph) -> Instance:
-    return one if isinstance(one, Instance) else Instance("map", one, np.arange(one.num_nodes))
+    instance = one
+    if not isinstance(instance, Instance):
+        instance = Instance("map", instance, np.arange(instance.num_nodes))
+    require_one_unit(instance.graph, "merged maps")
+    return instance
 
 
 def _labelled(maps: Sequence[Instance], offset: int | None) -> list[list[Label]]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from certpgo.errors import InputError, kind_of
 from certpgo.graph import Instance, PoseGraph, RotationGraph
+from certpgo.graph.graph import require_one_unit
 from certpgo.graph.held import refuse_held
 from certpgo.graph.information import Information, InformationGraph
 from certpgo.graph.labels import WORLD, Label, in_order
@@ -35,6 +36,7 @@ def labels_of(measurements: object, nodes: Sequence[Label] | None) -> Sequence[L
         own = range(measurements.num_nodes)
     if not isinstance(graph, PoseGraph | RotationGraph):
         raise InputError(f"a session takes graphs and instances, not {kind_of(measurements)}")
+    require_one_unit(graph, "sessions")
     names = list(own if nodes is None else nodes)
     if world is not None and len(names) == len(own):
         names[world] = WORLD

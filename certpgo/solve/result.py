@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from certpgo.certify import Certificate, Verdict
-from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
+from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph, SimilarityGraph
 from certpgo.graph.display import Speaking, Text
 from certpgo.graph.phrases import counted
 from certpgo.graph.picture import circle_of, closures, drawn
@@ -138,7 +138,8 @@ class CertifiedSolution(Speaking):
         if found is not None:
             yield "outliers?", f"{found}: certpgo.solve_robustly(graph) rejects them"
         if self.verdict in (Verdict.CERTIFIED, Verdict.BOUNDED):
-            yield "next", "certpgo.write(path, answer); answer.covariance(node)"
+            more = "" if isinstance(self.graph, SimilarityGraph) else "; answer.covariance(node)"
+            yield "next", f"certpgo.write(path, answer){more}"
         else:
             yield "next", "the reason says what was in the way"
 
@@ -160,6 +161,8 @@ class CertifiedSolution(Speaking):
         """What the measurements leave open there; None if they determine all nodes."""
         if not isinstance(self.graph, PoseGraph) or not self.graph.is_partial:
             return None  # it is connected
+        if isinstance(self.graph, SimilarityGraph):
+            return None
         world = None if self.instance is None else self.instance.world
         anchor = int(self.problem.tangent_layout.whole[0]) if world is None else world
         return undetermined(self.problem, self.estimate, anchor)

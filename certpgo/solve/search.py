@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from certpgo.certify.chordal_case import Case
 from certpgo.certify.range_case import RangedCase
+from certpgo.certify.similarity_case import SimilarCase
 from certpgo.certify.surrogate_case import OwnCostCase
 from certpgo.objective.choose_cost import Certifiable
 from certpgo.optimize.initialization import Start
@@ -12,6 +13,7 @@ from certpgo.solve.range_search import RangeSearch
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.search_loop import Report, Search, case_under
 from certpgo.solve.settings import SolveSettings
+from certpgo.solve.similarity_search import SimilaritySearch
 from certpgo.solve.staircase import Staircase
 from certpgo.solve.surrogates import SurrogateSearch
 
@@ -20,6 +22,7 @@ _SEARCHES: dict[type[Case], type[Search]] = {
     Case: Staircase,
     OwnCostCase: SurrogateSearch,
     RangedCase: RangeSearch,
+    SimilarCase: SimilaritySearch,
 }
 
 

@@ -13,6 +13,7 @@ from certpgo.io.writing import AnyAnswer
 from certpgo.objective.choose_cost import CHORDAL, certifiable
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.range_problem import RangeProblem
+from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.notebook import watched
@@ -26,7 +27,7 @@ STORED = "the initial values of the file"
 
 
 def solve(
-    graph: Graph | Instance | InformationProblem | RangeProblem | AnyPath,
+    graph: Graph | Instance | InformationProblem | RangeProblem | SimilarityProblem | AnyPath,
     settings: SolveSettings | None = None,
     *,
     cost: str | None = None,
@@ -90,8 +91,9 @@ def solve(
     chosen = (settings or DEFAULT).changed(options)
     posed: Any = measured(graph)
     start = None if initial is None else estimated(initial, posed)
-    known = (Instance, InformationProblem, RangeProblem, PoseGraph, RotationGraph)
-    if cost in (None, CHORDAL) and not isinstance(posed, known):
+    known = (PoseGraph, RotationGraph, Instance)
+    problems = (InformationProblem, RangeProblem, SimilarityProblem)
+    if cost in (None, CHORDAL) and not isinstance(posed, (*known, *problems)):
         raise InputError(f"solve takes a graph, an instance or a path, not {kind_of(posed)}")
     source = posed if isinstance(posed, Instance) else None
     problem = certifiable(posed, cost)

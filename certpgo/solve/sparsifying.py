@@ -18,7 +18,7 @@ from certpgo.errors import GraphError, InputError
 from certpgo.graph import Estimate, Graph, Instance, RotationGraph
 from certpgo.graph.display import Speaking
 from certpgo.graph.edges import components_of
-from certpgo.graph.graph import require_connected
+from certpgo.graph.graph import require_connected, require_one_unit
 from certpgo.graph.kinds import Kind
 from certpgo.graph.phrases import counted
 from certpgo.graph.trees import minimum_spanning_tree
@@ -318,6 +318,7 @@ def _with_rotations(graph: Instance | Graph) -> tuple[Instance, _Rotations]:
     instance = graph
     if not isinstance(instance, Instance):
         instance = Instance("graph", instance, np.arange(instance.num_nodes))
+    require_one_unit(instance.graph, "loop closures")
     require_connected(instance.measurements)
     edges = np.flatnonzero(instance.measurements.are(Kind.BETWEEN, Kind.ROTATION))
     nodes = np.unique(instance.graph.edges[edges])

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from certpgo.errors import FormatError, InputError, NoMeasurements, kind_of
-from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph, SimilarityGraph
 from certpgo.io.datasets.source import Source, resolve
 from certpgo.io.estimates import (
     is_in_order,
@@ -27,8 +27,10 @@ from certpgo.io.surfaces import Surface, is_ply, read_surface
 from certpgo.io.timestamps import timed
 from certpgo.linalg.arrays import BoolArray, IntArray
 from certpgo.objective.problem import problem_of
+from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.optimize.initialization import start_of
 from certpgo.optimize.methods.spanning_tree import SpanningTree
+from certpgo.optimize.similarity_descent import starts
 from certpgo.optimize.solution import Solution
 from certpgo.solve.result import CertifiedSolution
 from certpgo.view.layout import Arrangement, layout
@@ -267,6 +269,8 @@ def start(instance: Instance) -> tuple[str, Estimate]:
             f"{instance.source or instance.name}: an estimate is needed to draw a graph that is "
             "not connected and has no initial values"
         )
+    if isinstance(instance.graph, SimilarityGraph):
+        return "start", next(starts(SimilarityProblem(instance.graph))).estimate
     problem = problem_of(instance.graph)
     if isinstance(instance.graph, PoseGraph) and instance.graph.is_partial:
         return "start", start_of(problem).estimate

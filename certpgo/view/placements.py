@@ -52,6 +52,8 @@ def residuals(instance: Instance, estimate: Estimate) -> tuple[Measure, ...]:
         found.append(Measure("degrees", _followed(angles, ranges)))
     if isinstance(graph, PoseGraph) and estimate.translations is not None:
         steps = np.einsum("mab,mb->ma", R[i], graph.translations)
+        if estimate.scales is not None:
+            steps *= estimate.scales[i, None]
         if graph.arms is not None:
             steps -= np.einsum("mab,mb->ma", R[j], graph.arms)
         t = estimate.translations

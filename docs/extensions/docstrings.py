@@ -101,7 +101,8 @@ def complete(app: Sphinx, obj: object, bound: bool) -> None:
         if base.__module__.startswith(_DESCRIBED):
             _complete(base.__module__)
             for name, value in vars(sys.modules[base.__module__]).items():
-                vars(module).setdefault(name, value)
+                if name != "__all__":  # which is about that module's own
+                    vars(module).setdefault(name, value)
 
 
 @cache

@@ -139,7 +139,7 @@ def test_cost_upper_is_above_the_exact_cost(seed, d):
 
 
 @pytest.mark.parametrize("poses", [True, False])
-@pytest.mark.parametrize("source", ["excess", "_assembly_radii"])
+@pytest.mark.parametrize("source", ["excess", "assembly_errors"])
 def test_every_source_of_rounding_is_taken_off(source, poses, monkeypatch):
     monkeypatch.setenv("CERTPGO_ENGINE", "superlu")
     problem, point = optimum(6, 3, poses)

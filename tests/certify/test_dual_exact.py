@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from strategies import dimensions, pose_graph, rng_of, seeds
 
 from certpgo.certify import dual
+from certpgo.certify.assembly_errors import assembly_errors
 from certpgo.certify.multipliers import Shifted, _exponent
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import factor, rounding_bound, superlu
@@ -58,7 +59,7 @@ def test_rounding_is_the_a_priori_bound_of_the_factor(seed, poses, engine, monke
     expected[order] = U * np.minimum(own @ w[order], mean @ w[order])
     if engine == "superlu":
         expected[order] += F.excess(w[order])
-    expected += dual._assembly_radii(problem, multipliers, w, tries.is_rotation)
+    expected += assembly_errors(problem, multipliers, w, tries.is_rotation)
     expected /= w
     if poses:
         expected[tries.pin] = 0.0
@@ -88,7 +89,7 @@ def radii_and_sizes(problem, multipliers, poses, weight):
     b = d + poses
     turns = np.arange(n * b) % b >= poses
     w = np.where(turns, 1.0, weight)
-    radii = dual._assembly_radii(problem, multipliers, w, turns)
+    radii = assembly_errors(problem, multipliers, w, turns)
     graph = problem.rotation.graph
     sizes, wobbly = np.zeros((2, n * b, n * b))
     for e, (i, j) in enumerate(graph.edges):

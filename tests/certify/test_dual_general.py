@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from strategies import definite, dimensions, general_graph, pose_graph, rng_of, seeds
 
 from certpgo import certify, solve
-from certpgo.certify import dual
+from certpgo.certify.assembly_errors import assembly_errors
 from certpgo.certify.dual import dual_bound
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
@@ -177,7 +177,7 @@ def test_radii_bound_the_rounding_of_every_row(seed, d, poses, exponent):
     b = d + poses
     turns = np.arange(n * b) % b >= poses
     w = np.where(turns, 1.0, 2.0**exponent)
-    radii = dual._assembly_radii(problem, multipliers, w, turns)
+    radii = assembly_errors(problem, multipliers, w, turns)
     stored = problem.certificate_matrix(multipliers).toarray()
     apart = np.abs(fractions(stored) - exact_matrix(problem, multipliers))
     rows = apart @ fractions(w)

@@ -33,9 +33,11 @@ class InformationLayout:
     Attributes
     ----------
     positions : position, in the text, of each entry of the matrix ordered (translation, rotation)
+    count : number of entries in the text, where there are others too; 0 if there are none
     """
 
     positions: tuple[tuple[int, ...], ...]
+    count: int = 0
 
     @property
     def d(self) -> int:
@@ -46,7 +48,7 @@ class InformationLayout:
     def size(self) -> int:
         """Number of entries in the text."""
         p = len(self.positions)
-        return p * (p + 1) // 2
+        return self.count or p * (p + 1) // 2
 
     def upper(self, start: int, stop: int) -> tuple[int, ...]:
         """Positions of the upper triangle of a diagonal block, row by row."""

@@ -19,6 +19,7 @@
     EDGE_SE2_SWITCHABLE i j switch x y theta [6 numbers]
     EDGE_SE3_SWITCHABLE i j switch x y z qx qy qz qw [21 numbers]
 
+Similarities are written as `certpgo.io.formats.expmap_sim3` reads them.
 The tags of g2o's own examples begin with ONLINE_ or TUTORIAL_.
 The last two are of Vertigo (https://openslam-org.github.io/vertigo.html), loop closures that its
 optimizer can switch off, read as ordinary ones. rtabmap (corelib/src/optimizer/OptimizerG2O.cpp)
@@ -37,12 +38,13 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.errors import InputError
-from certpgo.graph import Estimate, Graph, Instance, PoseGraph
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph, SimilarityGraph
 from certpgo.graph.information import Information
 from certpgo.graph.keys import Keys
 from certpgo.io.build_graph import instance_from_lines, poses_from_lines
 from certpgo.io.dialect import Dialect, Tag, first_tags, pose_texts, quaternion_poses
 from certpgo.io.format import Chart, Format
+from certpgo.io.formats import expmap_sim3
 from certpgo.io.formats.pyfg import recognises as is_pyfg
 from certpgo.linalg.arrays import BoolArray, IntArray
 
@@ -193,12 +195,18 @@ def _sighting(d: int, pair: list[int], pose: str, of_position: str) -> str:
 
 
 def _write_poses(path: Path, estimate: Estimate, keys: Keys) -> None:
+    if estimate.scales is not None:
+        expmap_sim3.write_poses(path, estimate, keys)
+        return
     with path.open("w", encoding="ascii") as file:
         n = estimate.num_nodes
         file.writelines(_vertex_lines(keys.ids_of(n), estimate, keys.is_point(n)))
 
 
 def _write_graph(path: Path, instance: Instance) -> None:
+    if isinstance(instance.graph, SimilarityGraph):
+        expmap_sim3.write_graph(path, instance)
+        return
     graph, ids = instance.graph, instance.ids
     tag = "EDGE_SE3:QUAT" if graph.d == 3 else "EDGE_SE2"
     rotation, t = (
@@ -246,6 +254,7 @@ FORMAT = Format(
     write_graph=_write_graph,
     write_poses=_write_poses,
     holds_points=True,
+    holds_scales=True,
     holds_ids=True,
     chart=Chart("quaternion", _pose_words, planar_angle=True),
 )

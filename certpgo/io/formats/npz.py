@@ -2,8 +2,8 @@
 
 A graph: edges, rotations, kappa (translations, tau, information matrices), ids, which nodes are
 points, numbered apart from poses, or the world, which edges assume where that is or measure from
-it, times, ranges, initial values, truth, fixed nodes, reading options. An estimate: rotations,
-translations, ids, times, names, and which are points.
+it, times, ranges, scales and which nodes' are free, initial values, truth, fixed nodes, reading
+options. An estimate: rotations, translations, scales, ids, times, names, and which are points.
 
 Of the information matrices each distinct one is stored once (``information``), with the number of
 each edge's (``information_index``), and the cost whose residuals they weigh
@@ -24,7 +24,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from certpgo.errors import CertPGOError, FormatError, InputError, NoMeasurements
-from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph, SimilarityGraph
 from certpgo.graph.information import Information
 from certpgo.graph.keys import Keys
 from certpgo.graph.ranges import Ranges
@@ -71,6 +71,10 @@ _GRAPH_OPTIONAL = {
     "times_ns": ("i", "t"),
     "arms": ("f", "md"),
     "stated": ("i", "m2"),
+    "scales": ("f", "m"),
+    "free": ("b", "n"),
+    "initial_scales": ("f", "n"),
+    "truth_scales": ("f", "n"),
 }
 _ESTIMATE = {"rotations": ("f", "ndd"), "ids": ("i", "n")}
 _ESTIMATE_OPTIONAL = {
@@ -78,6 +82,7 @@ _ESTIMATE_OPTIONAL = {
     "points": ("b", "n"),
     "times_ns": ("i", "n"),
     "names": ("U", "n"),
+    "scales": ("f", "n"),
 }
 _KINDS = {"b": "flags", "i": "integers", "f": "floating-point numbers", "U": "text"}
 
@@ -166,7 +171,11 @@ def _instance(arrays: _Arrays, source: str) -> Instance:
             raise InputError("the array 'translations' is missing")
         measured = arrays["translations"], arrays["tau"]
         more = (arrays.get(name) for name in ("arms", "points", "assumed", "absolute"))
-        graph = PoseGraph(rotation, *measured, *more)
+        unscaled = {name: arrays[name] for name in ("scales", "free") if name in arrays}
+        if len(unscaled) == 1:
+            raise InputError("the arrays 'scales' and 'free' belong together")
+        kind = SimilarityGraph if unscaled else PoseGraph
+        graph = kind(rotation, *measured, *more, **unscaled)
     fixed = arrays["fixed"]
     if ((fixed < 0) | (fixed >= n)).any():
         raise InputError(f"fixed nodes are numbered 0 to {n - 1}")
@@ -228,14 +237,16 @@ def _texts(arrays: _Arrays, name: str, container: type[Any]) -> Any:
 def _estimate(arrays: _Arrays, name: str) -> Estimate | None:
     if f"{name}_rotations" not in arrays:
         return None
-    return Estimate(arrays[f"{name}_rotations"], arrays.get(f"{name}_translations"))
+    t, scales = (arrays.get(f"{name}_{what}") for what in ("translations", "scales"))
+    return Estimate(arrays[f"{name}_rotations"], t, scales=scales)
 
 
 def _read_poses(path: Path) -> LabelledPoses:
     arrays = _load(path, "estimate")
     try:
         _require_layout(arrays, _ESTIMATE, _ESTIMATE_OPTIONAL)
-        estimate = Estimate(arrays["rotations"], arrays.get("translations"))
+        t, scales = arrays.get("translations"), arrays.get("scales")
+        estimate = Estimate(arrays["rotations"], t, scales=scales)
     except CertPGOError as error:
         raise FormatError(path, None, str(error)) from None
     ids = arrays["ids"]
@@ -243,7 +254,7 @@ def _read_poses(path: Path) -> LabelledPoses:
         raise FormatError(path, None, f"{estimate.num_nodes} distinct integer ids expected")
     names = tuple(arrays["names"].tolist()) if "names" in arrays else ()
     more = arrays.get("times_ns"), names, arrays.get("points")
-    return LabelledPoses(estimate.rotations, estimate.translations, ids, *more)
+    return LabelledPoses(estimate.rotations, t, ids, *more, scales)
 
 
 def _write_graph(path: Path, instance: Instance) -> None:
@@ -265,6 +276,8 @@ def _write_graph(path: Path, instance: Instance) -> None:
         for name in ("arms", "points", "assumed", "absolute"):
             if (given := getattr(graph, name)) is not None:
                 arrays[name] = given
+    if isinstance(graph, SimilarityGraph):
+        arrays |= {"scales": graph.scales, "free": graph.free}
     if instance.world is not None:
         arrays["world"] = instance.world
     if instance.origin is not None:
@@ -305,6 +318,8 @@ def _named(prefix: str, estimate: Estimate | None) -> dict[str, Any]:
     arrays = {f"{prefix}rotations": estimate.rotations}
     if estimate.translations is not None:
         arrays[f"{prefix}translations"] = estimate.translations
+    if estimate.scales is not None:
+        arrays[f"{prefix}scales"] = estimate.scales
     return arrays
 
 
@@ -322,6 +337,7 @@ FORMAT = Format(
     read_poses=_read_poses,
     holds_points=True,
     holds_ranges=True,
+    holds_scales=True,
     write_graph=_write_graph,
     write_poses=_write_poses,
     holds_ids=True,

@@ -1,0 +1,113 @@
+"""Synthetic maps of unknown scale: random ones, and trajectories whose scale drifts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from certpgo.graph import Estimate, PoseGraph, RotationGraph, SimilarityGraph
+from certpgo.linalg import rotations as so
+
+
+def random_maps(
+    rng: np.random.Generator,
+    d: int = 3,
+    n: int = 8,
+    m: int = 14,
+    *,
+    turn: float = 0.1,
+    scale: float = 0.1,
+    move: float = 0.1,
+    known: Sequence[int] = (),
+    points: int = 0,
+) -> tuple[SimilarityGraph, Estimate]:
+    """A random graph with its truth: a chain, and loops between random poses.
+
+    Parameters
+    ----------
+    n, m : numbers of nodes and of measurements between poses
+    turn, scale, move : standard deviations of the noise of rotations, radians, of logarithms of
+        scales, and of translations, in the unit of the world; positions have one of 3
+    known : poses of scale 1, besides pose 0
+    points : how many of the last nodes are points, each seen by two poses
+    """
+    poses = n - points
+    R, t = so.random(rng, n, d), 3.0 * rng.standard_normal((n, d))
+    s = np.exp(0.5 * rng.standard_normal(n))
+    free = np.ones(n, dtype=bool)
+    free[[0, *known, *range(poses, n)]] = False
+    s[~free] = 1.0
+    edges = [(k, k + 1) for k in range(poses - 1)]
+    while len(edges) < m:
+        first, second = rng.choice(poses, 2, replace=False).tolist()
+        edges.append((first, second))
+    edges += [(i, p) for p in range(poses, n) for i in rng.choice(poses, 2, replace=False).tolist()]
+    k, (i, j) = len(edges), np.array(edges).T
+    seen = np.arange(k) >= k - 2 * points
+    measured = np.swapaxes(R[i], 1, 2) @ R[j]
+    measured = measured @ so.exp(turn * rng.standard_normal((k, so.tangent_dim(d))))
+    scales = s[j] / s[i] * np.exp(scale * rng.standard_normal(k))
+    steps = np.einsum("mba,mb->ma", R[i], t[j] - t[i]) + move * rng.standard_normal((k, d))
+    measured[seen], scales[seen] = np.eye(d), 1.0
+    kappa, tau = np.exp(rng.standard_normal((2, k)))
+    rotation = RotationGraph(n, np.array(edges), measured, np.where(seen, 0.0, kappa))
+    is_point = np.arange(n) >= poses if points else None
+    steps = steps / s[i][:, None]
+    graph = SimilarityGraph(rotation, steps, tau, points=is_point, scales=scales, free=free)
+    return graph, Estimate(R, t, scales=s)
+
+
+def drifting(
+    truth: Estimate,
+    loops: np.ndarray,
+    rng: np.random.Generator,
+    *,
+    walk: float = 0.02,
+    turn: float = 0.002,
+    move: float = 0.02,
+    matched: float = 0.01,
+) -> tuple[SimilarityGraph, Estimate]:
+    """Monocular odometry along a trajectory, and loops that measure how its scale has drifted.
+
+    Each frame has a unit of its own: the logarithms of the scales are a random walk, of which
+    odometry, which measures scales of 1, knows nothing.
+
+    Parameters
+    ----------
+    truth : n poses in the order of travel, with translations
+    loops : (k, 2) pairs of poses that see the same place
+    walk : standard deviation of the walk's steps
+    turn : of the noise of rotations, radians
+    move : of translations, as a share of their length
+    matched : of the logarithms of scales that loops measure
+
+    Returns
+    -------
+    The graph, with frame 0 as the unit and weights of these deviations, where kappa is that of the
+    scales, the looser ones; and the truth with the scales of the frames.
+    """
+    n, d, R = truth.num_nodes, truth.d, truth.rotations
+    t = np.asarray(truth.translations)
+    s = np.exp(np.r_[0.0, np.cumsum(walk * rng.standard_normal(n - 1))])
+    steps = np.stack([np.arange(n - 1), np.arange(1, n)], axis=1)
+    edges = np.concatenate([steps, np.asarray(loops, dtype=np.intp).reshape(-1, 2)])
+    m, (i, j) = len(edges), edges.T
+    measured = np.swapaxes(R[i], 1, 2) @ R[j]
+    measured = measured @ so.exp(turn * rng.standard_normal((m, so.tangent_dim(d))))
+    scales = s[j] / s[i] * np.exp(matched * rng.standard_normal(m))
+    scales[: n - 1] = 1.0
+    moved = np.einsum("mba,mb->ma", R[i], t[j] - t[i])
+    length = np.linalg.norm(moved, axis=1)
+    typical = float(np.median(length[: n - 1])) or 1.0
+    spread = move * np.maximum(length, typical)
+    moved = moved + spread[:, None] * rng.standard_normal((m, d))
+    off = np.where(np.arange(m) < n - 1, walk, matched)
+    rotation = RotationGraph(n, edges, measured, 0.5 / np.maximum(off, turn) ** 2)
+    graph = SimilarityGraph(rotation, moved / s[i][:, None], spread**-2, scales=scales)
+    return graph, Estimate(R, t, scales=s)
+
+
+def in_one_unit(graph: SimilarityGraph) -> PoseGraph:
+    """The measurements as those of ordinary poses: what a program without scales makes of them."""
+    return PoseGraph(graph.rotation, graph.translations, graph.tau, points=graph.points)

@@ -1,0 +1,152 @@
+"""Attacks certificates over similarities, and counts how often the relaxation is tight.
+
+    python -m reports.studies.similarities attack [--graphs N] [--sdp N] [--seed S]
+    python -m reports.studies.similarities map [--graphs N]
+
+``attack`` solves small random graphs, descends from many random starts and looks for a point below
+a proven bound. Of some it solves the relaxation with Clarabel, an interior-point method, whose
+minimum no bound may exceed and every bound at a higher rank should reach. ``map`` counts the graphs
+whose relaxation is tight, by the noise of rotations and of scales. Both print a table, and the
+first fails if anything false was found.
+"""
+
+import argparse
+import sys
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+
+import certpgo
+from certpgo.graph import SimilarityGraph
+from certpgo.io.datasets.monocular import random_maps
+from certpgo.linalg import rotations as so
+from certpgo.objective.similarity_problem import SimilarityProblem
+from certpgo.optimize.similarity_descent import descend
+
+#: Noise of rotations, radians, of logarithms of scales, and of translations.
+NOISES = (0.05, 0.1, 0.2, 0.4, 0.8)
+#: Random starts of each graph, and relative differences that are an optimizer's rounding.
+STARTS, SOLVED, INTERIOR = 6, 1e-9, 2e-6
+
+
+def sampled(rng: np.random.Generator) -> SimilarityGraph:
+    """A random graph, of random dimension, size, noise, unit, known scales and points."""
+    d, n = int(rng.integers(2, 4)), int(rng.integers(4, 10))
+    points = int(rng.integers(0, 3)) if n > 5 else 0
+    poses = n - points
+    known = rng.choice(poses, int(rng.integers(0, 3)), replace=False).tolist()
+    turn, scale, move = rng.choice(NOISES, 3)
+    m = poses - 1 + int(rng.integers(1, 8))
+    graph, _ = random_maps(
+        rng, d, n, m, turn=turn, scale=scale, move=move, known=known, points=points
+    )
+    in_mean_unit = rng.integers(0, 2)
+    return replace(graph, free=~graph.is_point) if in_mean_unit else graph
+
+
+def lowest(problem: SimilarityProblem, rng: np.random.Generator, count: int) -> float:
+    """The lowest cost that descents from random rotations and scales find."""
+    best, n = np.inf, problem.n
+    for _ in range(count):
+        s = np.where(problem.graph.free, np.exp(rng.standard_normal(n)), 1.0)
+        start = problem.complete(so.random(rng, n, problem.d), s)
+        best = min(best, problem.enclosure(descend(problem, start).estimate)[1])
+    return best
+
+
+def relaxation(problem: SimilarityProblem) -> float:
+    """The minimum of the semidefinite relaxation, translations eliminated, by Clarabel."""
+    import cvxpy as cp
+
+    M, d = problem.matrix.toarray(), problem.d
+    layout = problem.pattern.layout_of(problem.matrix)
+    turned = problem.rotation_rows
+    T = M[np.ix_(~turned, ~turned)]
+    across = M[np.ix_(turned, ~turned)]
+    Q = M[np.ix_(turned, turned)] - across @ np.linalg.pinv(T) @ across.T
+    G = cp.Variable(Q.shape, PSD=True)
+    sizes, constraints, poses = [], [], np.flatnonzero(layout.sizes > 1)
+    for k, node in enumerate(poses.tolist()):
+        block = G[k * d : (k + 1) * d, k * d : (k + 1) * d]
+        sizes.append(block[0, 0] if problem.graph.free[node] else 1.0)
+        constraints.append(block == sizes[-1] * np.eye(d))
+    if problem.in_mean_unit:
+        constraints.append(sum(sizes) == len(sizes))
+    posed = cp.Problem(cp.Minimize(cp.trace(Q @ G)), constraints)
+    return float(posed.solve(solver=cp.CLARABEL))
+
+
+def attack(graphs: int, sdp: int, seed: int, starts: int = STARTS) -> list[str]:
+    """What is false among the answers for random graphs, a line each; prints a table."""
+    false, counts, ranks = [], Counter(), Counter()
+    missed = 0
+    for k in range(graphs):
+        rng = np.random.default_rng([seed, k])
+        graph = sampled(rng)
+        problem, answer = SimilarityProblem(graph), certpgo.solve(graph)
+        verdict, bound = answer.verdict.value, answer.certificate.lower_bound
+        counts[verdict] += 1
+        ranks[answer.levels[-1].rank - graph.d] += 1
+        found = lowest(problem, rng, starts)
+        if found < bound:
+            false.append(f"graph {k}: {verdict}, a point costs {found!r} < bound {bound!r}")
+        if verdict == "CERTIFIED" and found < answer.cost - answer.certificate.tolerance:
+            false.append(f"graph {k}: CERTIFIED at {answer.cost!r}, a point costs {found!r}")
+        missed += found < answer.cost * (1.0 - 1e-6)
+        if k < sdp:
+            least = relaxation(problem)
+            off = INTERIOR * max(problem.scale, least)
+            if bound > least + off:
+                false.append(f"graph {k}: bound {bound!r} above the relaxation's {least!r}")
+            if bound < least - 10.0 * off:
+                counts["bounds below the relaxation"] += 1
+    print(f"{graphs} graphs, {starts} descents each, {min(sdp, graphs)} relaxations by Clarabel")
+    for name, count in sorted(counts.items()):
+        print(f"{name:30}{count:7}")
+    print(f"{'ranks above d at the end':30}{dict(sorted(ranks.items()))}")
+    print(f"{'answers that were not the best':30}{missed:7}")
+    print(f"{'false':30}{len(false):7}")
+    return false
+
+
+def tightness(graphs: int, seed: int = 0) -> None:
+    """Print how many of so many graphs are certified, by noise."""
+    for d in (2, 3):
+        print(f"\n{d}D: 8 poses, 14 measurements; CERTIFIED of {graphs}, median gap of the others")
+        print(f"{'rotations':>12}" + "".join(f"{f'scales {x:g}':>16}" for x in NOISES))
+        for turn in NOISES:
+            row = []
+            for scale in NOISES:
+                tight, gaps = 0, []
+                for k in range(graphs):
+                    rng = np.random.default_rng([seed, d, k])
+                    graph, _ = random_maps(rng, d, turn=turn, scale=scale, move=turn)
+                    graph = replace(graph, free=~graph.is_point)
+                    found = certpgo.solve(graph).certificate
+                    tight += found.verdict == "CERTIFIED"
+                    if found.verdict != "CERTIFIED":
+                        gaps.append(found.relative_gap)
+                row.append(f"{tight}" + (f" ({100 * np.median(gaps):.1f} %)" if gaps else ""))
+            print(f"{turn:>12g}" + "".join(f"{cell:>16}" for cell in row), flush=True)
+
+
+def main() -> int:
+    """Run one of both; exit code 1 if anything is false."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("what", choices=("attack", "map"))
+    parser.add_argument("--graphs", type=int, default=None)
+    parser.add_argument("--sdp", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=0)
+    asked = parser.parse_args()
+    if asked.what == "map":
+        tightness(asked.graphs or 40, asked.seed)
+        return 0
+    false = attack(asked.graphs or 2000, asked.sdp, asked.seed)
+    for line in false:
+        print(line)
+    return int(bool(false))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
