@@ -18,7 +18,7 @@ def test_the_tangents_are_the_derivatives():
     T, X = inertial.tangents(graph, graph.truth), graph.truth
     step = rng.standard_normal(T.shape[1])
     ahead, behind = (inertial.moved(graph, X, s * step) for s in (1e-6, -1e-6))
-    assert (T @ step).reshape(-1, 3).T == pytest.approx((ahead - behind) / 2e-6, abs=1e-6)
+    assert pytest.approx((ahead - behind) / 2e-6, abs=1e-6) == (T @ step).reshape(-1, 3).T
 
 
 def test_a_usual_graph_is_tight_and_a_turned_one_is_the_same():
