@@ -339,10 +339,9 @@ def _refuse_part(
 
 def _is_better_known(found: Assessment, json: bool) -> bool:
     """Whether a better estimate was found that no printed step says how to write."""
-    certificate = found.certificate
-    optimal = certificate.is_optimal(found.best_cost)
-    said = optimal or certificate.basin_is_global or certificate.verdict.value == "REFUTED"
-    return found.excess > certificate.tolerance and (json or not said)
+    c = found.certificate
+    said = c.is_optimal(found.best_cost) or c.basin_is_global or c.verdict.value == "REFUTED"
+    return found.excess > c.tolerance and (json or not said)
 
 
 def _disagreement(problem: Judged, found: Assessment) -> Disagreement | None:
@@ -396,7 +395,6 @@ def _batch(
     if json:
         document([asdict(row) for row in rows])
     if any(part.judge.interrupted for part in used):
-        done = len({row.estimate for row in rows})
-        tell_interrupted(f"{out} has {done} of {len(sources)} estimates")
+        tell_interrupted(f"{out} has {len({r.estimate for r in rows})} of {len(sources)} estimates")
         return _verdict.INTERRUPTED
     return _verdict.weakest(row.verdict for row in rows)

@@ -14,7 +14,7 @@ FILE = "remarks.toml"
 
 
 @dataclass(frozen=True)
-class Printed:
+class StatedValue:
     """A value of an optimum that others state.
 
     Attributes
@@ -41,10 +41,10 @@ class Remarks:
     """
 
     text: str = ""
-    published: tuple[Printed, ...] = ()
-    wrong: tuple[Printed, ...] = ()
+    published: tuple[StatedValue, ...] = ()
+    wrong: tuple[StatedValue, ...] = ()
 
-    def of(self, cost: str) -> tuple[Printed, ...]:
+    def of(self, cost: str) -> tuple[StatedValue, ...]:
         """The published values under a cost."""
         return tuple(one for one in self.published if one.cost == cost)
 
@@ -76,7 +76,7 @@ def _remarks(name: str, table: dict[str, Any]) -> Remarks:
     return Remarks(table.get("remark", ""), published, wrong)
 
 
-def _printed(one: dict[str, str], of: str) -> Printed:
+def _printed(one: dict[str, str], of: str) -> StatedValue:
     if one["cost"] not in (CHORDAL, *COSTS):
         raise ValueError(f"unknown cost {one['cost']!r}")
-    return Printed(one["cost"], one["value"], one[of])
+    return StatedValue(one["cost"], one["value"], one[of])

@@ -9,7 +9,7 @@ import numpy as np
 
 from certpgo.certify.bounds import alpha_max, fiedler_value, normalized_fiedler_value
 from certpgo.errors import GraphError
-from certpgo.graph import Estimate, Graph, Instance, PoseGraph
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph, SimilarityGraph
 from certpgo.graph.bridges import bridges
 from certpgo.graph.kinds import Kind
 from certpgo.linalg import rotations as so
@@ -178,7 +178,7 @@ def spectra(graph: Graph) -> Mapping[str, Spectrum]:
 def symmetry(instance: Instance) -> Symmetry | None:
     """The test of section 4.4 of the thesis, edge by edge, at EigenMA's estimate.
 
-    None if not all measurements are relative poses that connect the nodes.
+    None if not all measurements are relative poses, in one unit, that connect the nodes.
 
     Raises
     ------
@@ -188,7 +188,8 @@ def symmetry(instance: Instance) -> Symmetry | None:
     graph = instance.graph
     if not isinstance(graph, PoseGraph) or not graph.num_edges or not graph.is_connected:
         return None
-    if instance.measurements.without(Kind.BETWEEN).counts:
+    of_others = instance.measurements.without(Kind.BETWEEN).counts
+    if of_others or isinstance(graph, SimilarityGraph):
         return None
     each = metrics.symmetry(graph, EigenMA().solve(PoseProblem(graph)).estimate)
     worst = int(each.argmin())

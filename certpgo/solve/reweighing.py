@@ -31,6 +31,15 @@ class Reweighed(Brief):
     estimate : the answer with the scales of the source's units
     rounds : how often weights were set
     settled : whether the scales no longer changed
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certpgo import reweigh
+    >>> from certpgo.io.datasets.monocular import random_maps
+    >>> graph, _ = random_maps(np.random.default_rng(0), turn=0.02, scale=0.02, move=0.02)
+    >>> reweigh(graph, rounds=1).rounds
+    1
     """
 
     answer: CertifiedSolution

@@ -98,11 +98,12 @@ def test_formats_of_binary_numbers_have_no_digits(tmp_path):
 
 def test_every_text_format_with_poses_says_how_it_writes_them():
     without = {f.name for f in formats().values() if f.read_poses and f.chart is None}
-    # Of these Open3D's, OpenMVG's and robot logs have no lines, and are written with all digits;
-    # bags, npz, databases, and files of COLMAP and Cartographer are binary; where columns are is
-    # said by a first line.
+    # Of these Open3D's, OpenMVG's and robot logs have no lines, and are written with all digits, as
+    # logarithms of similarities are; bags, npz, databases, and files of COLMAP and Cartographer are
+    # binary; where columns are is said by a first line.
     binary = {"colmap-model", "npz", "pbstream", "rosbag", "rtabmap"}
-    assert without == binary | {"bundler", "columns", "iterate", "jrl", "open3d", "openmvg", "toro"}
+    text = {"bundler", "columns", "iterate", "jrl", "open3d", "openmvg", "sim3", "toro"}
+    assert without == binary | text
 
 
 def test_a_long_word_is_looked_at_once():

@@ -5,7 +5,7 @@ import pytest
 from certpgo.errors import FormatError
 from certpgo.io import datasets
 from certpgo.optima import Register
-from certpgo.optima.remarks import FILE, Printed, read_remarks
+from certpgo.optima.remarks import FILE, StatedValue, read_remarks
 
 
 def test_remarks_are_of_graphs_that_exist():
@@ -19,7 +19,7 @@ def test_what_is_read(tmp_path):
     (tmp_path / FILE).write_text(
         '[loop]\nremark = "A loop."\npublished = [{cost = "g2o", value = "1", source = "S"}]\n'
     )
-    assert read_remarks(tmp_path)["loop"].published == (Printed("g2o", "1", "S"),)
+    assert read_remarks(tmp_path)["loop"].published == (StatedValue("g2o", "1", "S"),)
     assert read_remarks(tmp_path / "nowhere") == {}
 
 
