@@ -1,19 +1,27 @@
-"""Measurements chosen for the algebraic connectivity of the graph that they leave.
+"""Measurements chosen for the graph that they leave: its connectivity, or its measured spectrum.
 
 After Doherty, Papalia, Huang, Rosen, Englot and Leonard, "MAC: Maximizing Algebraic Connectivity
 for Graph Sparsification" (arXiv 2403.19879): lambda_2 of the graph Laplacian weighted by kappa is
 concave in the weights, and its relaxation over fractions of edges is solved by Frank-Wolfe steps.
+
+The measured spectrum is that of the connection Laplacian, which "reflects the quality of the
+observations", so that it "could be used to select or discard" them (Moreira 2020, section 6.3; how
+is left open there). Without noise its eigenvalues are those of the graph, d times each. With noise
+the first d rise from zero, and the gap between them and the next d is what they can be told by.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.linalg.arrays import CSC, BoolArray, FloatArray, IntArray
+from certpgo.linalg.eigen import krylov_schur
 from certpgo.objective import operators
 from certpgo.objective.problem import RotationProblem
+from certpgo.objective.reduced import factor_shifted
 from certpgo.optimize.spectral import deflated_eigenpairs
 
 #: Frank-Wolfe steps at most, and the relative gap at which they end.
@@ -25,6 +33,13 @@ EXCHANGES, SHARE, FEWER = 200, 0.1, 0.9
 LAST = 0.2
 #: Accuracy of eigenvectors; every unit vector gives a valid bound.
 ACCURACY = 1e-4
+#: Shift of the connection Laplacian over the sum of eigenvalues found last: large enough for the
+#: next d not to drown in the rounding of the inverse.
+SHIFT = 1e-2
+
+#: What is maximised: fractions of edges (m,) -> the value, and how it changes with each (m,). It is
+#: homogeneous: the value is the fractions times the latter.
+Measure = Callable[[FloatArray], tuple[float, FloatArray]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,11 +77,6 @@ class Connectivity:
         self.vector = noise[:, 0] if vector is None else vector
         self._noise = noise[:, 1]
 
-    @property
-    def num_nodes(self) -> int:
-        """Nodes of the graph."""
-        return self._problem.n
-
     def __call__(self, fractions: FloatArray) -> tuple[float, FloatArray]:
         """lambda_2 for fractions (m,), and its supergradient: kappa (v_i - v_j)^2 for each edge.
 
@@ -90,10 +100,63 @@ class Connectivity:
         return float(found.values[0]), kappa * (v[i] - v[j]) ** 2
 
 
-def choose(connectivity: Connectivity, candidates: BoolArray, count: int) -> Choice:
-    """The candidates (m,) with which the graph is connected best, as many as ``count``.
+class SpectralGap:
+    """How far the first d eigenvalues of the connection Laplacian lie below the next d, on average.
+
+    By fractions of edges, as `Connectivity`, which it equals where the measurements are exact.
+    A wrong measurement lowers it by raising the first d.
+
+    Parameters
+    ----------
+    problem : all of its edges measure rotations
+    """
+
+    def __init__(self, problem: RotationProblem) -> None:
+        self._problem = problem
+        dn, d = problem.d * problem.n, problem.d
+        self._vectors = np.random.default_rng(0).standard_normal((dn, 2 * d))
+        self._unit = float(problem.node_weights.mean())
+
+    def __call__(self, fractions: FloatArray) -> tuple[float, FloatArray]:
+        """The gap for fractions (m,), and kappa (|V_j - V_i R_ij|^2 - |U_j - U_i R_ij|^2) / d.
+
+        U and V (d, dn) are the first d eigenvectors and the next. The next call starts from them.
+
+        Raises
+        ------
+        NumericalError
+            The eigenvectors were not found.
+        """
+        problem, graph, d = self._problem, self._problem.graph, self._problem.d
+        weighted = graph.with_weights(graph.kappa * fractions)
+
+        def build(shift: float) -> CSC:
+            return operators.connection_laplacian(problem.pattern, weighted, shift)
+
+        L, shift, factor = factor_shifted(problem, build, self._unit, (SHIFT, 1.0))
+        found = krylov_schur(
+            L, factor.solve, 2 * d, shift=shift, start=self._vectors, tol=ACCURACY
+        )
+        self._vectors, self._unit = found.vectors, float(found.values.sum())
+        blocks = np.swapaxes(found.vectors.reshape(problem.n, d, 2 * d), 1, 2)
+        squares = (operators.rotation_residuals(graph, blocks) ** 2).sum(axis=2)
+        signed = np.repeat([-1.0 / d, 1.0 / d], d)
+        return float(found.values @ signed), graph.kappa * (squares @ signed)
+
+
+def choose(
+    connectivity: Connectivity,
+    candidates: BoolArray,
+    count: int,
+    measure: Measure | None = None,
+) -> Choice:
+    """The candidates (m,) for which the measure is largest, as many as ``count``.
 
     Evenly spread candidates and two roundings of the relaxation are each improved by exchanges.
+
+    Parameters
+    ----------
+    measure : by default the connectivity, which alone is concave and therefore has a bound
 
     Raises
     ------
@@ -101,20 +164,24 @@ def choose(connectivity: Connectivity, candidates: BoolArray, count: int) -> Cho
         An eigenvector was not found, as where the other edges do not connect the graph.
     """
     fractions, bound = relaxed(connectivity, candidates, count)
+    if measure is not None:
+        fractions = relaxed(measure, candidates, count)[0]
     starts = (
         _largest(fractions, candidates, count),
         _sampled(fractions, candidates, count),
         _sampled(np.ones(len(candidates)), candidates, count),
     )
-    found = [_exchanged(connectivity, candidates, chosen) for chosen in starts]
+    found = [_exchanged(measure or connectivity, candidates, chosen) for chosen in starts]
     value, chosen = max(found, key=lambda one: one[0])
+    if measure is not None:
+        value = connectivity(_with(candidates, chosen))[0]
     return Choice(chosen, value, max(bound, value))
 
 
 def relaxed(
-    connectivity: Connectivity, candidates: BoolArray, count: int
+    measure: Measure, candidates: BoolArray, count: int
 ) -> tuple[FloatArray, float]:
-    """Fractions (m,) of edges that maximise lambda_2, and an upper bound on the maximum.
+    """Fractions (m,) of edges that maximise the measure; if it is concave, a bound on the maximum.
 
     Fractions of candidates are in [0, 1] and add up to ``count``; others are 1. A supergradient
     bounds lambda_2 of all choices by its largest sum over one of them, and so does every convex
@@ -123,7 +190,7 @@ def relaxed(
     fractions = np.where(candidates, count / max(int(candidates.sum()), 1), 1.0)
     mean, bound = np.zeros(len(candidates)), np.inf
     for t in range(STEPS):
-        value, gradient = connectivity(fractions)
+        value, gradient = measure(fractions)
         step = 2.0 / (t + 2.0)
         mean += step * (gradient - mean)
         vertex = _with(candidates, _largest(gradient, candidates, count))
@@ -132,7 +199,8 @@ def relaxed(
         if bound - value <= CLOSE * bound:
             break
         fractions += step * (vertex - fractions)
-    rounding = 4.0 * (len(candidates) + connectivity.num_nodes) * np.finfo(float).eps
+    # Connected nodes are at most one more than the edges.
+    rounding = 8.0 * (len(candidates) + 1) * np.finfo(float).eps
     return fractions, bound * (1.0 + rounding)
 
 
@@ -164,15 +232,15 @@ def _sampled(weights: FloatArray, candidates: BoolArray, count: int) -> IntArray
 
 
 def _exchanged(
-    connectivity: Connectivity, candidates: BoolArray, chosen: IntArray
+    measure: Measure, candidates: BoolArray, chosen: IntArray
 ) -> tuple[float, IntArray]:
-    """Chosen edges of small gain exchanged for others of large gain, while lambda_2 rises.
+    """Chosen edges of small gain exchanged for others of large gain, while the measure rises.
 
     lambda_2 is not smooth where it is nearly double, so that the gradient at one choice misleads;
     gains are averaged over the choices tried.
     """
     flags = _with(candidates, chosen)
-    value, gains = connectivity(flags)
+    value, gains = measure(flags)
     several = max(1.0, SHARE * len(chosen))
     for _ in range(EXCHANGES):
         inside = np.flatnonzero(candidates & (flags > 0.0))
@@ -181,7 +249,7 @@ def _exchanged(
         trial = flags.copy()
         trial[inside[np.argsort(gains[inside], kind="stable")[:number]]] = 0.0
         trial[outside[np.argsort(-gains[outside], kind="stable")[:number]]] = 1.0
-        higher, gradient = connectivity(trial)
+        higher, gradient = measure(trial)
         if higher > value:
             flags, value = trial, higher
         else:

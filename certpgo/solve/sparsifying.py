@@ -1,7 +1,8 @@
 """Graphs with fewer loop closures, and what the optimum and its certificate lose.
 
-Loop closures are chosen by algebraic connectivity, `certpgo.optimize.connectivity`; both graphs are
-then solved and certified. The same eigenvector says which loop closure would help most.
+Loop closures are chosen by algebraic connectivity or by the measured spectrum, see
+`certpgo.optimize.connectivity`; both graphs are then solved and certified. The eigenvector of the
+former says which loop closure would help most.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -25,13 +26,15 @@ from certpgo.graph.trees import minimum_spanning_tree
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.choose_cost import CHORDAL, certifiable
 from certpgo.objective.problem import RotationProblem
-from certpgo.optimize.connectivity import Connectivity, choose
+from certpgo.optimize.connectivity import Connectivity, SpectralGap, choose
 from certpgo.solve.fit import Fit
 from certpgo.solve.metrics import TrajectoryErrors, trajectory_errors
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.search import search
 from certpgo.solve.settings import DEFAULT, SolveSettings
 
+#: What loop closures are chosen by: where they are, or also what they measure.
+By = Literal["connectivity", "spectrum"]
 #: Pairs whose lambda_2 is computed, of those with the largest gain in first order.
 TRIED = 8
 #: Relative difference of lambda_2 from which a pair is better than one of larger gain.
@@ -170,6 +173,8 @@ def sparsify(
     graph: Instance | Graph,
     keep: float,
     settings: SolveSettings | None = None,
+    *,
+    by: By = "connectivity",
     **options: Any,
 ) -> Sparsified:
     """Keep the loop closures that connect a graph best, and solve it with and without the others.
@@ -177,17 +182,20 @@ def sparsify(
     Steps of odometry, between nodes whose ids are consecutive, are always kept; where they do not
     connect the graph, so is a spanning tree. Sightings, priors and distances are kept too. Among
     the others, the choice approximately maximises lambda_2 of the graph Laplacian weighted by kappa
-    (Doherty et al., arXiv 2403.19879).
+    (Doherty et al., arXiv 2403.19879). That depends on where loop closures are, not on what they
+    measure; ``by="spectrum"`` maximises the gap in the spectrum of the measured rotations in its
+    place (`SpectralGap`), which wrong ones narrow.
 
     Parameters
     ----------
     keep : loop closures to keep: an integer is their number, a float a fraction of them
+    by : ``"connectivity"`` or ``"spectrum"``
     settings, options : as in `certpgo.solve`
 
     Raises
     ------
     InputError
-        ``keep`` is out of range, or the graph has no loop closures.
+        ``keep`` or ``by`` is out of range, or the graph has no loop closures.
     GraphError
         It is not connected, or only measurements of other kinds than relative rotations connect it.
     NumericalError
@@ -204,11 +212,14 @@ def sparsify(
     (30, True)
     """
     settings = (settings or DEFAULT).changed(options)
+    if by not in get_args(By):
+        raise InputError(f"by is 'connectivity' or 'spectrum', not {by!r}")
     whole, rotations = _with_rotations(graph)
     loops = _loop_closures(rotations)
     count = _number(keep, int(loops.sum()))
     connectivity = Connectivity(rotations.problem)
-    choice = choose(connectivity, loops, count)
+    measure = SpectralGap(rotations.problem) if by == "spectrum" else None
+    choice = choose(connectivity, loops, count, measure)
     full = connectivity(np.ones(len(loops)))[0]
     chosen = rotations.edges[choice.chosen]
     left_out = np.setdiff1d(rotations.edges[loops], chosen)
