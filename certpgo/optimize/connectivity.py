@@ -6,18 +6,19 @@ concave in the weights, and its relaxation over fractions of edges is solved by 
 
 The measured spectrum is that of the connection Laplacian, which "reflects the quality of the
 observations", so that it "could be used to select or discard" them (Moreira 2020, section 6.3; how
-is left open there). Without noise its eigenvalues are those of the graph, d times each. With noise
-the first d rise from zero, and the gap between them and the next d is what they can be told by.
+is left open there). Its smallest d eigenvalues are zero without noise and rise with it, towards
+lambda_2: the margin between them is the thesis' comparison of spectra, section 3.2.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from certpgo.linalg.arrays import CSC, BoolArray, FloatArray, IntArray
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.eigen import krylov_schur
 from certpgo.objective import operators
 from certpgo.objective.problem import RotationProblem
@@ -33,12 +34,8 @@ EXCHANGES, SHARE, FEWER = 200, 0.1, 0.9
 LAST = 0.2
 #: Accuracy of eigenvectors; every unit vector gives a valid bound.
 ACCURACY = 1e-4
-#: Shift of the connection Laplacian over the sum of eigenvalues found last: large enough for the
-#: next d not to drown in the rounding of the inverse.
-SHIFT = 1e-2
 
-#: What is maximised: fractions of edges (m,) -> the value, and how it changes with each (m,). It is
-#: homogeneous: the value is the fractions times the latter.
+#: What is maximised: fractions of edges (m,) -> the value, and how it changes with each (m,).
 Measure = Callable[[FloatArray], tuple[float, FloatArray]]
 
 
@@ -68,11 +65,12 @@ class Connectivity:
 
     Attributes
     ----------
+    problem : as given
     vector : (n,) the last eigenvector found, of unit length and orthogonal to ones
     """
 
     def __init__(self, problem: RotationProblem, vector: FloatArray | None = None) -> None:
-        self._problem = problem
+        self.problem = problem
         noise = np.random.default_rng(0).standard_normal((problem.n, 2))
         self.vector = noise[:, 0] if vector is None else vector
         self._noise = noise[:, 1]
@@ -88,7 +86,7 @@ class Connectivity:
         NumericalError
             The eigenvector was not found.
         """
-        problem = self._problem
+        problem = self.problem
         kappa, (i, j) = problem.graph.kappa, problem.graph.edges.T
         L = operators.laplacian(problem.pattern, kappa * fractions)
         start = np.column_stack([self.vector, self._noise])
@@ -100,63 +98,59 @@ class Connectivity:
         return float(found.values[0]), kappa * (v[i] - v[j]) ** 2
 
 
-class SpectralGap:
-    """How far the first d eigenvalues of the connection Laplacian lie below the next d, on average.
+class SpectralMargin:
+    """Lambda_2 minus the mean of the smallest d eigenvalues of the connection Laplacian.
 
     By fractions of edges, as `Connectivity`, which it equals where the measurements are exact.
-    A wrong measurement lowers it by raising the first d.
+    A wrong measurement raises the mean more than lambda_2.
 
     Parameters
     ----------
-    problem : all of its edges measure rotations
+    connectivity : lambda_2 for the same problem
     """
 
-    def __init__(self, problem: RotationProblem) -> None:
-        self._problem = problem
-        dn, d = problem.d * problem.n, problem.d
-        self._vectors = np.random.default_rng(0).standard_normal((dn, 2 * d))
-        self._unit = float(problem.node_weights.mean())
+    def __init__(self, connectivity: Connectivity) -> None:
+        self._connectivity = connectivity
+        self._vectors: FloatArray | None = None
 
     def __call__(self, fractions: FloatArray) -> tuple[float, FloatArray]:
-        """The gap for fractions (m,), and kappa (|V_j - V_i R_ij|^2 - |U_j - U_i R_ij|^2) / d.
+        """The margin for fractions (m,), and how it changes with each of them.
 
-        U and V (d, dn) are the first d eigenvectors and the next. The next call starts from them.
+        The latter is kappa ((v_i - v_j)^2 - |U_j - U_i R_ij|^2 / d) for the d eigenvectors U (d,
+        dn). The next call starts from them.
 
         Raises
         ------
         NumericalError
-            The eigenvectors were not found.
+            Eigenvectors were not found.
         """
-        problem, graph, d = self._problem, self._problem.graph, self._problem.d
+        value, gradient = self._connectivity(fractions)
+        problem = self._connectivity.problem
+        graph, d = problem.graph, problem.d
         weighted = graph.with_weights(graph.kappa * fractions)
-
-        def build(shift: float) -> CSC:
-            return operators.connection_laplacian(problem.pattern, weighted, shift)
-
-        L, shift, factor = factor_shifted(problem, build, self._unit, (SHIFT, 1.0))
-        found = krylov_schur(
-            L, factor.solve, 2 * d, shift=shift, start=self._vectors, tol=ACCURACY
-        )
-        self._vectors, self._unit = found.vectors, float(found.values.sum())
-        blocks = np.swapaxes(found.vectors.reshape(problem.n, d, 2 * d), 1, 2)
-        squares = (operators.rotation_residuals(graph, blocks) ** 2).sum(axis=2)
-        signed = np.repeat([-1.0 / d, 1.0 / d], d)
-        return float(found.values @ signed), graph.kappa * (squares @ signed)
+        build = functools.partial(operators.connection_laplacian, problem.pattern, weighted)
+        mean = float(problem.node_weights.mean())
+        L, shift, factor = factor_shifted(problem, build, mean)
+        found = krylov_schur(L, factor.solve, d, shift=shift, start=self._vectors, tol=ACCURACY)
+        self._vectors = found.vectors
+        U = np.swapaxes(found.vectors.reshape(problem.n, d, d), 1, 2)
+        squares = (operators.rotation_residuals(graph, U) ** 2).sum(axis=(1, 2))
+        return value - float(found.values.mean()), gradient - graph.kappa * squares / d
 
 
 def choose(
     connectivity: Connectivity,
     candidates: BoolArray,
     count: int,
-    measure: Measure | None = None,
+    margin: SpectralMargin | None = None,
 ) -> Choice:
-    """The candidates (m,) for which the measure is largest, as many as ``count``.
+    """The candidates (m,) with which the graph is connected best, as many as ``count``.
 
     Evenly spread candidates and two roundings of the relaxation are each improved by exchanges.
 
     Parameters
     ----------
-    measure : by default the connectivity, which alone is concave and therefore has a bound
+    margin : to be raised by further exchanges, at the expense of connectivity
 
     Raises
     ------
@@ -164,24 +158,23 @@ def choose(
         An eigenvector was not found, as where the other edges do not connect the graph.
     """
     fractions, bound = relaxed(connectivity, candidates, count)
-    if measure is not None:
-        fractions = relaxed(measure, candidates, count)[0]
     starts = (
         _largest(fractions, candidates, count),
         _sampled(fractions, candidates, count),
         _sampled(np.ones(len(candidates)), candidates, count),
     )
-    found = [_exchanged(measure or connectivity, candidates, chosen) for chosen in starts]
+    found = [_exchanged(connectivity, candidates, chosen) for chosen in starts]
     value, chosen = max(found, key=lambda one: one[0])
-    if measure is not None:
+    if margin is not None:
+        chosen = _exchanged(margin, candidates, chosen)[1]
         value = connectivity(_with(candidates, chosen))[0]
     return Choice(chosen, value, max(bound, value))
 
 
 def relaxed(
-    measure: Measure, candidates: BoolArray, count: int
+    connectivity: Connectivity, candidates: BoolArray, count: int
 ) -> tuple[FloatArray, float]:
-    """Fractions (m,) of edges that maximise the measure; if it is concave, a bound on the maximum.
+    """Fractions (m,) of edges that maximise lambda_2, and an upper bound on the maximum.
 
     Fractions of candidates are in [0, 1] and add up to ``count``; others are 1. A supergradient
     bounds lambda_2 of all choices by its largest sum over one of them, and so does every convex
@@ -190,7 +183,7 @@ def relaxed(
     fractions = np.where(candidates, count / max(int(candidates.sum()), 1), 1.0)
     mean, bound = np.zeros(len(candidates)), np.inf
     for t in range(STEPS):
-        value, gradient = measure(fractions)
+        value, gradient = connectivity(fractions)
         step = 2.0 / (t + 2.0)
         mean += step * (gradient - mean)
         vertex = _with(candidates, _largest(gradient, candidates, count))
@@ -231,9 +224,7 @@ def _sampled(weights: FloatArray, candidates: BoolArray, count: int) -> IntArray
     return np.asarray(among[picks])
 
 
-def _exchanged(
-    measure: Measure, candidates: BoolArray, chosen: IntArray
-) -> tuple[float, IntArray]:
+def _exchanged(measure: Measure, candidates: BoolArray, chosen: IntArray) -> tuple[float, IntArray]:
     """Chosen edges of small gain exchanged for others of large gain, while the measure rises.
 
     lambda_2 is not smooth where it is nearly double, so that the gradient at one choice misleads;

@@ -26,7 +26,7 @@ from certpgo.graph.trees import minimum_spanning_tree
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.choose_cost import CHORDAL, certifiable
 from certpgo.objective.problem import RotationProblem
-from certpgo.optimize.connectivity import Connectivity, SpectralGap, choose
+from certpgo.optimize.connectivity import Connectivity, SpectralMargin, choose
 from certpgo.solve.fit import Fit
 from certpgo.solve.metrics import TrajectoryErrors, trajectory_errors
 from certpgo.solve.result import CertifiedSolution
@@ -183,8 +183,8 @@ def sparsify(
     connect the graph, so is a spanning tree. Sightings, priors and distances are kept too. Among
     the others, the choice approximately maximises lambda_2 of the graph Laplacian weighted by kappa
     (Doherty et al., arXiv 2403.19879). That depends on where loop closures are, not on what they
-    measure; ``by="spectrum"`` maximises the gap in the spectrum of the measured rotations in its
-    place (`SpectralGap`), which wrong ones narrow.
+    measure; ``by="spectrum"`` raises its margin above the smallest eigenvalues of the measured
+    rotations (`SpectralMargin`), which wrong ones narrow.
 
     Parameters
     ----------
@@ -218,8 +218,8 @@ def sparsify(
     loops = _loop_closures(rotations)
     count = _number(keep, int(loops.sum()))
     connectivity = Connectivity(rotations.problem)
-    measure = SpectralGap(rotations.problem) if by == "spectrum" else None
-    choice = choose(connectivity, loops, count, measure)
+    margin = SpectralMargin(connectivity) if by == "spectrum" else None
+    choice = choose(connectivity, loops, count, margin)
     full = connectivity(np.ones(len(loops)))[0]
     chosen = rotations.edges[choice.chosen]
     left_out = np.setdiff1d(rotations.edges[loops], chosen)
