@@ -16,10 +16,10 @@ from reports.harness.experiments.figure import Data, Figure
 
 from . import _scenes, _style
 
-FRAMES, PAIR, ERROR_DEG = 120, (0, 12), 4.0
+FRAMES, PAIR, ERROR_DEG = 120, (0, 8), 4.0
 #: Pixels between those drawn of a frame.
 SPARSE = 6
-#: Angles of panel (b), degrees, and axes for each.
+#: Angles of panel (c), degrees, and axes for each.
 ANGLES, AXES = np.linspace(0.0, 90.0, 46), 200
 
 
@@ -67,30 +67,33 @@ def across(angle: FloatArray) -> FloatArray:
 
 
 def draw(figure, record: Data) -> None:
-    """The clouds from above with the three translations, and the symmetry."""
-    figure.set_size_inches(_style.PAGE, 0.42 * _style.PAGE)
-    left, right = figure.subplots(1, 2)
+    """The clouds from above, the three translations, and the symmetry."""
+    figure.set_size_inches(_style.PAGE, 0.36 * _style.PAGE)
+    left, middle, right = figure.subplots(1, 3)
     for cloud, colour in zip(record["clouds"], (_style.SKY, _style.ORANGE), strict=True):
         left.plot(*np.array(cloud).T, ",", color=colour, rasterized=True)
+    _style.panel(left, "a", f"{record['error_deg']:g} degrees wrong, from above")
     origin, t_ij, t_i = np.zeros(2), np.array(record["t_ij"]), np.array(record["t_i"])
     for start, end, colour, label in (
         (origin, t_i, _style.BLACK, r"$\hat t_i$"),
         (origin, t_ij, _style.BLUE, r"$\tilde t_{ij}$"),
         (t_ij, t_ij + record["turned_t_j"], _style.VERMILION, r"$\tilde R_{ij} \hat t_j$"),
     ):
-        arrow = {"arrowstyle": "->", "color": colour, "shrinkA": 0, "shrinkB": 0}
-        left.annotate("", end, start, arrowprops=arrow)
-        left.text(*(0.5 * (start + end)), label, color=colour, fontsize=10)
-    left.set_aspect("equal")
-    left.set(xlabel="x of pose i (m)", ylabel="z of pose i (m)")
-    _style.panel(left, "a", f"{record['error_deg']:g} degrees wrong, from above")
+        for axes in (left, middle):
+            axes.plot(*np.stack([start, end], axis=1), color=colour, label=label)
+        middle.plot(*end, "o", color=colour)
+    middle.legend()
+    _style.panel(middle, "b", "translations of (a)")
+    for axes in (left, middle):
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set(xlabel="x of pose i (m)", ylabel="z of pose i (m)")
     right.plot(record["angles_deg"], record["mean"], color=_style.BLUE, label="mean of axes")
     right.plot(record["angles_deg"], record["least"], color=_style.ORANGE, label="least of axes")
     right.plot(record["angles_deg"], record["across"], ":", color=_style.BLACK, label="axis across")
     right.axvline(record["error_deg"], color=_style.GREY, linestyle="--", linewidth=0.8)
     right.set(xlabel="angular error (degrees)", ylabel="symmetry $s_{ij}$")
     right.legend(loc="upper right")
-    _style.panel(right, "b")
+    _style.panel(right, "c")
 
 
 def is_nearly_symmetric(record: Data) -> bool:
@@ -106,8 +109,8 @@ FIGURE = Figure(
     draw=draw,
     caption=(
         "(a) Two clouds of a simulated room, registered with {error_deg:g} degrees of error, from "
-        "above in the frame of pose i, and the three translations of the thesis' hypothesis: the "
-        "triangle fails to close by {missed_percent:.2g} percent of its side. (b) The symmetry of "
+        "above in the frame of pose i, and (b) the three translations of the hypothesis: the "
+        "triangle fails to close by {missed_percent:.2g} percent of its side. (c) The symmetry of "
         "S_ij as the error grows, about 200 axes and, dotted, about an axis across the "
         "translation, the worst: {symmetry:.3g} at {error_deg:g} degrees."
     ),
