@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,6 +19,13 @@ from certpgo.cli._show import working
 if TYPE_CHECKING:
     from certpgo.graph import Instance
     from certpgo.solve.sparsifying import Sparsified
+
+
+class By(StrEnum):
+    """What loop closures are chosen by."""
+
+    CONNECTIVITY = "connectivity"
+    SPECTRUM = "spectrum"
 
 
 def amount(text: str) -> float:
@@ -43,6 +51,14 @@ def command(
             help="Loop closures to keep: a number such as 500, or a share such as 0.2 or 20%.",
         ),
     ],
+    by: Annotated[
+        By,
+        typer.Option(
+            "--by",
+            help="Where loop closures are (connectivity), or also what they measure (spectrum), "
+            "which leaves out wrong ones.",
+        ),
+    ] = By.CONNECTIVITY,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -58,8 +74,9 @@ def command(
 ) -> int:
     """Keep the loop closures that connect a graph best, and show what is lost.
 
-    They are chosen by algebraic connectivity, with a bound on every other choice of as many. The
-    whole and the sparse graph are solved and certified. Parallel edges are all read.
+    They are chosen by algebraic connectivity, with a bound on every other choice of as many, or by
+    the spectrum of what they measure. The whole and the sparse graph are solved and certified.
+    Parallel edges are all read.
     """
     from certpgo.solve.sparsifying import sparsify
 
@@ -70,8 +87,8 @@ def command(
     instance = reading.open(source, distances=True)
     note_distances_uncounted(instance)
     with working(f"sparsifying {instance.name}"):
-        found = sparsify(instance, keep)
-    return emit([_Sparsified(found.answer.certificate, instance, found)], [outputs])
+        found = sparsify(instance, keep, by=by.value)
+    return emit([_Sparsified(found.answer.certificate, instance, found, by)], [outputs])
 
 
 @dataclass(frozen=True)
@@ -80,6 +97,7 @@ class _Sparsified(Result):
 
     whole: Instance
     found: Sparsified
+    by: By
 
     def write(self, outputs: Outputs) -> None:
         outputs.write(replace(self.found.instance, initial=self.found.answer.estimate))
@@ -94,6 +112,7 @@ class _Sparsified(Result):
         whole, found = self.whole, self.found
         return {
             "graph": whole.name,
+            "by": self.by,
             "loop_closures": found.loops,
             "kept": whole.ids[whole.graph.edges[found.chosen]].tolist(),
             "connectivity": found.connectivity,

@@ -14,6 +14,7 @@ import numpy as np
 from certpgo.errors import SpecError
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray
+from certpgo.registration.procrustes import procrustes
 
 #: Steps of refinement at most, and the step, in standard deviations, at which it ends.
 STEPS, SETTLED = 10, 1e-3
@@ -131,17 +132,6 @@ def register(
     if start is None:
         return None
     return refine(target, source, covariances, start, chosen)
-
-
-def procrustes(target: FloatArray, source: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Motions (b, 3, 3), (b, 3) that best take points (b, k, 3) to others, k at least 3.
-
-    Least squares in closed form (Arun, Huang, Blostein 1987).
-    """
-    p, q = target.mean(axis=1), source.mean(axis=1)
-    moment = np.swapaxes(target - p[:, None], 1, 2) @ (source - q[:, None])
-    R = so.project(moment)
-    return R, p - (R @ q[:, :, None])[:, :, 0]
 
 
 def _search(

@@ -22,6 +22,7 @@ from certpgo.graph import SimilarityGraph
 from certpgo.io import datasets
 from certpgo.io.datasets.monocular import drifting, in_one_unit
 from certpgo.objective.similarity_problem import SimilarityProblem
+from certpgo.registration.procrustes import extended_procrustes
 
 ROW = "{:>6}{:>6}{:>10}{:>10}{:>10}{:>10}{:>13}{:>12}{:>22}{:>22}"
 #: Seconds for each search.
@@ -42,12 +43,9 @@ def trajectory(every: int) -> tuple[Estimate, np.ndarray]:
 
 
 def error(found: np.ndarray, truth: np.ndarray) -> float:
-    """Root mean square of distances (n, 3) after the best similarity, metres (Umeyama 1991)."""
-    X, Y = found - found.mean(axis=0), truth - truth.mean(axis=0)
-    U, S, Vt = np.linalg.svd(Y.T @ X)
-    D = np.array([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))])
-    scale = (S * D).sum() / (X * X).sum()
-    return float(np.sqrt(((scale * X @ (U * D @ Vt).T - Y) ** 2).sum(axis=1).mean()))
+    """Root mean square of distances (n, 3) after the best similarity, metres."""
+    R, t, s = extended_procrustes(truth[None], found[None])
+    return float(np.sqrt(((s * found @ R[0].T + t - truth) ** 2).sum(axis=1).mean()))
 
 
 def odometry(graph: SimilarityGraph) -> Estimate:

@@ -9,8 +9,9 @@ import certpgo
 from certpgo import GraphError, InputError, Instance, RotationGraph, Verdict
 from certpgo.graph.kinds import Kind
 from certpgo.io.datasets.synthetic import helix, sphere, winding_cycle
+from certpgo.linalg import rotations as so
 from certpgo.objective.problem import RotationProblem
-from certpgo.optimize.connectivity import Connectivity, choose, relaxed
+from certpgo.optimize.connectivity import Connectivity, SpectralMargin, choose, relaxed
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +79,65 @@ def test_fractions_of_the_relaxation_are_feasible():
     assert fractions[loops].sum() == pytest.approx(4.0)
     assert ((fractions >= 0.0) & (fractions <= 1.0 + 1e-12)).all()
     assert dense(problem, fractions) <= bound
+
+
+@pytest.mark.parametrize(("n", "theta"), [(5, 0.3), (12, 2.0)])
+def test_the_margin_of_a_cycle_is_known(n, theta):
+    """A turn theta around it raises two of the three smallest eigenvalues to 2 - 2 cos(theta/n)."""
+    problem = RotationProblem(winding_cycle(n, theta, 0)[0].graph.rotation)
+    margin, gradient = SpectralMargin(Connectivity(problem))(np.ones(n))
+    graph, measured = 2.0 - 2.0 * np.cos(2.0 * np.pi / n), 2.0 - 2.0 * np.cos(theta / n)
+    assert margin == pytest.approx(graph - 2.0 / 3.0 * measured, rel=1e-6)
+    assert gradient.sum() == pytest.approx(margin, rel=1e-3)
+
+
+def test_the_margin_of_exact_measurements_is_the_connectivity():
+    problem, loops = small(1)
+    found, wanted = (
+        measure(np.ones(len(loops)))
+        for measure in (SpectralMargin(Connectivity(problem)), Connectivity(problem))
+    )
+    assert found[0] == pytest.approx(wanted[0], rel=1e-6)
+    assert found[1] == pytest.approx(wanted[1], abs=1e-3 * wanted[1].max())
+
+
+def test_the_margin_changes_as_its_gradient_says():
+    problem, loops = small(2)
+    graph = problem.graph
+    turned = so.exp(np.random.default_rng(0).normal(0.0, 0.5, (len(loops), 1)))
+    problem = RotationProblem(
+        RotationGraph(graph.num_nodes, graph.edges, turned @ graph.rotations, graph.kappa)
+    )
+    margin, step = SpectralMargin(Connectivity(problem)), 1e-3
+    _, gradient = margin(np.ones(len(loops)))
+    for edge in np.flatnonzero(loops):
+        change = step * (np.arange(len(loops)) == edge)
+        slope = (margin(1.0 + change)[0] - margin(1.0 - change)[0]) / (2.0 * step)
+        assert slope == pytest.approx(gradient[edge], abs=5e-3 * np.abs(gradient).max())
+
+
+def test_the_spectrum_leaves_out_wrong_loop_closures():
+    graph = sphere(5, np.random.default_rng(0), rotation_noise=0.05).graph.rotation
+    rng = np.random.default_rng(1)
+    loops = np.abs(np.diff(graph.edges, axis=1)[:, 0]) != 1
+    wrong = rng.choice(np.flatnonzero(loops), 8, replace=False)
+    measured = graph.rotations.copy()
+    measured[wrong] = so.random(rng, len(wrong), 3)
+    problem = RotationProblem(RotationGraph(graph.num_nodes, graph.edges, measured, graph.kappa))
+    connectivity, count = Connectivity(problem), int(loops.sum()) // 2
+    known = choose(connectivity, loops, count)
+    measuring = choose(connectivity, loops, count, SpectralMargin(connectivity))
+    kept = [int(np.isin(wrong, found.chosen).sum()) for found in (known, measuring)]
+    assert kept[1] == 0 < kept[0]
+    assert len(measuring.chosen) == count
+    assert measuring.connectivity <= known.connectivity <= known.bound
+    flags = ~loops | np.isin(np.arange(len(loops)), measuring.chosen)
+    assert measuring.connectivity == pytest.approx(dense(problem, flags), rel=1e-6)
+
+
+def test_what_to_choose_by_is_refused(graph):
+    with pytest.raises(InputError, match="'connectivity' or 'spectrum', not 'colour'"):
+        certpgo.sparsify(graph, 0.5, by="colour")
 
 
 def test_scaling_the_weights_scales_connectivity(graph, sparse):

@@ -31,6 +31,9 @@ def test_the_sparse_graph_is_written_with_its_estimate(certpgo, path, tmp_path):
     assert data["connectivity"] <= data["connectivity_bound"]
     assert data["cost_of_all"] >= data["whole"]["lower_bound"]
     assert len(json.loads(certpgo("sparsify", path, "--keep", "7", "--json").out)["kept"]) == 7
+    data = json.loads(certpgo("sparsify", path, "--keep", "7", "--by", "spectrum", "--json").out)
+    assert (data["by"], len(data["kept"])) == ("spectrum", 7)
+    assert certpgo("sparsify", path, "--keep", "7", "--by", "colour").code == 2
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,11 @@
-"""RANSAC, Procrustes and refinement: exact motions, laws, and outliers."""
+"""RANSAC and refinement: exact motions, laws, and outliers."""
 
 import numpy as np
 import pytest
 
 from certpgo.errors import SpecError
 from certpgo.linalg import rotations as so
-from certpgo.registration.ransac import THESIS, RansacSettings, procrustes, register
+from certpgo.registration.ransac import THESIS, RansacSettings, register
 
 SIGMA = 0.002
 
@@ -19,14 +19,6 @@ def matches(rng, k, outliers=0.0, sigma=SIGMA):
     target[~right] = t + R @ [0, 0, 2] + rng.uniform(-1, 1, (int((~right).sum()), 3))
     noise = np.tile(0.5 * sigma**2 * np.eye(3), (k, 1, 1))
     return target, source, (noise, noise), (R, t), right
-
-
-def test_procrustes_is_exact_without_noise():
-    rng = np.random.default_rng(0)
-    p, q, _, (R, t), _ = matches(rng, 12, sigma=0.0)
-    found = procrustes(p.reshape(4, 3, 3), q.reshape(4, 3, 3))
-    assert np.abs(found[0] - R).max() < 1e-9
-    assert np.abs(found[1] - t).max() < 1e-9
 
 
 @pytest.mark.parametrize("outliers", [0.0, 0.3, 0.6])
