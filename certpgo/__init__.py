@@ -54,7 +54,8 @@ if TYPE_CHECKING:
     from certpgo.solve.session_status import Standing
     from certpgo.solve.settings import SolveSettings
     from certpgo.solve.solving import solve
-    from certpgo.solve.sparsifying import Sparsified, SuggestedLoops, sparsify, suggest_loops
+    from certpgo.solve.sparsifying import Sparsified, sparsify
+    from certpgo.solve.suggesting import SuggestedLoops, suggest_loops
     from certpgo.view.show import show
 
 #: Where each public name is; it is imported on first use, to keep `import certpgo` fast.
@@ -89,7 +90,8 @@ _HOMES = {
     "solve.session_status": ("Standing",),
     "solve.settings": ("SolveSettings",),
     "solve.solving": ("solve",),
-    "solve.sparsifying": ("Sparsified", "SuggestedLoops", "sparsify", "suggest_loops"),
+    "solve.sparsifying": ("Sparsified", "sparsify"),
+    "solve.suggesting": ("SuggestedLoops", "suggest_loops"),
     "view.show": ("show",),
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names}

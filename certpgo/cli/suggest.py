@@ -34,7 +34,7 @@ def command(
     Each raises the algebraic connectivity most, given those before it. New loop closures are
     assumed to have the median precision of those in the graph.
     """
-    from certpgo.solve.sparsifying import suggest_loops
+    from certpgo.solve.suggesting import suggest_loops
 
     instance = reading.open(reading.resolve(graph), distances=True)
     note_distances_uncounted(instance)

@@ -1,8 +1,7 @@
 """Graphs with fewer loop closures, and what the optimum and its certificate lose.
 
 Loop closures are chosen by algebraic connectivity or by the measured spectrum, see
-`certpgo.optimize.connectivity`; both graphs are then solved and certified. The eigenvector of the
-former says which loop closure would help most.
+`certpgo.optimize.connectivity`; both graphs are then solved and certified.
 """
 
 from __future__ import annotations
@@ -10,24 +9,19 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
-from scipy.spatial import KDTree
 
-from certpgo.errors import GraphError, InputError
-from certpgo.graph import Estimate, Graph, Instance, RotationGraph
+from certpgo.errors import InputError
+from certpgo.graph import Graph, Instance
 from certpgo.graph.display import Speaking
-from certpgo.graph.edges import components_of
-from certpgo.graph.graph import require_connected, require_one_unit
-from certpgo.graph.kinds import Kind
 from certpgo.graph.phrases import counted
-from certpgo.graph.trees import minimum_spanning_tree
-from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.linalg.arrays import IntArray
 from certpgo.objective.choose_cost import CHORDAL, certifiable
-from certpgo.objective.problem import RotationProblem
 from certpgo.optimize.connectivity import Connectivity, SpectralMargin, choose
 from certpgo.solve.fit import Fit
+from certpgo.solve.loop_closures import loop_closures, with_rotations
 from certpgo.solve.metrics import TrajectoryErrors, trajectory_errors
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.search import search
@@ -35,12 +29,6 @@ from certpgo.solve.settings import DEFAULT, SolveSettings
 
 #: What loop closures are chosen by: where they are, or also what they measure.
 By = Literal["connectivity", "spectrum"]
-#: Pairs whose lambda_2 is computed, of those with the largest gain in first order.
-TRIED = 8
-#: Relative difference of lambda_2 from which a pair is better than one of larger gain.
-BETTER = 1e-9
-#: Nodes at either end of the eigenvector whose pairs are considered.
-ENDS = 64
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -122,53 +110,6 @@ class Sparsified(Speaking):
         return self.instance._picture()
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class SuggestedLoops(Speaking):
-    """Loop closures that would make a graph more connected, the best first.
-
-    Attributes
-    ----------
-    instance : the graph
-    pairs : (k, 2) nodes to connect
-    connectivity : (k + 1,) lambda_2 as it is, then with each pair and those before it, 1/rad^2
-    kappa : weight that the loop closures are assumed to have, 1/rad^2
-
-    Examples
-    --------
-    The ends of a path are what to connect first:
-
-    >>> import numpy as np
-    >>> import certpgo
-    >>> from certpgo.io.datasets.synthetic import winding_cycle
-    >>> path = winding_cycle(9, 0.0, 0)[0].graph.with_edges(np.arange(8))
-    >>> certpgo.suggest_loops(path, 1).pairs.tolist()
-    [[0, 8]]
-    """
-
-    instance: Instance
-    pairs: IntArray
-    connectivity: FloatArray
-    kappa: float
-
-    @property
-    def _headline(self) -> str:
-        before, after = self.connectivity[[0, -1]]
-        loops = counted(len(self.pairs), "loop closure{s}")
-        return f"{loops} would raise the connectivity from {before:.4g} to {after:.4g}"
-
-    def _facts(self) -> Iterator[tuple[str, str]]:
-        for (i, j), value in zip(self.named.tolist(), self.connectivity[1:], strict=True):
-            yield f"{i}-{j}", f"{value:.4g}"
-
-    @property
-    def named(self) -> IntArray:
-        """(k, 2) the pairs by the instance's ids."""
-        return np.asarray(self.instance.ids[self.pairs])
-
-    def _picture(self) -> str:
-        return self.instance._picture()
-
-
 def sparsify(
     graph: Instance | Graph,
     keep: float,
@@ -214,8 +155,8 @@ def sparsify(
     settings = (settings or DEFAULT).changed(options)
     if by not in get_args(By):
         raise InputError(f"by is 'connectivity' or 'spectrum', not {by!r}")
-    whole, rotations = _with_rotations(graph)
-    loops = _loop_closures(rotations)
+    whole, rotations = with_rotations(graph)
+    loops = loop_closures(rotations)
     count = _number(keep, int(loops.sum()))
     connectivity = Connectivity(rotations.problem)
     margin = SpectralMargin(connectivity) if by == "spectrum" else None
@@ -244,121 +185,6 @@ def sparsify(
     )
 
 
-def suggest_loops(
-    graph: Instance | Graph,
-    count: int = 5,
-    *,
-    within: float | None = None,
-    estimate: Estimate | None = None,
-) -> SuggestedLoops:
-    """Pairs of nodes whose loop closures would raise lambda_2 most, one after another.
-
-    A loop closure of weight kappa between i and j raises it by kappa (v_i - v_j)^2 in first order,
-    v being the unit eigenvector. Of the pairs with the largest such gain, the best is taken. Where
-    lambda_2 is double, as on a cycle, no single loop closure raises it.
-
-    Parameters
-    ----------
-    count : number of pairs
-    within : only pairs at most this far from each other, metres, as places must be near each other
-        to be recognized
-    estimate : where the nodes are, with ``within``; by default the best estimate found
-
-    Raises
-    ------
-    InputError
-        As `sparsify`; no pair is as near, or positions are missing.
-    GraphError
-        The graph is not connected.
-    NumericalError
-        An eigenvector was not found.
-
-    Examples
-    --------
-    The connectivity of a path of nine nodes, and of the cycle that it becomes, is known in closed
-    form: 2 - 2 cos(pi / 9) and 2 - 2 cos(2 pi / 9).
-
-    >>> import certpgo
-    >>> from certpgo.io.datasets.synthetic import winding_cycle
-    >>> path = winding_cycle(9, 0.0, 0)[0].graph.with_edges(range(8))
-    >>> found = certpgo.suggest_loops(path, 1)
-    >>> (found.connectivity / found.kappa).round(4).tolist()
-    [0.1206, 0.4679]
-    """
-    if count < 1:
-        raise InputError(f"the number of loop closures must be at least 1, not {count}")
-    instance, rotations = _with_rotations(graph)
-    problem, nodes = rotations.problem, rotations.nodes
-    near = None if within is None else _near(instance, nodes, within, estimate)
-    loops = _loop_closures(rotations)
-    kappa = float(np.median(problem.graph.kappa[loops] if loops.any() else problem.graph.kappa))
-    connectivity = Connectivity(problem)
-    values = [connectivity(np.ones(problem.graph.num_edges))[0]]
-    pairs: list[IntArray] = []
-    while len(pairs) < count:
-        v = connectivity.vector
-        new = _unconnected(problem.graph, _ends(v) if near is None else near)
-        gain = (v[new[:, 0]] - v[new[:, 1]]) ** 2
-        trials = []
-        for pair in new[np.argsort(-gain, kind="stable")[:TRIED]]:
-            trial = RotationProblem(_with_loop(problem.graph, pair, kappa))
-            one = Connectivity(trial, v)
-            trials.append((one(np.ones(trial.graph.num_edges))[0], pair, trial, one))
-        if not trials:
-            break
-        least = max(trial[0] for trial in trials) * (1.0 - BETTER)
-        value, pair, problem, connectivity = next(one for one in trials if one[0] >= least)
-        pairs.append(pair)
-        values.append(value)
-    if not pairs:
-        raise InputError(f"{instance.name}: no two nodes are left to connect")
-    return SuggestedLoops(instance, nodes[np.array(pairs)], np.array(values), kappa)
-
-
-class _Rotations(NamedTuple):
-    """The relative rotations of an instance: their edges and nodes in it, with ids, and problem."""
-
-    edges: IntArray
-    nodes: IntArray
-    ids: IntArray
-    problem: RotationProblem
-
-
-def _with_rotations(graph: Instance | Graph) -> tuple[Instance, _Rotations]:
-    """The instance, and its relative rotations."""
-    instance = graph
-    if not isinstance(instance, Instance):
-        instance = Instance("graph", instance, np.arange(instance.num_nodes))
-    require_one_unit(instance.graph, "loop closures")
-    require_connected(instance.measurements)
-    edges = np.flatnonzero(instance.measurements.are(Kind.BETWEEN, Kind.ROTATION))
-    nodes = np.unique(instance.graph.edges[edges])
-    if not len(edges):
-        raise GraphError(f"{instance.name}: no rotation is measured between poses")
-    rotation = instance.graph.rotation.with_edges(edges).subgraph(nodes)
-    if not rotation.is_connected:
-        raise GraphError(f"{instance.name}: rotations between poses do not connect them")
-    return instance, _Rotations(edges, nodes, instance.ids[nodes], RotationProblem(rotation))
-
-
-def _loop_closures(rotations: _Rotations) -> BoolArray:
-    """(r,) relative rotations that are neither odometry nor needed to connect the nodes."""
-    graph = rotations.problem.graph
-    i, j = rotations.ids[graph.edges].T
-    loops = np.asarray(np.abs(i - j) != 1)
-    if components_of(graph.num_nodes, graph.edges[~loops]).max(initial=0) > 0:
-        # Odometry is shorter than all others, so that the tree completes it.
-        lengths = 1.0 / graph.kappa
-        lengths = np.where(loops, lengths, 0.5 * lengths.min())
-        tree = minimum_spanning_tree(graph, lengths)
-        pair = np.sort(graph.edges, axis=1) @ np.array([graph.num_nodes, 1])
-        order = np.lexsort((lengths, pair))
-        first = order[np.unique(pair[order], return_index=True)[1]]
-        joined = np.sort(np.column_stack(tree.nonzero()), axis=1) @ [graph.num_nodes, 1]
-        loops[first[np.isin(pair[first], joined)]] = False
-    return loops
-
-
 def _number(keep: float, loops: int) -> int:
     """How many loop closures to keep."""
     if loops == 0:
@@ -370,42 +196,3 @@ def _number(keep: float, loops: int) -> int:
     if not 0.0 < keep <= 1.0:
         raise InputError(f"the fraction of loop closures must be in (0, 1], not {keep:g}")
     return max(1, round(keep * loops))
-
-
-def _near(
-    instance: Instance, nodes: IntArray, within: float, estimate: Estimate | None
-) -> IntArray:
-    """(p, 2) pairs of these nodes, by place, at most this far apart, but not consecutive."""
-    if estimate is None:
-        estimate = search(certifiable(instance, CHORDAL), DEFAULT).estimate
-    if estimate.translations is None:
-        raise InputError(f"{instance.name}: nodes of a rotation graph have no distance")
-    pairs = KDTree(estimate.translations[nodes]).query_pairs(within, output_type="ndarray")
-    apart = np.abs(np.diff(instance.ids[nodes][pairs], axis=1)[:, 0]) != 1
-    if not apart.any():
-        raise InputError(f"{instance.name}: no two nodes are within {within:g} m of each other")
-    return np.asarray(pairs[apart])
-
-
-def _ends(v: FloatArray) -> IntArray:
-    """(p, 2) pairs of a node with small v and one with large v."""
-    order = np.argsort(v)
-    low, high = order[:ENDS], order[-ENDS:]
-    pairs = np.column_stack([np.repeat(low, len(high)), np.tile(high, len(low))])
-    return np.unique(np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1), axis=0)
-
-
-def _unconnected(graph: RotationGraph, pairs: IntArray) -> IntArray:
-    """Those of the pairs (p, 2), ascending each, that no edge connects."""
-    place = np.array([graph.num_nodes, 1])
-    return np.asarray(pairs[~np.isin(pairs @ place, np.sort(graph.edges, axis=1) @ place)])
-
-
-def _with_loop(graph: RotationGraph, pair: IntArray, kappa: float) -> RotationGraph:
-    """The graph with another edge, whose measurement does not matter."""
-    return RotationGraph(
-        graph.num_nodes,
-        np.concatenate([graph.edges, pair[None]]),
-        np.concatenate([graph.rotations, np.eye(graph.d)[None]]),
-        np.append(graph.kappa, kappa),
-    )

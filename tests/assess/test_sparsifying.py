@@ -124,7 +124,7 @@ def test_the_spectrum_leaves_out_wrong_loop_closures():
     measured = graph.rotations.copy()
     measured[wrong] = so.random(rng, len(wrong), 3)
     problem = RotationProblem(RotationGraph(graph.num_nodes, graph.edges, measured, graph.kappa))
-    connectivity, count = Connectivity(problem), int(loops.sum()) // 2
+    connectivity, count = Connectivity(problem), int(0.7 * loops.sum())
     known = choose(connectivity, loops, count)
     measuring = choose(connectivity, loops, count, SpectralMargin(connectivity))
     kept = [int(np.isin(wrong, found.chosen).sum()) for found in (known, measuring)]

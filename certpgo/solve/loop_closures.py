@@ -1,0 +1,60 @@
+"""Loop closures: relative rotations that are neither odometry nor needed to connect the nodes."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from certpgo.errors import GraphError
+from certpgo.graph import Graph, Instance
+from certpgo.graph.edges import components_of
+from certpgo.graph.graph import require_connected, require_one_unit
+from certpgo.graph.kinds import Kind
+from certpgo.graph.trees import minimum_spanning_tree
+from certpgo.linalg.arrays import BoolArray, IntArray
+from certpgo.objective.problem import RotationProblem
+
+
+class Rotations(NamedTuple):
+    """The relative rotations of an instance: their edges and nodes in it, with ids, and problem."""
+
+    edges: IntArray
+    nodes: IntArray
+    ids: IntArray
+    problem: RotationProblem
+
+
+def with_rotations(graph: Instance | Graph) -> tuple[Instance, Rotations]:
+    """The instance, and its relative rotations."""
+    instance = graph
+    if not isinstance(instance, Instance):
+        instance = Instance("graph", instance, np.arange(instance.num_nodes))
+    require_one_unit(instance.graph, "loop closures")
+    require_connected(instance.measurements)
+    edges = np.flatnonzero(instance.measurements.are(Kind.BETWEEN, Kind.ROTATION))
+    nodes = np.unique(instance.graph.edges[edges])
+    if not len(edges):
+        raise GraphError(f"{instance.name}: no rotation is measured between poses")
+    rotation = instance.graph.rotation.with_edges(edges).subgraph(nodes)
+    if not rotation.is_connected:
+        raise GraphError(f"{instance.name}: rotations between poses do not connect them")
+    return instance, Rotations(edges, nodes, instance.ids[nodes], RotationProblem(rotation))
+
+
+def loop_closures(rotations: Rotations) -> BoolArray:
+    """(r,) relative rotations that are neither odometry nor needed to connect the nodes."""
+    graph = rotations.problem.graph
+    i, j = rotations.ids[graph.edges].T
+    loops = np.asarray(np.abs(i - j) != 1)
+    if components_of(graph.num_nodes, graph.edges[~loops]).max(initial=0) > 0:
+        # Odometry is shorter than all others, so that the tree completes it.
+        lengths = 1.0 / graph.kappa
+        lengths = np.where(loops, lengths, 0.5 * lengths.min())
+        tree = minimum_spanning_tree(graph, lengths)
+        pair = np.sort(graph.edges, axis=1) @ np.array([graph.num_nodes, 1])
+        order = np.lexsort((lengths, pair))
+        first = order[np.unique(pair[order], return_index=True)[1]]
+        joined = np.sort(np.column_stack(tree.nonzero()), axis=1) @ [graph.num_nodes, 1]
+        loops[first[np.isin(pair[first], joined)]] = False
+    return loops
