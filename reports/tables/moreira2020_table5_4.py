@@ -114,7 +114,9 @@ TABLE = Table(
         "EigenRAO differs from its print (1.43 / 0.27 / 5.37) in every reading of Algorithm 3 that "
         "its module names, whether run on all cameras or on those of known truth: the best have a "
         "mean near 3 degrees, a median near 0.8 and an RMSE near 10. L1-IRLS comes within 0.02 "
-        "degrees of its print.",
+        "degrees of its print. Each reading's nearest iteration is in printed_rows; nor would a "
+        "common factor, such as halved angles, explain print. The point clouds of Figure 5.5 are "
+        "not here.",
         "NeuRoRA, which the thesis prints too (Ellis Island 2.59 / 0.64 / 12.82), needs weights "
         "trained by its authors, and is not run.",
     ),
