@@ -30,7 +30,6 @@ SHARES = {
     "city10000": 0.2,
     "intel": 0.2,
     "grid1000_10p_outliers": 0.5,
-    "grid1000_30p_outliers": 0.5,
     "grid1000_50p_outliers": 0.5,
     "Ellis_Island": 0.5,
 }
