@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
@@ -12,6 +13,7 @@ import typer
 
 from certpgo.cli._help import SEARCH
 from certpgo.cli._interrupting import ends_at_once, tells_unwritten
+from certpgo.cli._logarithms import FittedLogarithms
 from certpgo.cli._next import Asked
 from certpgo.cli._options import (
     CostOption,
@@ -30,7 +32,7 @@ from certpgo.cli._options import (
     tier_option,
     time_limit_option,
 )
-from certpgo.cli._outputs import Outputs, emit
+from certpgo.cli._outputs import Outputs, Result, emit
 from certpgo.cli._reading import Reading, restricted_to, takes_reading
 from certpgo.cli._show import StatusLine, notice, noticing, working
 from certpgo.cli._solved import Solved
@@ -137,6 +139,16 @@ def command(
         tier_option("standard; proof with --proof, or if only rounding prevents CERTIFIED"),
     ] = None,
     quantile: Quantile = None,
+    scales_within: Annotated[
+        float | None,
+        typer.Option(
+            "--scales-within",
+            metavar="FACTOR",
+            rich_help_panel=SEARCH,
+            help="Minimise the cost of logarithms over nodes of unknown scale, with a bound for "
+            "scales within this factor of those found.",
+        ),
+    ] = None,
     truth: TruthFile = None,
     truth_offset: TruthOffset = 0.0,
     timestamps: Timestamps = None,
@@ -153,7 +165,7 @@ def command(
     --method, the first Ctrl-C aborts. With --robust, the verdict is about the kept measurements,
     and a second one about rejecting the others.
     """
-    from certpgo import SolveSettings
+    from certpgo import SolveSettings, fit_logarithms
     from certpgo.io.matching import Matching
     from certpgo.io.timestamps import file_of_times, timed
 
@@ -178,6 +190,9 @@ def command(
     instance = timed(reading.open(source, distances=True), timestamps)
     refuse_with_distances(instance, method=method, robust=robust, proof=proof)
     refuse_with_scales(instance, method=method, robust=robust, proof=proof, covariances=covariances)
+    if scales_within is not None:
+        own = {"html": html, "cost": cost, "no-file-start": not stored}
+        _refuse_with_logarithms(instance, scales_within, **own)
     parts = reading.parts(instance)
     if len(parts) > 1 or not certify:
         _refuse_parts(proof=proof, html=html, covariances=covariances)
@@ -195,12 +210,15 @@ def command(
 
     from certpgo.optimize.monitor import TableMonitor
 
-    def solved(part: Instance, known: KnownPoses | None) -> Solved:
+    def solved(part: Instance, known: KnownPoses | None) -> Result:
         begin = None if start is None else restricted_to(part, start, instance)
         with working(f"solving {part.name}") as status:
             monitor = TableMonitor() if trace else StatusLine(status)
             if solver is None or method is None:
                 limits = SolveSettings(time_limit, max_rank, tier=tier, try_file_start=stored)
+                if scales_within is not None:
+                    fit = fit_logarithms(part, limits, initial=begin, monitor=monitor)
+                    return FittedLogarithms(None, part, fit, scales_within, known)
                 if robust:
                     found = _rejecting(part, begin, limits, quantile, monitor, asked)
                 else:
@@ -213,6 +231,19 @@ def command(
         return replace(found, truth=known)
 
     return emit(map(solved, parts, truths), outputs.split(parts))
+
+
+def _refuse_with_logarithms(instance: Instance, within: float, **options: Any) -> None:
+    """Refuse what the cost of logarithms does not have."""
+    from certpgo.graph import SimilarityGraph
+
+    if not isinstance(instance.graph, SimilarityGraph):
+        raise InputError(f"{instance.name}: --scales-within is for nodes of unknown scale")
+    if not 1.0 <= within < math.inf:
+        raise InputError(f"--scales-within takes a factor of at least 1, not {within:g}")
+    for name, value in options.items():
+        if value:
+            raise InputError(f"--scales-within has a cost and a start of its own: not --{name}")
 
 
 def _solver(method: str, settings: Sequence[str] | None, parts: Sequence[Instance]) -> Solver:

@@ -15,9 +15,9 @@ from certpgo.objective.logarithms import LogarithmProblem
 from certpgo.optimize.levenberg_marquardt import minimise
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.progress import Progress
+from certpgo.optimize.similarity_descent import separate_start
 from certpgo.optimize.solution import Solution
 from certpgo.solve.result import CertifiedSolution
-from certpgo.solve.reweighing import reweigh
 from certpgo.solve.settings import SolveSettings
 from certpgo.solve.solving import solve
 
@@ -75,7 +75,7 @@ def fit_logarithms(
     monitor: Monitor = silent,
     **options: Any,
 ) -> LogarithmFit:
-    """Minimise the cost of logarithms, by descent from the map with weights in its frames' units.
+    """Minimise the cost of logarithms, by descent from scales that fit best, and poses with these.
 
     It is that of GTSAM's BetweenFactorSimilarity2 and 3, as `certpgo.to_gtsam` makes them, and of
     g2o's EdgeSim3 with the same precisions. No quadratic form lies below it, so the map is not
@@ -84,8 +84,8 @@ def fit_logarithms(
     Parameters
     ----------
     graph : of poses, with unknown scales; or the instance that was read, or the path of its file
-    settings, options : of the searches for the start and for the bound, as for `certpgo.solve`
-    initial : where to begin in place of the answer of `certpgo.reweigh`
+    settings, options : of the search for the bound, as for `certpgo.solve`
+    initial : where to begin, in place of that
 
     Raises
     ------
@@ -108,7 +108,7 @@ def fit_logarithms(
         raise InputError("the cost of logarithms is for a graph with unknown scales")
     problem = LogarithmProblem(own)
     if initial is None:
-        initial = reweigh(own, settings, **options).estimate
+        initial = separate_start(problem.quadratic)
     problem.check(initial)
     progress = Progress(monitor, TOLERANCE, STEPS, Stopwatch())
     end = minimise(problem.linearized(initial), progress)
