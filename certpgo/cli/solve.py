@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -174,9 +175,7 @@ def command(
             "--scheduler is gone: solve runs in one process, which is faster than a cluster's two"
         )
     graph, reading = reading.of_all(graphs)
-    _refuse_mixtures(method, settings, certify, robust, time_limit, max_rank, stored)
-    if quantile is not None and not robust:
-        raise InputError("--quantile needs --robust")
+    _refuse_mixtures(method, settings, certify, robust, quantile, time_limit, max_rank, stored)
     refuse_chordal_only(cost, method=method, **{"robust --proof": robust and proof})
     tier = tier_for(proof, tier, cost)
     outputs = Outputs(
@@ -190,9 +189,8 @@ def command(
     instance = timed(reading.open(source, distances=True), timestamps)
     refuse_with_distances(instance, method=method, robust=robust, proof=proof)
     refuse_with_scales(instance, method=method, robust=robust, proof=proof, covariances=covariances)
-    if scales_within is not None:
-        own = {"html": html, "cost": cost, "no-file-start": not stored}
-        _refuse_with_logarithms(instance, scales_within, **own)
+    other = {"html": html, "cost": cost, "no-file-start": not stored}
+    _refuse_with_logarithms(instance, scales_within, **other)
     parts = reading.parts(instance)
     if len(parts) > 1 or not certify:
         _refuse_parts(proof=proof, html=html, covariances=covariances)
@@ -219,10 +217,8 @@ def command(
                 if scales_within is not None:
                     fit = fit_logarithms(part, limits, initial=begin, monitor=monitor)
                     return FittedLogarithms(None, part, fit, scales_within, known)
-                if robust:
-                    found = _rejecting(part, begin, limits, quantile, monitor, asked)
-                else:
-                    found = _certified(part, begin, limits, monitor, asked)
+                search = partial(_rejecting, quantile=quantile) if robust else _certified
+                found = search(part, begin, limits, monitor, asked)
             else:
                 requested = (tier or "standard") if certify else None
                 found = _by_method(part, method, solver, begin, requested, monitor, status, asked)
@@ -233,10 +229,12 @@ def command(
     return emit(map(solved, parts, truths), outputs.split(parts))
 
 
-def _refuse_with_logarithms(instance: Instance, within: float, **options: Any) -> None:
-    """Refuse what the cost of logarithms does not have."""
+def _refuse_with_logarithms(instance: Instance, within: float | None, **options: Any) -> None:
+    """Refuse what the cost of logarithms does not have, if it is asked for."""
     from certpgo.graph import SimilarityGraph
 
+    if within is None:
+        return
     if not isinstance(instance.graph, SimilarityGraph):
         raise InputError(f"{instance.name}: --scales-within is for nodes of unknown scale")
     if not 1.0 <= within < math.inf:
@@ -294,9 +292,9 @@ def _rejecting(
     part: Instance,
     initial: Estimate | None,
     settings: SolveSettings,
-    quantile: float | None,
     monitor: Monitor,
     asked: Asked,
+    quantile: float | None,
 ) -> Solved:
     from certpgo import solve_robustly
 
@@ -339,11 +337,14 @@ def _refuse_mixtures(
     settings: Sequence[str] | None,
     certify: bool,
     robust: bool,
+    quantile: float | None,
     time_limit: float | None,
     max_rank: int | None,
     stored: bool,
 ) -> None:
     """Refuse combinations in which an option would be ignored."""
+    if quantile is not None and not robust:
+        raise InputError("--quantile needs --robust")
     if method is None and settings:
         raise InputError("--set needs --method")
     if method is None and not certify:

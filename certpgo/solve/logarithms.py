@@ -34,6 +34,21 @@ class LogarithmFit(Brief):
     solution : the end of the descent, with its cost
     nearby : the certified answer for the quadratic cost that bounds it, whose scales are over those
         of the estimate; see `lower_bound`
+
+    Examples
+    --------
+    Two measurements of a scale, 2 and 8: the fit is their geometric mean.
+
+    >>> import numpy as np
+    >>> import certpgo
+    >>> rotation = certpgo.RotationGraph(2, [[0, 1]] * 2, [np.eye(2)] * 2, kappa=np.ones(2))
+    >>> scales = np.array([2.0, 8.0])
+    >>> graph = certpgo.SimilarityGraph(rotation, np.zeros((2, 2)), np.ones(2), scales=scales)
+    >>> found = certpgo.fit_logarithms(graph)
+    >>> found.estimate.scales.round(6).tolist()
+    [1.0, 4.0]
+    >>> found.lower_bound(within=1.1) < found.cost
+    True
     """
 
     solution: Solution
