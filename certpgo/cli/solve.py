@@ -189,8 +189,7 @@ def command(
     instance = timed(reading.open(source, distances=True), timestamps)
     refuse_with_distances(instance, method=method, robust=robust, proof=proof)
     refuse_with_scales(instance, method=method, robust=robust, proof=proof, covariances=covariances)
-    other = {"html": html, "cost": cost, "no-file-start": not stored}
-    _refuse_with_logarithms(instance, scales_within, **other)
+    _refuse_with_logarithms(instance, scales_within, html=html, cost=cost, stored=stored)
     parts = reading.parts(instance)
     if len(parts) > 1 or not certify:
         _refuse_parts(proof=proof, html=html, covariances=covariances)
@@ -229,7 +228,9 @@ def command(
     return emit(map(solved, parts, truths), outputs.split(parts))
 
 
-def _refuse_with_logarithms(instance: Instance, within: float | None, **options: Any) -> None:
+def _refuse_with_logarithms(
+    instance: Instance, within: float | None, *, html: Path | None, cost: str | None, stored: bool
+) -> None:
     """Refuse what the cost of logarithms does not have, if it is asked for."""
     from certpgo.graph import SimilarityGraph
 
@@ -239,8 +240,8 @@ def _refuse_with_logarithms(instance: Instance, within: float | None, **options:
         raise InputError(f"{instance.name}: --scales-within is for nodes of unknown scale")
     if not 1.0 <= within < math.inf:
         raise InputError(f"--scales-within takes a factor of at least 1, not {within:g}")
-    for name, value in options.items():
-        if value:
+    for name, given in (("html", html), ("cost", cost), ("no-file-start", not stored)):
+        if given:
             raise InputError(f"--scales-within has a cost and a start of its own: not --{name}")
 
 
