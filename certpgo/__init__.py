@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from certpgo.registration.sequences import read_sequence
     from certpgo.registry import get_solver
     from certpgo.solve.assessment import certify_values
+    from certpgo.solve.logarithms import LogarithmFit, fit_logarithms
     from certpgo.solve.many import certify_many, solve_many
     from certpgo.solve.merging import Merged, merge
     from certpgo.solve.outliers import Disagreement
@@ -78,6 +79,7 @@ _HOMES = {
     "registration.sequences": ("read_sequence",),
     "registry": ("get_solver",),
     "solve.assessment": ("certify_values",),
+    "solve.logarithms": ("LogarithmFit", "fit_logarithms"),
     "solve.many": ("certify_many", "solve_many"),
     "solve.merging": ("Merged", "merge"),
     "solve.outliers": ("Disagreement",),
@@ -114,6 +116,7 @@ __all__ = [
     "InputNotice",
     "Instance",
     "Iteration",
+    "LogarithmFit",
     "Marginals",
     "Merged",
     "MissingDependency",
@@ -143,6 +146,7 @@ __all__ = [
     "certify_many",
     "certify_values",
     "check",
+    "fit_logarithms",
     "from_gtsam",
     "to_gtsam",
     "get_solver",

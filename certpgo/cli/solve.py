@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,6 +14,7 @@ import typer
 
 from certpgo.cli._help import SEARCH
 from certpgo.cli._interrupting import ends_at_once, tells_unwritten
+from certpgo.cli._logarithms import FittedLogarithms
 from certpgo.cli._next import Asked
 from certpgo.cli._options import (
     CostOption,
@@ -30,7 +33,7 @@ from certpgo.cli._options import (
     tier_option,
     time_limit_option,
 )
-from certpgo.cli._outputs import Outputs, emit
+from certpgo.cli._outputs import Outputs, Result, emit
 from certpgo.cli._reading import Reading, restricted_to, takes_reading
 from certpgo.cli._show import StatusLine, notice, noticing, working
 from certpgo.cli._solved import Solved
@@ -137,6 +140,16 @@ def command(
         tier_option("standard; proof with --proof, or if only rounding prevents CERTIFIED"),
     ] = None,
     quantile: Quantile = None,
+    scales_within: Annotated[
+        float | None,
+        typer.Option(
+            "--scales-within",
+            metavar="FACTOR",
+            rich_help_panel=SEARCH,
+            help="Minimise the cost of logarithms over nodes of unknown scale, with a bound for "
+            "scales within this factor of those found.",
+        ),
+    ] = None,
     truth: TruthFile = None,
     truth_offset: TruthOffset = 0.0,
     timestamps: Timestamps = None,
@@ -153,7 +166,7 @@ def command(
     --method, the first Ctrl-C aborts. With --robust, the verdict is about the kept measurements,
     and a second one about rejecting the others.
     """
-    from certpgo import SolveSettings
+    from certpgo import SolveSettings, fit_logarithms
     from certpgo.io.matching import Matching
     from certpgo.io.timestamps import file_of_times, timed
 
@@ -162,9 +175,7 @@ def command(
             "--scheduler is gone: solve runs in one process, which is faster than a cluster's two"
         )
     graph, reading = reading.of_all(graphs)
-    _refuse_mixtures(method, settings, certify, robust, time_limit, max_rank, stored)
-    if quantile is not None and not robust:
-        raise InputError("--quantile needs --robust")
+    _refuse_mixtures(method, settings, certify, robust, quantile, time_limit, max_rank, stored)
     refuse_chordal_only(cost, method=method, **{"robust --proof": robust and proof})
     tier = tier_for(proof, tier, cost)
     outputs = Outputs(
@@ -178,6 +189,7 @@ def command(
     instance = timed(reading.open(source, distances=True), timestamps)
     refuse_with_distances(instance, method=method, robust=robust, proof=proof)
     refuse_with_scales(instance, method=method, robust=robust, proof=proof, covariances=covariances)
+    _refuse_with_logarithms(instance, scales_within, html=html, cost=cost, stored=stored)
     parts = reading.parts(instance)
     if len(parts) > 1 or not certify:
         _refuse_parts(proof=proof, html=html, covariances=covariances)
@@ -195,16 +207,17 @@ def command(
 
     from certpgo.optimize.monitor import TableMonitor
 
-    def solved(part: Instance, known: KnownPoses | None) -> Solved:
+    def solved(part: Instance, known: KnownPoses | None) -> Result:
         begin = None if start is None else restricted_to(part, start, instance)
         with working(f"solving {part.name}") as status:
             monitor = TableMonitor() if trace else StatusLine(status)
             if solver is None or method is None:
                 limits = SolveSettings(time_limit, max_rank, tier=tier, try_file_start=stored)
-                if robust:
-                    found = _rejecting(part, begin, limits, quantile, monitor, asked)
-                else:
-                    found = _certified(part, begin, limits, monitor, asked)
+                if scales_within is not None:
+                    fit = fit_logarithms(part, limits, initial=begin, monitor=monitor)
+                    return FittedLogarithms(None, part, fit, scales_within, known)
+                search = partial(_rejecting, quantile=quantile) if robust else _certified
+                found = search(part, begin, limits, monitor, asked)
             else:
                 requested = (tier or "standard") if certify else None
                 found = _by_method(part, method, solver, begin, requested, monitor, status, asked)
@@ -213,6 +226,23 @@ def command(
         return replace(found, truth=known)
 
     return emit(map(solved, parts, truths), outputs.split(parts))
+
+
+def _refuse_with_logarithms(
+    instance: Instance, within: float | None, *, html: Path | None, cost: str | None, stored: bool
+) -> None:
+    """Refuse what the cost of logarithms does not have, if it is asked for."""
+    from certpgo.graph import SimilarityGraph
+
+    if within is None:
+        return
+    if not isinstance(instance.graph, SimilarityGraph):
+        raise InputError(f"{instance.name}: --scales-within is for nodes of unknown scale")
+    if not 1.0 <= within < math.inf:
+        raise InputError(f"--scales-within takes a factor of at least 1, not {within:g}")
+    for name, given in (("html", html), ("cost", cost), ("no-file-start", not stored)):
+        if given:
+            raise InputError(f"--scales-within has a cost and a start of its own: not --{name}")
 
 
 def _solver(method: str, settings: Sequence[str] | None, parts: Sequence[Instance]) -> Solver:
@@ -263,9 +293,9 @@ def _rejecting(
     part: Instance,
     initial: Estimate | None,
     settings: SolveSettings,
-    quantile: float | None,
     monitor: Monitor,
     asked: Asked,
+    quantile: float | None,
 ) -> Solved:
     from certpgo import solve_robustly
 
@@ -308,11 +338,14 @@ def _refuse_mixtures(
     settings: Sequence[str] | None,
     certify: bool,
     robust: bool,
+    quantile: float | None,
     time_limit: float | None,
     max_rank: int | None,
     stored: bool,
 ) -> None:
     """Refuse combinations in which an option would be ignored."""
+    if quantile is not None and not robust:
+        raise InputError("--quantile needs --robust")
     if method is None and settings:
         raise InputError("--set needs --method")
     if method is None and not certify:

@@ -8,17 +8,69 @@ sigma +- i |omega| across: no cancellation near zero.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import NamedTuple
+
 import numpy as np
 
 from certpgo.linalg import rotations as so
-from certpgo.linalg.arrays import FloatArray
+from certpgo.linalg.arrays import FloatArray, IntArray
+
+#: Step of central differences.
+STEP = 1e-5
 
 
-def exp(v: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Rotations (k, 3, 3), translations (k, 3) and scales (k,) of tangent vectors (k, 7)."""
+class Similarities(NamedTuple):
+    """Rotations (k, 3, 3), translations (k, 3) and scales (k,) of k similarities."""
+
+    rotations: FloatArray
+    translations: FloatArray
+    scales: FloatArray
+
+    @classmethod
+    def of(cls, R: FloatArray, t: FloatArray, s: FloatArray) -> Similarities:
+        """Those of space, or of the plane as z = 0."""
+        whole = np.tile(np.eye(3), (len(R), 1, 1))
+        whole[:, : R.shape[1], : R.shape[1]] = R
+        return cls(whole, np.pad(t, ((0, 0), (0, 3 - t.shape[1]))), s)
+
+    def subset(self, chosen: IntArray) -> Similarities:
+        """The chosen ones, in that order."""
+        return Similarities(*(x[chosen] for x in self))
+
+    def __matmul__(self, other: Similarities) -> Similarities:
+        """Products, first the other."""
+        R, t, s = self
+        moved = t + s[:, None] * np.einsum("kab,kb->ka", R, other.translations)
+        return Similarities(R @ other.rotations, moved, s * other.scales)
+
+    @property
+    def inverse(self) -> Similarities:
+        """Inverses."""
+        R, t, s = self
+        back = -np.einsum("kba,kb->ka", R, t) / s[:, None]
+        return Similarities(np.swapaxes(R, 1, 2), back, 1.0 / s)
+
+    @property
+    def logarithms(self) -> FloatArray:
+        """Tangent vectors (k, 7), with |omega| at most pi."""
+        return log(*self)
+
+
+def exp(v: FloatArray) -> Similarities:
+    """Similarities of tangent vectors (k, 7)."""
     omega, upsilon, sigma = v[:, :3], v[:, 3:6], v[:, 6]
     along, across = _phi(omega, sigma)
-    return so.exp(omega), _apply(omega, upsilon, along, across), np.exp(sigma)
+    return Similarities(so.exp(omega), _apply(omega, upsilon, along, across), np.exp(sigma))
+
+
+def log_derivatives(moved: Callable[[Similarities], Similarities]) -> FloatArray:
+    """(k, 7, 7) of the logarithms of ``moved(exp(v))`` by v at zero: central differences."""
+    columns = []
+    for step in STEP * np.eye(7)[:, None]:
+        ahead, back = moved(exp(step)).logarithms, moved(exp(-step)).logarithms
+        columns.append((ahead - back) / (2.0 * STEP))
+    return np.stack(columns, axis=2)
 
 
 def log(R: FloatArray, t: FloatArray, s: FloatArray) -> FloatArray:

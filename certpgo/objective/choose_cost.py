@@ -157,7 +157,8 @@ def similarity_problem(
     if isinstance(posed, Instance) and posed.ranges is not None:
         raise InputError(f"{source}distances are not for nodes of unknown scale")
     if cost not in (None, CHORDAL):
-        said = "with nodes of unknown scale there is only the cost F (--cost chordal)"
+        said = "with nodes of unknown scale the cost is F (--cost chordal) or, of certpgo solve "
+        said += "--scales-within, that of logarithms"
         raise InputError(f"{source}{said}")
     graph = _graph_of(posed)
     if not isinstance(graph, SimilarityGraph):

@@ -1,8 +1,9 @@
 """GTSAM's factors of similarities as problems of F, and back.
 
 GTSAM's Similarity3 (R, t, s) maps x to s (R x + t): our translation is s t. Its tangent vectors are
-(rotation, translation, scale), those of Similarity2 (translation, angle, scale). Its error is of
-logarithms, in the unit of the second node: their information gives the weights kappa and tau alone.
+(rotation, translation, scale), those of Similarity2 (translation, angle, scale). Its error is the
+logarithm, in the unit of the second node: its information gives the weights kappa and, in the unit
+of the first, tau. Other entries are not used.
 """
 
 from __future__ import annotations
@@ -38,7 +39,8 @@ def problem_of_factors(
     turned, moved = (slice(2, 3), slice(0, 2)) if d == 2 else (slice(0, 3), slice(3, 6))
     kappa = (0.5 if d == 2 else 1.5) / diagonal[:, turned].sum(axis=1)
     rotation = RotationGraph(len(keys), edges, R, kappa)
-    graph = SimilarityGraph(rotation, t, d / diagonal[:, moved].sum(axis=1), scales=s)
+    tau = d / diagonal[:, moved].sum(axis=1) / s**2
+    graph = SimilarityGraph(rotation, t, tau, scales=s)
     return SimilarityProblem(graph), Estimate(rotations, positions, scales=scales)
 
 
@@ -62,14 +64,14 @@ def factors_and_values(gtsam: Any, problem: SimilarityProblem, estimate: Estimat
         steps,
         graph.scales.tolist(),
         graph.rotation.kappa.tolist(),
-        graph.tau.tolist(),
+        (graph.tau * graph.scales**2).tolist(),
         strict=True,
     )
-    for (i, j), R, t, s, kappa, tau in measured:
+    for (i, j), R, t, s, kappa, moved in measured:
         # |A_j - A_i S|^2 is 2 |turn|^2 + d scale^2 for small logarithms.
-        of = [tau, tau, 2.0 * kappa, 2.0 * kappa]
+        of = [moved, moved, 2.0 * kappa, 2.0 * kappa]
         if d == 3:
-            of = [2.0 * kappa] * 3 + [tau] * 3 + [3.0 * kappa]
+            of = [2.0 * kappa] * 3 + [moved] * 3 + [3.0 * kappa]
         noise = gtsam.noiseModel.Diagonal.Precisions(np.array(of))
         factors.add(factor(i, j, _similarity(gtsam, R, t, s), noise))
     t, s = estimate.translations, problem.scales_of(estimate)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -116,13 +116,14 @@ class SimilarityModel:
         factor: Factor | None = self.problem.symbolic(A).factor(A)
         return factor
 
-    def moved(self, x: FloatArray) -> SimilarityModel:
+    def moved(self, x: FloatArray) -> Self:
         """The model after a step x (N,): the nearest admissible blocks, scales by exponentials."""
         step, r, problem = self.layout.unpack(x), self.rank, self.problem
-        A, t = self.point.rotations, translations_of(self.point) + step[:, :r]
-        s = problem.sizes_of(A)
-        turn = np.einsum("nq,nqrd->nrd", step[:, r:-1], self._basis[:, :-1])
-        Q = so.orthonormal((A + turn) / s[:, None, None])
-        growth = np.where(problem.graph.free, np.clip(step[:, -1], -3.0, 3.0), 0.0)
-        grown = np.where(problem.graph.free, s * np.exp(growth), 1.0)
-        return SimilarityModel(problem, Lift(grown[:, None, None] * Q, t))
+        with np.errstate(all="ignore"):  # a step beyond all reason has no finite cost
+            A, t = self.point.rotations, translations_of(self.point) + step[:, :r]
+            s = problem.sizes_of(A)
+            turn = np.einsum("nq,nqrd->nrd", step[:, r:-1], self._basis[:, :-1])
+            Q = so.orthonormal((A + turn) / s[:, None, None])
+            growth = np.where(problem.graph.free, np.clip(step[:, -1], -3.0, 3.0), 0.0)
+            grown = np.where(problem.graph.free, s * np.exp(growth), 1.0)
+            return type(self)(problem, Lift(grown[:, None, None] * Q, t))

@@ -2,12 +2,14 @@
 
     python -m reports.studies.similarities attack [--graphs N] [--sdp N] [--seed S]
     python -m reports.studies.similarities map [--graphs N]
+    python -m reports.studies.similarities logarithms [--graphs N] [--seed S]
 
 ``attack`` solves small random graphs, descends from many random starts and looks for a point below
 a proven bound. Of some it solves the relaxation with Clarabel, an interior-point method, whose
 minimum no bound may exceed and every bound at a higher rank should reach. ``map`` counts the graphs
-whose relaxation is tight, by the noise of rotations and of scales. Both print a table, and the
-first fails if anything false was found.
+whose relaxation is tight, by the noise of rotations and of scales. ``logarithms`` looks for maps
+below bounds on the cost of logarithms, by descents that begin near the answer and by random ones
+with scales near its. All print a table, and attacks fail if anything false was found.
 """
 
 import argparse
@@ -18,9 +20,11 @@ from dataclasses import replace
 import numpy as np
 
 import certpgo
+from certpgo import Estimate
 from certpgo.graph import SimilarityGraph
 from certpgo.io.datasets.monocular import random_maps
 from certpgo.linalg import rotations as so
+from certpgo.objective.logarithms import LogarithmProblem
 from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.optimize.similarity_descent import descend
 
@@ -131,10 +135,50 @@ def tightness(graphs: int, seed: int = 0) -> None:
             print(f"{turn:>12g}" + "".join(f"{cell:>16}" for cell in row), flush=True)
 
 
+def attack_logarithms(graphs: int, seed: int) -> list[str]:
+    """What is false among the bounds on the cost of logarithms, a line each; prints a table."""
+    false, tried, gaps = [], 0, []
+    for k in range(graphs):
+        rng = np.random.default_rng([seed, k])
+        d, (turn, scale, move) = int(rng.integers(2, 4)), rng.choice(NOISES[:4], 3)
+        graph, _ = random_maps(rng, d, turn=turn, scale=scale, move=move)
+        if rng.integers(0, 2):
+            graph = replace(graph, free=np.ones(graph.num_nodes, dtype=bool))
+        fit, problem = certpgo.fit_logarithms(graph, time_limit=20.0), LogarithmProblem(graph)
+        gaps.append(1.0 - fit.lower_bound(1.0) / fit.cost)
+        found = [fit.estimate]
+        for within in (1.02, 1.2, 2.0):
+            there = shaken(rng, fit.estimate, graph, within)
+            found += [there, certpgo.fit_logarithms(graph, initial=there, time_limit=20.0).estimate]
+        for estimate in found:
+            ratio = estimate.scales / fit.estimate.scales
+            unit = np.sqrt(np.mean(ratio**2))
+            bound = fit.lower_bound(max((ratio / unit).max(), (unit / ratio).max()))
+            cost = problem.cost(estimate)
+            tried += 1
+            if cost < bound:
+                false.append(f"graph {k}: a map costs {cost!r} < bound {bound!r}")
+    print(f"{graphs} graphs, {tried} maps")
+    print(f"{'relative gap, median, 90 %':30}{np.median(gaps):10.2g}{np.quantile(gaps, 0.9):10.2g}")
+    print(f"{'false':30}{len(false):7}")
+    return false
+
+
+def shaken(
+    rng: np.random.Generator, estimate: Estimate, graph: SimilarityGraph, within: float
+) -> Estimate:
+    """A map near another, with scales within a factor of the other's."""
+    n, d = estimate.num_nodes, estimate.d
+    turn = so.exp(0.3 * rng.standard_normal((n, so.tangent_dim(d))))
+    s = np.where(graph.free, within ** rng.uniform(-1.0, 1.0, n), 1.0)
+    t = estimate.translations + 0.3 * rng.standard_normal((n, d))
+    return Estimate(estimate.rotations @ turn, t, scales=s * estimate.scales)
+
+
 def main() -> int:
-    """Run one of both; exit code 1 if anything is false."""
+    """Run one of them; exit code 1 if anything is false."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("what", choices=("attack", "map"))
+    parser.add_argument("what", choices=("attack", "map", "logarithms"))
     parser.add_argument("--graphs", type=int, default=None)
     parser.add_argument("--sdp", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
@@ -142,7 +186,10 @@ def main() -> int:
     if asked.what == "map":
         tightness(asked.graphs or 40, asked.seed)
         return 0
-    false = attack(asked.graphs or 2000, asked.sdp, asked.seed)
+    if asked.what == "logarithms":
+        false = attack_logarithms(asked.graphs or 300, asked.seed)
+    else:
+        false = attack(asked.graphs or 2000, asked.sdp, asked.seed)
     for line in false:
         print(line)
     return int(bool(false))

@@ -62,6 +62,27 @@ def test_what_cannot_treat_scales_says_so(certpgo, essential, tmp_path, monkeypa
     assert sorted(tmp_path.iterdir()) == before
 
 
+def test_the_cost_of_logarithms_has_a_bound_near_its_scales(certpgo, essential, tmp_path):
+    out = tmp_path / "solved.g2o"
+    done = certpgo("solve", essential, "--scales-within", "1.05", "-o", out)
+    assert done.code == 0
+    assert "of logarithms; no certificate is about it" in done.out
+    assert "within a factor 1.05 of their root mean square" in done.out
+    assert "CERTIFIED" not in done.out
+    assert out.read_text().count("VERTEX_SIM3:EXPMAP") == 8
+    found = certpgo("solve", essential, "--scales-within", "1.05", "--json").json
+    assert 0.8 * found["cost"] < found["lower_bound"] < found["cost"]
+    for more, said in (
+        (("--html", tmp_path / "p.html"), "not --html"),
+        (("--cost", "chordal"), "not --cost"),
+        (("--robust",), "--robust is not for"),
+    ):
+        refused = certpgo("solve", essential, "--scales-within", "1.05", *more)
+        assert refused.code == 1
+        assert said in refused.err
+    assert "at least 1" in certpgo("solve", essential, "--scales-within", "0.5").err
+
+
 def test_functions_refuse_too():
     graph, truth = random_maps(np.random.default_rng(0), 3)
     instance = Instance("map", graph, np.arange(8), truth=truth)

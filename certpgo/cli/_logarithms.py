@@ -1,0 +1,75 @@
+"""The result of certpgo solve --scales-within: the cost of logarithms, and its bound."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from certpgo.cli._outputs import Outputs, Result
+from certpgo.cli._show import facts
+from certpgo.cli._truth import KnownPoses
+
+if TYPE_CHECKING:
+    from certpgo.graph import Instance
+    from certpgo.solve.logarithms import LogarithmFit
+
+
+@dataclass(frozen=True)
+class FittedLogarithms(Result):
+    """The result for a connected graph with nodes of unknown scale."""
+
+    part: Instance
+    fit: LogarithmFit
+    within: float
+    truth: KnownPoses | None = None
+
+    @property
+    def _bound(self) -> float:
+        return self.fit.lower_bound(self.within)
+
+    @property
+    def standing(self) -> str:
+        """That Ctrl-C ended the descent or the search for the bound; else empty."""
+        ended = {self.fit.solution.status.value, self.fit.nearby.solution.status.value}
+        return "the best map so far has no certificate" if "interrupted" in ended else ""
+
+    def write(self, outputs: Outputs) -> None:
+        """Write the estimate."""
+        outputs.write(self.fit.estimate, instance=self.part)
+
+    def show(self, outputs: Outputs) -> None:
+        """Print the cost, and what is proven of it."""
+        facts(self._said(outputs))
+
+    def _said(self, outputs: Outputs) -> Iterator[tuple[str, str]]:
+        from certpgo.graph.phrases import cost_shown
+        from certpgo.solve import accuracy_wording as wording
+
+        solution = self.fit.solution
+        yield "graph", self.part.name
+        yield "cost", f"{cost_shown(self.fit.cost)}  (of logarithms; no certificate is about it)"
+        yield (
+            "at least",
+            f"{cost_shown(self._bound)}  (proven of maps whose scales, over these, are within a "
+            f"factor {self.within:g} of their root mean square)",
+        )
+        yield "ended", f"{solution.status.value}, {solution.iterations} steps"
+        if self.truth is not None:
+            yield from wording.accuracy(self.truth.errors(self.fit.estimate))
+        if outputs.estimate is not None:
+            yield "written", str(outputs.estimate)
+
+    def report(self, outputs: Outputs) -> dict[str, Any]:
+        """The result for --json."""
+        solution = self.fit.solution
+        return {
+            "graph": self.part.name,
+            "objective": "logarithms",
+            "cost": self.fit.cost,
+            "lower_bound": self._bound,
+            "scales_within": self.within,
+            "status": solution.status.value,
+            "iterations": solution.iterations,
+            "written": None if outputs.estimate is None else str(outputs.estimate),
+        }
