@@ -15,14 +15,29 @@ from certpgo.graph import Estimate, Instance
 from certpgo.graph.phrases import counted
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.registration import features as keypoints
-from certpgo.registration.averaging import Averaged, averaged, composed
+from certpgo.registration.averaging import Averaged, averaged, averaged_scales, composed
 from certpgo.registration.calibration import calibrated
 from certpgo.registration.camera import Camera
+from certpgo.registration.depth_scales import (
+    ScaledSequence,
+    agreed_scales,
+    of_one_median,
+    with_factors,
+)
 from certpgo.registration.features import ColourCamera, Features
 from certpgo.registration.fuse import GRID, STEP, WIDE, ColouredCloud, fused, voxel_means
 from certpgo.registration.judging import about_depths, judge_depths, judge_steps
 from certpgo.registration.loops import DeadReckoning, adjacent, consistent, overlapping, retrieved
-from certpgo.registration.pairs import VOXEL, Clouds, FramePair, Keyframe, measure, restored, stored
+from certpgo.registration.pairs import (
+    VOXEL,
+    Clouds,
+    FramePair,
+    Keyframe,
+    in_units_of,
+    measure,
+    restored,
+    stored,
+)
 from certpgo.registration.ransac import RansacSettings
 from certpgo.registration.sequences import FrameSequence
 from certpgo.registration.stages import UNKEPT, Arrays, Cache, Progress, digest, each, silent
@@ -52,6 +67,9 @@ class ReconstructSettings:
     consistent : whether only loops are kept that agree with one another in pairs
     calibrate : whether the colour camera is estimated from the frames, if it is not given; by
         default where depth images are not registered to colour
+    scales : whether the depths of each frame have an unknown factor: a scale is estimated for each,
+        by keypoints alone. Lengths in metres are then in the unit in which the median depth of
+        frames is 2, in the geometric mean
     ransac : when two frames match
     """
 
@@ -62,6 +80,7 @@ class ReconstructSettings:
     trust: bool = True
     consistent: bool = False
     calibrate: bool | None = None
+    scales: bool = False
     ransac: RansacSettings = field(default_factory=RansacSettings)
 
     def __post_init__(self) -> None:
@@ -84,6 +103,8 @@ class Reconstruction:
     skipped : frames that could not be used, each with the reason
     scene : the fused cloud, in the frame of the first pose
     colour : the colour camera, given or estimated; None if depth is taken for registered
+    factors : (n,) by which depths of the nodes are multiplied to be in the map's unit, where depths
+        have an unknown factor; ``frames`` are those with depths in that unit. Else None
     """
 
     frames: FrameSequence
@@ -95,6 +116,7 @@ class Reconstruction:
     skipped: tuple[str, ...]
     scene: ColouredCloud
     colour: ColourCamera | None = None
+    factors: FloatArray | None = None
 
     @property
     def instance(self) -> Instance:
@@ -109,7 +131,7 @@ class Reconstruction:
     @property
     def estimate(self) -> Estimate:
         """Poses of the frames ``nodes``; the first is the identity."""
-        return self.averaged.estimate
+        return self.averaged.poses
 
     @property
     def rejected(self) -> tuple[FramePair, ...]:
@@ -202,6 +224,10 @@ def reconstruct(
     """
     chosen, progress = settings or ReconstructSettings(), progress or silent
     kept = Cache(None if cache is None else Path(cache))
+    given, factors = frames, None
+    if chosen.scales:
+        frames = of_one_median(given, progress)
+    average = averaged_scales if chosen.scales else averaged
     if colour is None:
         colour = colour_camera(frames, chosen.calibrate, kept, progress)
     work = _Work(frames, chosen, colour, kept, progress)
@@ -209,29 +235,44 @@ def reconstruct(
     steps = work.measured("odometry", adjacent(len(frames)))
     if not steps:
         raise InputError(f"{frames.name}: no frame matches the next one: they do not overlap")
-    nodes, reckoning = composed(steps, frames.names, frames.name)
-    reckoned = DeadReckoning(nodes, reckoning, steps)
     tried = set(adjacent(len(frames)))
     alike = retrieved([view.features if view else None for view in views], np.random.default_rng(0))
-    loops = work.plausible(work.measured("loops", alike), reckoned)
-    pairs = [*steps, *loops]
-    first = averaged(pairs, frames.names, frames.name, reckoning, trust=chosen.trust)
-    clouds = {k: view.cloud for k in first.nodes.tolist() if (view := views[k])}
-    overlaps = overlapping(clouds, first.estimate, frames.camera, size, tried | set(alike))
-    more = work.measured("overlaps", overlaps)
+    loops = work.measured("loops", alike)
+    scales = agreed_scales([*steps, *loops], len(frames)) if chosen.scales else np.ones(len(frames))
+    steps, loops = in_units_of(scales, steps), in_units_of(scales, loops)
+    nodes, reckoning = composed(steps, frames.names, frames.name)
+    reckoned = DeadReckoning(nodes, reckoning, steps)
+    pairs = [*steps, *work.plausible(loops, reckoned)]
+    first = average(pairs, frames.names, frames.name, reckoning, trust=chosen.trust)
+    clouds = {k: scales[k] * view.cloud for k in first.nodes.tolist() if (view := views[k])}
+    overlaps = overlapping(clouds, first.poses, frames.camera, size, tried | set(alike))
+    more = in_units_of(scales, work.measured("overlaps", overlaps))
     pairs = [*steps, *work.plausible([*loops, *more], reckoned)]
-    final = averaged(pairs, frames.names, frames.name, first.estimate, trust=chosen.trust)
+    final = average(pairs, frames.names, frames.name, first.poses, trust=chosen.trust)
+    if isinstance(frames, ScaledSequence) and final.scales is not None:
+        scales[final.nodes] *= final.scales
+        frames = with_factors(given, frames.factors * scales)
+        factors = frames.factors[final.nodes]
     scene = fused(
         frames,
         final.nodes,
-        final.estimate,
+        final.poses,
         grid=chosen.grid,
         cutoff=chosen.cutoff,
         colour=colour,
         progress=progress,
     )
     found = Reconstruction(
-        frames, final.nodes, tuple(pairs), len(steps), final, reckoning, skipped, scene, colour
+        frames,
+        final.nodes,
+        tuple(pairs),
+        len(steps),
+        final,
+        reckoning,
+        skipped,
+        scene,
+        colour,
+        factors,
     )
     missing = len(frames) - len(found.nodes) - len(skipped)
     judge_steps(frames.name, steps, missing)
@@ -335,7 +376,8 @@ class _Work:
     def measured(self, stage: str, candidates: list[tuple[int, int]]) -> list[FramePair]:
         """The pairs that match, in the order of the candidates."""
         usable = [(i, j) for i, j in candidates if self._views[i] and self._views[j]]
-        clouds = Clouds(self._views) if self.settings.dense else None
+        dense = self.settings.dense and not self.settings.scales
+        clouds = Clouds(self._views) if dense else None
         work = partial(self._pair, clouds)
         return [pair for pair in each(stage, work, usable, self.progress) if pair]
 
@@ -352,9 +394,15 @@ class _Work:
             return None
         camera = self.frames.camera if self.colour is None else self.colour.camera
         settings = self.settings.ransac
-        key = ("pair", i, j, self._keys[i], self._keys[j], settings, clouds is not None)
-        arrays = self.cache.arrays(
-            key,
-            lambda: stored(measure(i, j, a.features, b.features, camera, settings, clouds)),
+        ends_known, scaled = (self._keys[i], self._keys[j]), self.settings.scales
+        key = ("pair", i, j, *ends_known, settings, clouds is not None, scaled)
+        return restored(
+            i,
+            j,
+            self.cache.arrays(
+                key,
+                lambda: stored(
+                    measure(i, j, a.features, b.features, camera, settings, clouds, scaled=scaled)
+                ),
+            ),
         )
-        return restored(i, j, arrays)
