@@ -90,7 +90,7 @@ def fused_at(
             f"{graph}: node {outside[0]} is no frame: {frames.name} has frames 0 to {last}"
         )
     averaged = averaged_graph(instance, instance.initial)
-    colour = colour_camera(frames, settings.calibrate, Cache(cache), progress)
+    colour = colour_camera(frames, settings, Cache(cache), progress)
     scene = fused(
         frames,
         averaged.nodes,

@@ -42,7 +42,9 @@ class _Sample:
     start: tuple[FloatArray, FloatArray]
 
 
-def calibrated(frames: FrameSequence, progress: Progress = silent) -> ColourCamera | None:
+def calibrated(
+    frames: FrameSequence, progress: Progress = silent, *, scaled: bool = False
+) -> ColourCamera | None:
     """The colour camera of frames, or None if depth seems to be registered to colour.
 
     One focal length and the centre are estimated, by pairs of frames a few frames apart; distances
@@ -53,12 +55,13 @@ def calibrated(frames: FrameSequence, progress: Progress = silent) -> ColourCame
     ----------
     frames : a sequence; nothing of its truth is used
     progress : is called with the stage, and how many of how many items are done
+    scaled : whether depths of each frame have an unknown factor
     """
     last = len(frames) - 1 - APART
     if last < 1:
         return None
     firsts = np.unique(np.linspace(0, last, PAIRS).astype(int)).tolist()
-    found = each("camera", lambda k: _sample(frames, k, k + APART), firsts, progress)
+    found = each("camera", lambda k: _sample(frames, k, k + APART, scaled), firsts, progress)
     samples = [sample for sample in found if sample is not None]
     if not samples:
         return None
@@ -121,8 +124,11 @@ class _Fit:
         )
 
 
-def _sample(frames: FrameSequence, i: int, j: int) -> _Sample | None:
-    """Matched keypoints of two frames; None if no motion explains them even roughly."""
+def _sample(frames: FrameSequence, i: int, j: int, scaled: bool) -> _Sample | None:
+    """Matched keypoints of two frames; None if no motion explains them even roughly.
+
+    Depths of the second are in the unit of the first.
+    """
     a, b = frames.frame(i), frames.frame(j)
     found = []
     for frame in (a, b):
@@ -134,11 +140,11 @@ def _sample(frames: FrameSequence, i: int, j: int) -> _Sample | None:
     m, n = match(*found)
     p, q = found[0].subset(m), found[1].subset(n)
     noise = frames.camera.covariances(p.points), frames.camera.covariances(q.points)
-    motion = register(p.points, q.points, noise, np.random.default_rng([i, j]))
+    motion = register(p.points, q.points, noise, np.random.default_rng([i, j]), scaled=scaled)
     if motion is None:
         return None
     both = p.pixels.astype(np.float64), q.pixels.astype(np.float64)
-    return _Sample(both, (a.depth, b.depth), (motion.R, motion.t))
+    return _Sample(both, (a.depth, np.float32(motion.scale) * b.depth), (motion.R, motion.t))
 
 
 def _disagreement(sample: _Sample, colour: Camera, camera: Camera) -> float:

@@ -229,7 +229,7 @@ def reconstruct(
         frames = of_one_median(given, progress)
     average = averaged_scales if chosen.scales else averaged
     if colour is None:
-        colour = colour_camera(frames, chosen.calibrate, kept, progress)
+        colour = colour_camera(frames, chosen, kept, progress)
     work = _Work(frames, chosen, colour, kept, progress)
     views, skipped, size = work.views()
     steps = work.measured("odometry", adjacent(len(frames)))
@@ -281,20 +281,21 @@ def reconstruct(
 
 def colour_camera(
     frames: FrameSequence,
-    calibrate: bool | None = None,
+    settings: ReconstructSettings,
     cache: Cache = UNKEPT,
     progress: Progress = silent,
 ) -> ColourCamera | None:
     """The colour camera by `calibrated`, as the settings of `reconstruct` ask for it, or None."""
+    calibrate, scaled = settings.calibrate, settings.scales
     if not (not frames.registered if calibrate is None else calibrate):
         return None
 
     def made() -> Arrays:
-        found = calibrated(frames, progress)
+        found = calibrated(frames, progress, scaled=scaled)
         return {} if found is None else {"camera": np.array(astuple(found.camera))}
 
     keys = (frames.key(k) for k in range(len(frames)))
-    arrays = cache.arrays(("colour", *keys), made)
+    arrays = cache.arrays(("colour", scaled, *keys), made)
     return ColourCamera(Camera(*arrays["camera"].tolist())) if arrays else None
 
 
