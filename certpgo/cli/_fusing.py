@@ -121,7 +121,7 @@ def write_scene(out: Path, found: Reconstruction | Fused, cutoff: float, *, mesh
             yield colours, np.where(frame.depth <= cutoff, frame.depth, 0.0)
 
     with working("fusing the mesh"):
-        volume = tsdf.integrate(seen(), found.averaged.estimate, found.frames.camera, voxel=MESH)
+        volume = tsdf.integrate(seen(), found.averaged.poses, found.frames.camera, voxel=MESH)
         vertices, faces, colours = tsdf.mesh(volume)
     write_surface(out, Surface(vertices, colours, faces))
 

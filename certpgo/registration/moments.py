@@ -34,14 +34,14 @@ def condensed(p: FloatArray, q: FloatArray, weights: FloatArray) -> tuple[FloatA
     >>> rng = np.random.default_rng(0)
     >>> p, q, A, B = (rng.standard_normal(shape) for shape in ((99, 3), (99, 3), (3, 3), (3, 3)))
     >>> few, others, weights = condensed(p, q, np.ones(99))
-    >>> everything, condensed = ((p @ A + q @ B) ** 2).sum(), ((few @ A + others @ B) ** 2).sum(axis=1)
-    >>> len(few), bool(abs(weights @ condensed - everything) < 1e-9 * everything)
+    >>> total, costs = ((p @ A + q @ B) ** 2).sum(), ((few @ A + others @ B) ** 2).sum(axis=1)
+    >>> len(few), bool(abs(weights @ costs - total) < 1e-9 * total)
     (7, True)
     """
     d = p.shape[1]
     rows = np.sqrt(weights)[:, None] * np.hstack([np.ones((len(p), 1)), p, q])
     # Rows of R have the moments of all; their first entries are (r, 0, ... 0).
-    R = np.linalg.qr(rows, mode="r")
+    R = np.asarray(np.linalg.qr(rows, mode="r"))
     R[0] *= np.sign(R[0, 0])
     # A reflection makes these equal, so that each row is a match again.
     r = len(R)

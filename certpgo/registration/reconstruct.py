@@ -19,6 +19,7 @@ from certpgo.registration.averaging import Averaged, averaged, averaged_scales, 
 from certpgo.registration.calibration import calibrated
 from certpgo.registration.camera import Camera
 from certpgo.registration.depth_scales import (
+    MEDIAN,
     ScaledSequence,
     agreed_scales,
     of_one_median,
@@ -160,9 +161,21 @@ class Reconstruction:
             ("edges", f"{int(a.kept.sum())} of {len(a.kept)} kept, {int(steps.sum())} of odometry"),
             ("loops", f"{kept} of {loops} agree with the rest"),
             *a.said_of_fit(),
+            *self._scales(),
             ("inliers", f"{100.0 * np.median(shares):.0f} % of the matches of a kept edge, median"),
             *self._disagreement(),
             ("not proven", UNPROVEN),
+        ]
+
+    def _scales(self) -> list[tuple[str, str]]:
+        """The range of the factors, and what the certified cost and the map's unit are."""
+        if self.factors is None:
+            return []
+        low, high = self.factors.min(), self.factors.max()
+        return [
+            ("depth factors", f"{low:.4g} to {high:.4g}"),
+            ("unit", f"that in which median depths are {MEDIAN:g}, in the geometric mean"),
+            ("weights", "in the frames' own units, at the estimate"),
         ]
 
     def _disagreement(self) -> list[tuple[str, str]]:
@@ -275,7 +288,7 @@ def reconstruct(
         factors,
     )
     missing = len(frames) - len(found.nodes) - len(skipped)
-    judge_steps(frames.name, steps, missing)
+    judge_steps(frames.name, steps, missing, scaled=chosen.scales)
     return found
 
 
@@ -332,7 +345,8 @@ class _Work:
         self._keys = [one.key for one in found]
         skipped = tuple(one.reason for one in found if one.reason)
         known = [one.depths for one in found if one.depths is not None]
-        judge_depths(self.frames.name, known, self.settings.cutoff)
+        if not self.settings.scales:
+            judge_depths(self.frames.name, known, self.settings.cutoff)
         for reason in skipped:
             warnings.warn(f"frame left out: {reason}", InputNotice, stacklevel=3)
         sizes = {one.size for one in found if one.size is not None}
