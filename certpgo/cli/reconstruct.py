@@ -312,23 +312,13 @@ def _factors(found: Reconstruction | Fused) -> FloatArray | None:
 
 def _write_factors(out: Path, found: Reconstruction | Fused) -> None:
     """Write number, name and factor of each frame that is used."""
-    import csv
+    from certpgo.io.writing import write_rows
 
-    from certpgo.io.writing import atomically
-
-    factors = _factors(found)
-    if factors is None:
-        return
-    numbers, names = found.averaged.nodes.tolist(), found.frames.names
-
-    def rows(path: Path) -> None:
-        with path.open("w", encoding="utf-8", newline="") as file:
-            table = csv.writer(file, lineterminator="\n")
-            table.writerow(["frame", "name", "factor"])
-            kept = zip(numbers, factors.tolist(), strict=True)
-            table.writerows([k, names[k], repr(f)] for k, f in kept)
-
-    atomically(out, rows)
+    factors, numbers = _factors(found), found.averaged.nodes.tolist()
+    if factors is not None:
+        names = [found.frames.names[k] for k in numbers]
+        rows = zip(numbers, names, factors.tolist(), strict=True)
+        write_rows(out, ["frame", "name", "factor"], rows)
 
 
 @contextmanager

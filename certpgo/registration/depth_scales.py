@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import spsolve
 
 from certpgo.errors import FormatError
+from certpgo.graph.edges import components_of
 from certpgo.linalg.arrays import FloatArray
 from certpgo.registration.pairs import FramePair
 from certpgo.registration.sequences import Frame, FrameSequence
@@ -111,13 +111,13 @@ def agreed_scales(pairs: Sequence[FramePair], n: int) -> FloatArray:
     pairs : with scales and covariances (7, 7)
     n : number of frames
     """
-    i, j = np.array([(pair.i, pair.j) for pair in pairs], dtype=np.intp).reshape(-1, 2).T
+    edges = np.array([(pair.i, pair.j) for pair in pairs], dtype=np.intp).reshape(-1, 2)
     measured = np.log([pair.scale for pair in pairs])
     deviation = np.sqrt([pair.covariance[6, 6] for pair in pairs])
     row = np.arange(len(pairs))
-    shape = (len(pairs), n)
-    D = sparse.csr_array((np.repeat([-1.0, 1.0], len(row)), (np.r_[row, row], np.r_[i, j])), shape)
-    part = connected_components(abs(D).T @ abs(D), directed=False)[1]
+    signs, shape = np.tile([-1.0, 1.0], len(row)), (len(pairs), n)
+    D = sparse.csr_array((signs, (np.repeat(row, 2), edges.ravel())), shape)
+    part = components_of(n, edges)
     # One of each part is pinned.
     loose = np.setdiff1d(np.arange(n), np.unique(part, return_index=True)[1])
     x, pull = np.zeros(n), np.ones(len(row))
