@@ -14,7 +14,7 @@ from certpgo.cli._interrupting import tells_unwritten
 from certpgo.cli._options import Json
 from certpgo.cli._outputs import Outputs, Result, emit
 from certpgo.cli._show import facts, working
-from certpgo.errors import InputError
+from certpgo.errors import InputError, SpecError
 
 if TYPE_CHECKING:
     from certpgo.graph import Estimate
@@ -232,8 +232,10 @@ def _refuse_with_scale(graph: Path | None, method: str, **of_poses: object) -> N
     for name, value in of_poses.items():
         if value is not None:
             raise InputError(f"--{name} is for scans in one unit, aligned by ICP: not with --scale")
+    if method == "global_icp":
+        raise InputError("global_icp takes scans in one unit: not with --scale")
     if method != "pose_graph":
-        raise InputError(f"{method} takes scans in one unit: not with --scale")
+        raise SpecError.unknown("method", method, ("pose_graph", "global_icp"))
     if graph is not None and graph.suffix != ".npz":
         raise InputError(f"{graph}: only .npz files hold a graph without any known scale")
 

@@ -201,8 +201,10 @@ def read_matches(path: str | Path, scans: Sequence[Scan]) -> list[ScanMatches]:
         raise InputError(f"{path}: matches name scans by their files, but two have one name")
     try:
         text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read: {error}") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise FormatError(path, None, f"text expected: lines {LINE}") from None
     found: dict[tuple[int, int], list[tuple[int, int]]] = {}
     for line, content in enumerate(text.splitlines(), 1):
         words = content.partition("#")[0].split()
