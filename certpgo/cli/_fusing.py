@@ -78,8 +78,8 @@ def fused_at(
     """
     from certpgo.io import read
     from certpgo.registration.averaging import averaged_graph
+    from certpgo.registration.calibration import colour_camera
     from certpgo.registration.fuse import fused
-    from certpgo.registration.reconstruct import colour_camera
     from certpgo.registration.stages import Cache
 
     instance = read(graph)
@@ -90,7 +90,7 @@ def fused_at(
             f"{graph}: node {outside[0]} is no frame: {frames.name} has frames 0 to {last}"
         )
     averaged = averaged_graph(instance, instance.initial)
-    colour = colour_camera(frames, settings, Cache(cache), progress)
+    colour = colour_camera(frames, settings.calibrate, Cache(cache), progress)
     scene = fused(
         frames,
         averaged.nodes,

@@ -7,7 +7,7 @@ that those of the colour camera are where the matches of some pairs of frames ag
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from certpgo.registration.camera import Camera
 from certpgo.registration.features import ColourCamera, Features, depths, detect, match
 from certpgo.registration.ransac import register, stepped
 from certpgo.registration.sequences import FrameSequence
-from certpgo.registration.stages import Progress, each, silent
+from certpgo.registration.stages import UNKEPT, Arrays, Cache, Progress, each, silent
 
 #: Pairs of frames that are compared, and frames between the two of a pair.
 PAIRS, APART = 24, 3
@@ -72,6 +72,27 @@ def calibrated(
     if least > (1.0 - convincing) * fit.disagreement(np.zeros(3)) or not fit.pays():
         return None
     return ColourCamera(fit.camera(change))
+
+
+def colour_camera(
+    frames: FrameSequence,
+    calibrate: bool | None = None,
+    cache: Cache = UNKEPT,
+    progress: Progress = silent,
+    *,
+    scaled: bool = False,
+) -> ColourCamera | None:
+    """The colour camera by `calibrated`, or None; by default where depth is not registered."""
+    if not (not frames.registered if calibrate is None else calibrate):
+        return None
+
+    def made() -> Arrays:
+        found = calibrated(frames, progress, scaled=scaled)
+        return {} if found is None else {"camera": np.array(astuple(found.camera))}
+
+    keys = (frames.key(k) for k in range(len(frames)))
+    arrays = cache.arrays(("colour", scaled, *keys), made)
+    return ColourCamera(Camera(*arrays["camera"].tolist())) if arrays else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import astuple, dataclass, field
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -16,8 +16,7 @@ from certpgo.graph.phrases import counted
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.registration import features as keypoints
 from certpgo.registration.averaging import Averaged, averaged, averaged_scales, composed
-from certpgo.registration.calibration import calibrated
-from certpgo.registration.camera import Camera
+from certpgo.registration.calibration import colour_camera
 from certpgo.registration.depth_scales import (
     MEDIAN,
     ScaledSequence,
@@ -41,7 +40,7 @@ from certpgo.registration.pairs import (
 )
 from certpgo.registration.ransac import RansacSettings
 from certpgo.registration.sequences import FrameSequence
-from certpgo.registration.stages import UNKEPT, Arrays, Cache, Progress, digest, each, silent
+from certpgo.registration.stages import Arrays, Cache, Progress, digest, each, silent
 from certpgo.solve.result import CertifiedSolution
 
 #: Keypoints with a depth from which on a frame can be matched.
@@ -242,7 +241,7 @@ def reconstruct(
         frames = of_one_median(given, progress)
     average = averaged_scales if chosen.scales else averaged
     if colour is None:
-        colour = colour_camera(frames, chosen, kept, progress)
+        colour = colour_camera(frames, chosen.calibrate, kept, progress, scaled=chosen.scales)
     work = _Work(frames, chosen, colour, kept, progress)
     views, skipped, size = work.views()
     steps = work.measured("odometry", adjacent(len(frames)))
@@ -290,26 +289,6 @@ def reconstruct(
     missing = len(frames) - len(found.nodes) - len(skipped)
     judge_steps(frames.name, steps, missing, scaled=chosen.scales)
     return found
-
-
-def colour_camera(
-    frames: FrameSequence,
-    settings: ReconstructSettings,
-    cache: Cache = UNKEPT,
-    progress: Progress = silent,
-) -> ColourCamera | None:
-    """The colour camera by `calibrated`, as the settings of `reconstruct` ask for it, or None."""
-    calibrate, scaled = settings.calibrate, settings.scales
-    if not (not frames.registered if calibrate is None else calibrate):
-        return None
-
-    def made() -> Arrays:
-        found = calibrated(frames, progress, scaled=scaled)
-        return {} if found is None else {"camera": np.array(astuple(found.camera))}
-
-    keys = (frames.key(k) for k in range(len(frames)))
-    arrays = cache.arrays(("colour", scaled, *keys), made)
-    return ColourCamera(Camera(*arrays["camera"].tolist())) if arrays else None
 
 
 class _Looked(NamedTuple):
@@ -409,15 +388,11 @@ class _Work:
             return None
         camera = self.frames.camera if self.colour is None else self.colour.camera
         settings = self.settings.ransac
-        ends_known, scaled = (self._keys[i], self._keys[j]), self.settings.scales
-        key = ("pair", i, j, *ends_known, settings, clouds is not None, scaled)
-        return restored(
-            i,
-            j,
-            self.cache.arrays(
-                key,
-                lambda: stored(
-                    measure(i, j, a.features, b.features, camera, settings, clouds, scaled=scaled)
-                ),
-            ),
-        )
+        scaled = self.settings.scales
+        key = ("pair", i, j, self._keys[i], self._keys[j], settings, clouds is not None, scaled)
+        both = a.features, b.features
+
+        def made() -> Arrays:
+            return stored(measure(i, j, *both, camera, settings, clouds, scaled=scaled))
+
+        return restored(i, j, self.cache.arrays(key, made))

@@ -21,7 +21,7 @@ import certpgo
 from certpgo.graph import Estimate
 from certpgo.registration.depth_scales import with_factors
 from certpgo.registration.ransac import umeyama
-from certpgo.registration.reconstruct import ReconstructSettings
+from certpgo.registration.reconstruct import Reconstruction, ReconstructSettings
 from certpgo.registration.scans import Scan, read_initial, read_scan
 from certpgo.registration.submaps import ScanMatches, register_submaps
 from certpgo.registration.synthetic import synthetic_sequence
@@ -50,6 +50,18 @@ def scale_errors(found: np.ndarray, hidden: np.ndarray) -> str:
     return f"factors off by {off.std():.3f} %, at most {np.abs(off).max():.3f} %"
 
 
+def ratio_errors(found: Reconstruction, hidden: np.ndarray) -> str:
+    """Errors of the logarithms of measured ratios, root mean squares, per cent."""
+    graph, factors = found.instance.graph, np.log(found.factors * hidden[found.nodes])
+    i, j = graph.edges.T
+    off = 100.0 * (np.log(graph.scales) - factors[i] + factors[j])
+    steps = np.diff(found.nodes[graph.edges], axis=1)[:, 0] <= 2
+    said = [
+        f"{np.sqrt(np.mean(off[chosen] ** 2)):.2f}" for chosen in (steps, ~steps) if chosen.any()
+    ]
+    return f"ratios of steps and loops off by {' and '.join(said)} %"
+
+
 def row(name: str, cache: str | None) -> str:
     """The line of a sequence: true depths with clouds and without, then hidden factors."""
     folder, errors = DATA / "rgbd" / name, []
@@ -64,7 +76,8 @@ def row(name: str, cache: str | None) -> str:
     return (
         f"{name:14}true depth {errors[0]:.3f} mm, by keypoints alone {errors[1]:.3f} mm; hidden "
         f"factors {own:.3f} mm, {own / errors[0]:.2f} and {own / errors[1]:.2f} times; "
-        f"{scale_errors(found.factors, hidden[found.nodes])}; {found.answer.verdict.value}, "
+        f"{scale_errors(found.factors, hidden[found.nodes])}; "
+        f"{ratio_errors(found, hidden)}; {found.answer.verdict.value}, "
         f"{len(found.nodes)} of {len(frames)} frames"
     )
 
