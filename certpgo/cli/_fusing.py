@@ -78,8 +78,8 @@ def fused_at(
     """
     from certpgo.io import read
     from certpgo.registration.averaging import averaged_graph
+    from certpgo.registration.calibration import colour_camera
     from certpgo.registration.fuse import fused
-    from certpgo.registration.reconstruct import colour_camera
     from certpgo.registration.stages import Cache
 
     instance = read(graph)
@@ -121,7 +121,7 @@ def write_scene(out: Path, found: Reconstruction | Fused, cutoff: float, *, mesh
             yield colours, np.where(frame.depth <= cutoff, frame.depth, 0.0)
 
     with working("fusing the mesh"):
-        volume = tsdf.integrate(seen(), found.averaged.estimate, found.frames.camera, voxel=MESH)
+        volume = tsdf.integrate(seen(), found.averaged.poses, found.frames.camera, voxel=MESH)
         vertices, faces, colours = tsdf.mesh(volume)
     write_surface(out, Surface(vertices, colours, faces))
 

@@ -20,12 +20,13 @@ from certpgo.cli._show import facts, notice, noticing, working
 from certpgo.errors import InputError
 
 if TYPE_CHECKING:
+    from certpgo.linalg.arrays import FloatArray
     from certpgo.registration.reconstruct import Reconstruction
     from certpgo.registration.sequences import FrameSequence
     from certpgo.registration.stages import Progress
 
 
-@tells_unwritten("out", "trajectory", "graph", "html")
+@tells_unwritten("out", "trajectory", "graph", "html", "factors")
 def command(
     folder: Annotated[
         Path | None,
@@ -59,7 +60,11 @@ def command(
         Path | None, typer.Option("--trajectory", help="Write the poses, by default as .tum.")
     ] = None,
     graph: Annotated[
-        Path | None, typer.Option("--graph", help="Write all measured edges to this .g2o file.")
+        Path | None,
+        typer.Option(
+            "--graph",
+            help="Write all measured edges to this .g2o file; .npz with --unknown-depth-scale.",
+        ),
     ] = None,
     html: HtmlOut = None,
     mesh: Annotated[
@@ -71,6 +76,20 @@ def command(
     depth_scale: Annotated[
         float | None,
         typer.Option("--depth-scale", help="Depth units per metre.", show_default=False),
+    ] = None,
+    unknown_depth_scale: Annotated[
+        bool,
+        typer.Option(
+            "--unknown-depth-scale",
+            help="Estimate an unknown factor of each frame's depth. Metres are then units of a map "
+            "in which median depths are 2 in the geometric mean.",
+        ),
+    ] = False,
+    factors: Annotated[
+        Path | None,
+        typer.Option(
+            "--factors", metavar="CSV", help="Write the factor of each frame's depth to this file."
+        ),
     ] = None,
     every: Annotated[int, typer.Option("--every", min=1, help="Use every K-th frame.")] = 1,
     cutoff: Annotated[
@@ -118,6 +137,9 @@ def command(
 
     With --frames, FOLDER is a pose graph. It is solved and certified, and frames are fused at its
     poses. Node ids are frame numbers.
+
+    With --unknown-depth-scale, similarities of frames are measured by keypoints, and the verdict is
+    about the cost F over similarities, with weights in the frames' own units.
     """
     from certpgo.registration.fuse import GRID
     from certpgo.registration.reconstruct import ReconstructSettings, reconstruct
@@ -133,7 +155,13 @@ def command(
         raise InputError(_refusal(method))
     format = "tum" if trajectory is not None and trajectory.suffix in ("", ".txt") else None
     outputs = Outputs(
-        scene=out, estimate=trajectory, graph=graph, html=html, format=format, json=json
+        scene=out,
+        estimate=trajectory,
+        graph=graph,
+        csv=factors,
+        html=html,
+        format=format,
+        json=json,
     )
     outputs.refuse()
     if out is not None and out.suffix != ".ply":
@@ -142,6 +170,10 @@ def command(
         raise InputError("--mesh needs --out")
     if of_graph is not None and (graph is not None or every > 1):
         raise InputError("--frames takes the poses of a graph: without --graph and --every")
+    if unknown_depth_scale:
+        _refuse_with_unknown_scale(of_graph, depth_scale, graph)
+    elif factors is not None:
+        raise InputError("--factors needs --unknown-depth-scale")
     frames = _frames(folder if of_graph is None else of_graph, wallpaper, camera, depth_scale)
     if every > 1:
         frames = frames.chosen(range(0, len(frames), every))
@@ -152,6 +184,7 @@ def command(
         gate=gate,
         consistent=consistent,
         calibrate=calibrate,
+        scales=unknown_depth_scale,
     )
     found: Reconstruction | Fused
     with noticing(), _reporting() as progress:
@@ -178,9 +211,11 @@ class _Reconstructed(Result):
         found = self.found
         if outputs.scene is not None:
             write_scene(outputs.scene, found, self.cutoff, mesh=self.mesh)
-        outputs.write(found.averaged.estimate, ids=found.averaged.nodes)
+        outputs.write(found.averaged.poses, ids=found.averaged.nodes)
         if outputs.graph is not None:
             write(outputs.graph, found.averaged.instance)
+        if outputs.csv is not None:
+            _write_factors(outputs.csv, found)
         if outputs.html is not None:
             write_reconstruction(outputs.html, found, self.graph)
 
@@ -217,7 +252,7 @@ class _Reconstructed(Result):
             "reason": certificate.reason,
             "cost": answer.cost,
             "lower_bound": certificate.lower_bound,
-            "objective": "F" if instance.information is None else "g2o",
+            "objective": _objective(found),
             "edges": len(kept),
             "odometry": found.odometry,
             "fit": None if answer.fit is None else _verdict.fit_as_json(answer.fit),
@@ -227,6 +262,7 @@ class _Reconstructed(Result):
                 for pair in numbers.tolist()
             ],
             "points": len(found.scene),
+            "depth_factors": None if (factors := _factors(found)) is None else factors.tolist(),
         }
 
     def notices(self, outputs: Outputs) -> list[str]:
@@ -245,6 +281,44 @@ def _frames(
             raise InputError("--camera and --depth-scale are for frames in a folder")
         return synthetic_sequence(wallpaper=wallpaper)
     return read_sequence(folder, camera=camera, depth_scale=depth_scale)
+
+
+def _refuse_with_unknown_scale(
+    of_graph: Path | None, depth_scale: float | None, graph: Path | None
+) -> None:
+    """Refuse what says how large things are, or cannot hold that nobody knows."""
+    if of_graph is not None:
+        raise InputError(
+            "--frames takes the poses of a graph, with depths of known scale: not with "
+            "--unknown-depth-scale"
+        )
+    if depth_scale is not None:
+        raise InputError("--depth-scale says what --unknown-depth-scale is to find: give one")
+    if graph is not None and graph.suffix != ".npz":
+        raise InputError(f"{graph}: only .npz files hold a graph without any known scale")
+
+
+def _objective(found: Reconstruction | Fused) -> str:
+    """The name of the certified cost."""
+    if _factors(found) is not None:
+        return "similarity"
+    return "F" if found.averaged.instance.information is None else "g2o"
+
+
+def _factors(found: Reconstruction | Fused) -> FloatArray | None:
+    """(n,) factors of the depths of the frames that are used; None where they are known."""
+    return getattr(found, "factors", None)
+
+
+def _write_factors(out: Path, found: Reconstruction | Fused) -> None:
+    """Write number, name and factor of each frame that is used."""
+    from certpgo.io.writing import write_rows
+
+    factors, numbers = _factors(found), found.averaged.nodes.tolist()
+    if factors is not None:
+        names = [found.frames.names[k] for k in numbers]
+        rows = zip(numbers, names, factors.tolist(), strict=True)
+        write_rows(out, ["frame", "name", "factor"], rows)
 
 
 @contextmanager

@@ -14,11 +14,13 @@ from certpgo.cli._interrupting import tells_unwritten
 from certpgo.cli._options import Json
 from certpgo.cli._outputs import Outputs, Result, emit
 from certpgo.cli._show import facts, working
-from certpgo.errors import InputError
+from certpgo.errors import InputError, SpecError
 
 if TYPE_CHECKING:
+    from certpgo.graph import Estimate
     from certpgo.registration.register import Registration
     from certpgo.registration.scans import Scan
+    from certpgo.registration.submaps import SubmapRegistration
 
 #: What the verdict leaves open.
 LIMITS = (
@@ -27,7 +29,7 @@ LIMITS = (
 )
 
 
-@tells_unwritten("out", "graph", "trajectory")
+@tells_unwritten("out", "graph", "trajectory", "scales")
 def command(
     scans: Annotated[
         list[Path],
@@ -50,6 +52,23 @@ def command(
     method: Annotated[
         str, typer.Option("--method", help="pose_graph, or global_icp without a certificate.")
     ] = "pose_graph",
+    scale: Annotated[
+        bool,
+        typer.Option(
+            "--scale", help="Estimate an unknown scale of each scan, from the points of --matches."
+        ),
+    ] = False,
+    matches: Annotated[
+        Path | None,
+        typer.Option(
+            "--matches",
+            help="With --scale: matched points, lines SCAN POINT SCAN POINT; points count from 0.",
+        ),
+    ] = None,
+    scales: Annotated[
+        Path | None,
+        typer.Option("--scales", metavar="CSV", help="With --scale: write the scale of each scan."),
+    ] = None,
     voxel: Annotated[
         float | None,
         typer.Option(
@@ -69,7 +88,10 @@ def command(
         ),
     ] = None,
     graph: Annotated[
-        Path | None, typer.Option("--graph", help="Write the pose graph to this g2o file.")
+        Path | None,
+        typer.Option(
+            "--graph", help="Write the pose graph to this g2o file; with --scale to .npz."
+        ),
     ] = None,
     trajectory: Annotated[
         Path | None, typer.Option("--trajectory", help="Write the poses to this TUM file.")
@@ -81,13 +103,24 @@ def command(
     Global ICP moves all scans at once; generalized ICP measures each pair that overlaps; the pose
     graph of these measurements is solved and certified. Ctrl-C ends the command, and nothing is
     written.
+
+    With --scale, scans are sub-maps whose units of length are unknown. Points of theirs that were
+    matched, some of them wrongly, make the cost: the squared distances of those that agree in
+    pairs, F over similarities. The first scan stays as it is, and its unit is that of the result.
     """
     from certpgo import register
     from certpgo.registration.scans import read_initial, read_scan
 
-    outputs = Outputs(scene=out, graph=graph, estimate=trajectory, json=json)
+    outputs = Outputs(scene=out, graph=graph, estimate=trajectory, csv=scales, json=json)
+    if scale:
+        _refuse_with_scale(graph, initial=initial, voxel=voxel, reach=reach, method=method)
+    for name, value in (("matches", matches), ("scales", scales)):
+        if value is not None and not scale:
+            raise InputError(f"--{name} needs --scale")
     outputs.refuse()
-    outputs.refuse_overwriting(*scans, initial)
+    outputs.refuse_overwriting(*scans, initial, matches)
+    if scale:
+        return _scaled(scans, matches, outputs)
     if graph is not None and method == "global_icp":
         raise InputError("global_icp has no pose graph: not with --graph")
     with working("reading scans") as status:
@@ -117,7 +150,7 @@ class _Registered(Result):
 
         with working("writing"):
             if outputs.scene is not None:
-                _write_cloud(outputs.scene, self.scans, self.found)
+                _write_cloud(outputs.scene, self.scans, self.found.estimate)
             if outputs.graph is not None and self.found.instance is not None:
                 write(outputs.graph, self.found.instance)
             outputs.write(self.found.estimate)
@@ -194,7 +227,125 @@ class _Registered(Result):
         }
 
 
-def _write_cloud(out: Path, scans: list[Scan], found: Registration) -> None:
+def _refuse_with_scale(graph: Path | None, method: str, **of_poses: object) -> None:
+    """Refuse the options of the search from approximate poses, and graphs of known scale."""
+    for name, value in of_poses.items():
+        if value is not None:
+            raise InputError(f"--{name} is for scans in one unit, aligned by ICP: not with --scale")
+    if method == "global_icp":
+        raise InputError("global_icp takes scans in one unit: not with --scale")
+    if method != "pose_graph":
+        raise SpecError.unknown("method", method, ("pose_graph", "global_icp"))
+    if graph is not None and graph.suffix != ".npz":
+        raise InputError(f"{graph}: only .npz files hold a graph without any known scale")
+
+
+def _scaled(scans: list[Path], matches: Path | None, outputs: Outputs) -> int:
+    """Register sub-maps of unknown scale by matched points."""
+    from certpgo.registration.scans import read_scan
+    from certpgo.registration.submaps import read_matches, register_submaps
+
+    if matches is None:
+        raise InputError("--scale needs --matches: alignment of clouds does not tell their scales")
+    with working("reading scans"):
+        read = [read_scan(path) for path in scans]
+        matched = read_matches(matches, read)
+    with working("solving"):
+        found = register_submaps(read, matched)
+    return emit([_Submaps(found.solution.certificate, read, found)], [outputs])
+
+
+@dataclass(frozen=True)
+class _Submaps(Result):
+    """Sub-maps in one frame and unit."""
+
+    scans: list[Scan]
+    found: SubmapRegistration
+
+    @property
+    def scales(self) -> list[float]:
+        """Units of the first scan that one of each scan is."""
+        scales = self.found.estimate.scales
+        return [] if scales is None else scales.tolist()
+
+    def write(self, outputs: Outputs) -> None:
+        from certpgo import Estimate, write
+        from certpgo.io.writing import write_rows
+
+        estimate = self.found.estimate
+        with working("writing"):
+            if outputs.scene is not None:
+                _write_cloud(outputs.scene, self.scans, estimate)
+            if outputs.graph is not None:
+                write(outputs.graph, self.found.instance)
+            outputs.write(Estimate(estimate.rotations, estimate.translations))
+            if outputs.csv is not None:
+                names = [scan.name for scan in self.scans]
+                write_rows(outputs.csv, ["scan", "scale"], zip(names, self.scales, strict=True))
+
+    def notices(self, outputs: Outputs) -> Iterator[str]:
+        yield LIMITS
+        for i, j in self.found.left_out:
+            names = f"{self.scans[i].name} and {self.scans[j].name}"
+            yield f"left out: no similarity agrees with enough matches of {names}"
+
+    def show(self, outputs: Outputs) -> None:
+        from certpgo.certify.wording import named_cost
+
+        scans, found = self.scans, self.found
+        agreeing = sum(len(pair.p) for pair in found.pairs)
+        names = [scan.name for scan in scans]
+        _verdict.headline(found.solution.certificate)
+        facts(
+            [
+                ("cost", f"{named_cost(found.solution.certificate.objective)}, of matched points"),
+                ("scans", f"{len(scans)}, of {sum(len(scan.points) for scan in scans)} points"),
+                (
+                    "matches",
+                    f"{agreeing} of {found.total.sum()} agree, in {len(found.pairs)} pairs",
+                ),
+                (
+                    "disagreement",
+                    f"at most {found.residuals.max():.3g} times the noise that a pair alone shows",
+                ),
+                *(
+                    ("scale", f"{scale:.6g}, of {name}")
+                    for name, scale in zip(names, self.scales, strict=True)
+                ),
+                *(("written", str(path)) for path in outputs.files),
+            ]
+        )
+
+    def report(self, outputs: Outputs) -> dict[str, Any]:
+        found = self.found
+        names, certificate = [scan.name for scan in self.scans], found.solution.certificate
+        rows = zip(found.pairs, found.total.tolist(), found.residuals.tolist(), strict=True)
+        return {
+            "verdict": certificate.verdict.value,
+            "reason": certificate.reason,
+            "cost": found.solution.cost,
+            "lower_bound": certificate.lower_bound,
+            "objective": "similarity",
+            "registration": {
+                "scans": names,
+                "scales": self.scales,
+                "pairs": [
+                    {
+                        "scans": [names[pair.i], names[pair.j]],
+                        "matches": total,
+                        "inliers": len(pair.p),
+                        "residual": residual,
+                    }
+                    for pair, total, residual in rows
+                ],
+                "left_out": [[names[i], names[j]] for i, j in found.left_out],
+                "limits": LIMITS,
+                "written": str(outputs.scene),
+            },
+        }
+
+
+def _write_cloud(out: Path, scans: list[Scan], estimate: Estimate) -> None:
     """All points in the world, in their own colours, or in one for each scan."""
     import colorsys
 
@@ -203,13 +354,13 @@ def _write_cloud(out: Path, scans: list[Scan], found: Registration) -> None:
     from certpgo.io.surfaces import Surface, write_surface
 
     points, colours = [], []
-    translations = found.estimate.translations
+    translations = estimate.translations
     if translations is None:
         raise InputError("an estimate of scans has translations")
-    for k, (scan, R, t) in enumerate(
-        zip(scans, found.estimate.rotations, translations, strict=True)
-    ):
-        points.append(scan.points @ R.T + t)
+    scales = np.ones(len(scans)) if estimate.scales is None else estimate.scales
+    placed = zip(scans, scales, estimate.rotations, translations, strict=True)
+    for k, (scan, s, R, t) in enumerate(placed):
+        points.append(s * scan.points @ R.T + t)
         own = np.rint(255 * np.array(colorsys.hsv_to_rgb(k / len(scans), 0.5, 0.9)))
         painted = np.tile(own.astype(np.uint8), (len(scan.points), 1))
         colours.append(painted if scan.colours is None else scan.colours)

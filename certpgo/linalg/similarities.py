@@ -21,7 +21,7 @@ STEP = 1e-5
 
 
 class Similarities(NamedTuple):
-    """Rotations (k, 3, 3), translations (k, 3) and scales (k,) of k similarities."""
+    """Rotations (k, d, d), translations (k, d) and scales (k,); x -> s R x + t."""
 
     rotations: FloatArray
     translations: FloatArray
@@ -53,7 +53,7 @@ class Similarities(NamedTuple):
 
     @property
     def logarithms(self) -> FloatArray:
-        """Tangent vectors (k, 7), with |omega| at most pi."""
+        """Tangent vectors (k, 7) of those of space, with |omega| at most pi."""
         return log(*self)
 
 

@@ -27,7 +27,7 @@ from certpgo.linalg.arrays import CSC, BoolArray, FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import U
 from certpgo.linalg.blocks import Layout, pinned
 from certpgo.objective import operators
-from certpgo.objective.base import FirstOrder
+from certpgo.objective.base import AnyPoint, FirstOrder
 from certpgo.objective.edge_sums import EdgeSums
 from certpgo.objective.problem import PoseProblem
 from certpgo.objective.similarity_model import SimilarityModel
@@ -121,13 +121,20 @@ class SimilarityProblem(PoseProblem):
 
     def blocks(self, point: Point) -> Lift:
         """The point with A_i = s_i R_i in place of rotations."""
-        A, t = point.rotations, point.translations
-        if isinstance(point, Estimate) and point.scales is not None:
-            A = self.scales_of(point)[:, None, None] * A
-        if not self.in_mean_unit:
-            return Lift(A, t)
-        unit = math.sqrt(float(np.mean(np.square(self.sizes_of(A)[self.held]))))
+        A, t, unit = self._scaled(point), point.translations, self._unit_of(point)
         return Lift(A / unit, None if t is None else t / unit)
+
+    def _scaled(self, point: Point) -> FloatArray:
+        """The blocks s_i R_i."""
+        if isinstance(point, Estimate) and point.scales is not None:
+            return np.asarray(self.scales_of(point)[:, None, None] * point.rotations)
+        return point.rotations
+
+    def _unit_of(self, point: Point) -> float:
+        """The root mean square scale, or 1 where some scales are known."""
+        if not self.in_mean_unit:
+            return 1.0
+        return math.sqrt(float(np.mean(np.square(self.sizes_of(self._scaled(point))[self.held]))))
 
     def sizes_of(self, A: FloatArray) -> FloatArray:
         """(n,) scales of blocks (n, r, d); 1 of points."""
@@ -186,6 +193,11 @@ class SimilarityProblem(PoseProblem):
     def translation_residuals(self, point: Point) -> FloatArray:
         """(m, r) vectors t_j - t_i - A_i t_ij."""
         return operators.translation_residuals(self.form, self.blocks(point))
+
+    def with_optimal_translations(self, point: AnyPoint) -> AnyPoint:
+        """The point with the translations that minimise F for its rotations and scales."""
+        t = translations_of(super().with_optimal_translations(self.blocks(point)))
+        return point.with_translations(self._unit_of(point) * t)  # type: ignore[return-value]
 
     def _eliminated(self, point: Point) -> FloatArray:
         return super()._eliminated(self.blocks(point))

@@ -2,25 +2,27 @@
 
 The graph keeps the full information matrices, in g2o's convention. A robust fit under the isotropic
 weights rejects wrong loops, with the steps of odometry as known inliers; the rest is solved and
-certified under g2o's cost, which weighs with the matrices themselves.
+certified under g2o's cost, which weighs with the matrices themselves. Where the scale of each frame
+is unknown, it is F over similarities, with weights in the frames' own units.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from certpgo.errors import InputError
-from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
-from certpgo.graph.graph import require_connected
+from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph, SimilarityGraph
+from certpgo.graph.graph import Graph, require_connected
 from certpgo.graph.information import Information
 from certpgo.graph.trees import compose, spanning_tree
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.choose_cost import InformationProblem
 from certpgo.registration.pairs import FramePair
 from certpgo.solve.result import CertifiedSolution
+from certpgo.solve.reweighing import reweigh
 from certpgo.solve.robust import solve_robustly
 from certpgo.solve.solving import solve
 
@@ -41,6 +43,9 @@ class Averaged:
     kept : (m,) which edges the certificate is about
     robust : the robust fit under the isotropic cost, from which rejected edges are
     answer : the certified solution for the kept edges
+    scales : (n,) lengths in the map over those that the pairs have in each frame, where these are
+        unknown; of geometric mean 1. The graph is in units so much larger, and the answer's scales
+        are near 1
     """
 
     instance: Instance
@@ -49,11 +54,18 @@ class Averaged:
     kept: BoolArray
     robust: CertifiedSolution
     answer: CertifiedSolution
+    scales: FloatArray | None = None
 
     @property
     def estimate(self) -> Estimate:
-        """Poses of the nodes; the first is the identity."""
+        """Poses of the nodes, with scales where they are unknown; the first is the identity."""
         return self.answer.estimate.anchored(0)
+
+    @property
+    def poses(self) -> Estimate:
+        """The same without scales."""
+        found = self.estimate
+        return Estimate(found.rotations, found.translations, found.keys)
 
     @property
     def rejected(self) -> IntArray:
@@ -87,13 +99,13 @@ def pose_graph(
     covariances = np.array([p.covariance for p in pairs])
     # Variances of the mean axis: F weighs |R - R'|^2, twice the squared angle.
     kappa = 1.5 / np.trace(covariances[:, :3, :3], axis1=1, axis2=2)
-    tau = 3.0 / np.trace(covariances[:, 3:, 3:], axis1=1, axis2=2)
+    tau = 3.0 / np.trace(covariances[:, 3:6, 3:6], axis1=1, axis2=2)
     R, t = np.array([p.R for p in pairs]), np.array([p.t for p in pairs])
     whole = PoseGraph(RotationGraph(len(names), ends, R, kappa), t, tau)
     largest = int(np.argmax(np.bincount(whole.components)))
     nodes = np.flatnonzero(whole.components == largest)
     chosen = np.flatnonzero(whole.components[ends[:, 0]] == largest)
-    information = np.linalg.inv(_TO_G2O @ covariances[chosen] @ _TO_G2O.T)
+    information = np.linalg.inv(_TO_G2O @ covariances[chosen, :6, :6] @ _TO_G2O.T)
     information = 0.5 * (information + np.swapaxes(information, 1, 2))
     instance = Instance(
         name,
@@ -135,6 +147,48 @@ def averaged(
     instance, chosen = pose_graph(pairs, names, name)
     start = initial if initial is not None and initial.num_nodes == len(instance.ids) else None
     return averaged_graph(instance, start, trust=trust, chosen=chosen)
+
+
+def averaged_scales(
+    pairs: Sequence[FramePair],
+    names: Sequence[str],
+    name: str,
+    initial: Estimate | None = None,
+    *,
+    trust: bool = True,
+) -> Averaged:
+    """The certified trajectory, and the scales, of the frames that most pairs join.
+
+    A robust fit of poses rejects pairs, so the units of frames must be about equal. The others are
+    solved as similarities by `reweigh`: the certificate is about F with the last weights.
+
+    Parameters
+    ----------
+    pairs : with scales
+    initial, trust : as in `averaged`
+    """
+    rigid = averaged(pairs, names, name, initial, trust=trust)
+    graph = _similarities(rigid.instance.graph, [pairs[k] for k in rigid.chosen.tolist()])
+    kept = replace(rigid.instance, graph=graph, information=None).with_edges(rigid.kept)
+    found = reweigh(kept).estimate.scales
+    scales = np.ones(graph.num_nodes) if found is None else found
+    scales = scales / np.exp(np.log(scales).mean())
+    units = graph.in_units_of(scales)
+    answer = solve(units.with_edges(rigid.kept))
+    instance = replace(rigid.instance, graph=units, information=None)
+    return replace(rigid, instance=instance, answer=answer, scales=scales)
+
+
+def _similarities(graph: Graph, pairs: Sequence[FramePair]) -> SimilarityGraph:
+    """The graph of poses with the scales of its pairs, all unknown."""
+    ends, R, t = graph.edges, np.array([p.R for p in pairs]), np.array([p.t for p in pairs])
+    C = np.array([p.covariance for p in pairs])
+    turns, shifts = (np.trace(C[:, k : k + 3, k : k + 3], axis1=1, axis2=2) for k in (0, 3))
+    # |A - A'|^2 is twice the squared angle and 3 times that of log scale: 4 degrees of freedom.
+    kappa = 4.0 / (2.0 * turns + 3.0 * C[:, 6, 6])
+    rotation = RotationGraph(graph.num_nodes, ends, R, kappa)
+    scales = np.array([p.scale for p in pairs])
+    return SimilarityGraph(rotation, t, 3.0 / shifts, scales=scales)
 
 
 def averaged_graph(

@@ -7,7 +7,7 @@ that those of the colour camera are where the matches of some pairs of frames ag
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from certpgo.registration.camera import Camera
 from certpgo.registration.features import ColourCamera, Features, depths, detect, match
 from certpgo.registration.ransac import register, stepped
 from certpgo.registration.sequences import FrameSequence
-from certpgo.registration.stages import Progress, each, silent
+from certpgo.registration.stages import UNKEPT, Arrays, Cache, Progress, each, silent
 
 #: Pairs of frames that are compared, and frames between the two of a pair.
 PAIRS, APART = 24, 3
@@ -42,7 +42,9 @@ class _Sample:
     start: tuple[FloatArray, FloatArray]
 
 
-def calibrated(frames: FrameSequence, progress: Progress = silent) -> ColourCamera | None:
+def calibrated(
+    frames: FrameSequence, progress: Progress = silent, *, scaled: bool = False
+) -> ColourCamera | None:
     """The colour camera of frames, or None if depth seems to be registered to colour.
 
     One focal length and the centre are estimated, by pairs of frames a few frames apart; distances
@@ -53,12 +55,13 @@ def calibrated(frames: FrameSequence, progress: Progress = silent) -> ColourCame
     ----------
     frames : a sequence; nothing of its truth is used
     progress : is called with the stage, and how many of how many items are done
+    scaled : whether depths of each frame have an unknown factor
     """
     last = len(frames) - 1 - APART
     if last < 1:
         return None
     firsts = np.unique(np.linspace(0, last, PAIRS).astype(int)).tolist()
-    found = each("camera", lambda k: _sample(frames, k, k + APART), firsts, progress)
+    found = each("camera", lambda k: _sample(frames, k, k + APART, scaled), firsts, progress)
     samples = [sample for sample in found if sample is not None]
     if not samples:
         return None
@@ -69,6 +72,27 @@ def calibrated(frames: FrameSequence, progress: Progress = silent) -> ColourCame
     if least > (1.0 - convincing) * fit.disagreement(np.zeros(3)) or not fit.pays():
         return None
     return ColourCamera(fit.camera(change))
+
+
+def colour_camera(
+    frames: FrameSequence,
+    calibrate: bool | None = None,
+    cache: Cache = UNKEPT,
+    progress: Progress = silent,
+    *,
+    scaled: bool = False,
+) -> ColourCamera | None:
+    """The colour camera by `calibrated`, or None; by default where depth is not registered."""
+    if not (not frames.registered if calibrate is None else calibrate):
+        return None
+
+    def made() -> Arrays:
+        found = calibrated(frames, progress, scaled=scaled)
+        return {} if found is None else {"camera": np.array(astuple(found.camera))}
+
+    keys = (frames.key(k) for k in range(len(frames)))
+    arrays = cache.arrays(("colour", scaled, *keys), made)
+    return ColourCamera(Camera(*arrays["camera"].tolist())) if arrays else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,8 +145,11 @@ class _Fit:
         )
 
 
-def _sample(frames: FrameSequence, i: int, j: int) -> _Sample | None:
-    """Matched keypoints of two frames; None if no motion explains them even roughly."""
+def _sample(frames: FrameSequence, i: int, j: int, scaled: bool) -> _Sample | None:
+    """Matched keypoints of two frames; None if no motion explains them even roughly.
+
+    Depths of the second are in the unit of the first.
+    """
     a, b = frames.frame(i), frames.frame(j)
     found = []
     for frame in (a, b):
@@ -134,11 +161,11 @@ def _sample(frames: FrameSequence, i: int, j: int) -> _Sample | None:
     m, n = match(*found)
     p, q = found[0].subset(m), found[1].subset(n)
     noise = frames.camera.covariances(p.points), frames.camera.covariances(q.points)
-    motion = register(p.points, q.points, noise, np.random.default_rng([i, j]))
+    motion = register(p.points, q.points, noise, np.random.default_rng([i, j]), scaled=scaled)
     if motion is None:
         return None
     both = p.pixels.astype(np.float64), q.pixels.astype(np.float64)
-    return _Sample(both, (a.depth, b.depth), (motion.R, motion.t))
+    return _Sample(both, (a.depth, np.float32(motion.scale) * b.depth), (motion.R, motion.t))
 
 
 def _disagreement(sample: _Sample, colour: Camera, camera: Camera) -> float:

@@ -60,7 +60,9 @@ def judge_depths(name: str, about: Sequence[FloatArray], cutoff: float) -> None:
         warnings.warn(f"{said}: is the depth scale right?", InputNotice, stacklevel=4)
 
 
-def judge_steps(name: str, steps: Sequence[FramePair], missing: int) -> None:
+def judge_steps(
+    name: str, steps: Sequence[FramePair], missing: int, *, scaled: bool = False
+) -> None:
     """Warn of what a wrong camera or depth scale explains, and of frames that nothing joins.
 
     Parameters
@@ -68,6 +70,7 @@ def judge_steps(name: str, steps: Sequence[FramePair], missing: int) -> None:
     name : of the frames
     steps : the pairs of odometry
     missing : how many usable frames are joined to no others
+    scaled : whether depths have an unknown factor
     """
     if missing:
         few = counted(missing, "frame{s}")
@@ -78,7 +81,9 @@ def judge_steps(name: str, steps: Sequence[FramePair], missing: int) -> None:
     if shares < FEW_INLIERS or noise > LOUD:
         said = f"{100.0 * shares:.0f} % of the matches of neighbouring frames agree"
         said = f"{name}: only {said}, with {np.sqrt(noise):.2g} times the noise of depth cameras"
-        warnings.warn(f"{said}: are camera and depth scale right?", InputNotice, stacklevel=3)
+        asked = "is the camera right, and are depths right but for a factor"
+        asked = asked if scaled else "are camera and depth scale right"
+        warnings.warn(f"{said}: {asked}?", InputNotice, stacklevel=3)
     excess = np.median([pair.excess for pair in steps])
     if excess > DISAGREEING:
         said = f"{name}: colour and depth disagree on the motion between neighbouring frames, by"

@@ -199,7 +199,7 @@ class DeadReckoning:
 def _variances(pair: FramePair) -> tuple[float, float]:
     """Traces of the covariances of rotation and translation, rad^2 and m^2."""
     C = pair.covariance
-    return float(np.trace(C[:3, :3])), float(np.trace(C[3:, 3:]))
+    return float(np.trace(C[:3, :3])), float(np.trace(C[3:6, 3:6]))
 
 
 def consistent(loops: Sequence[FramePair], reckoning: DeadReckoning) -> list[FramePair]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from threading import Lock
 from typing import Any
 
@@ -18,9 +19,9 @@ from certpgo.registration.dense import DenseRegistration, PreparedCloud, align, 
 from certpgo.registration.features import Features, match
 from certpgo.registration.ransac import Motion, RansacSettings, register
 
-#: Standard deviations that no measurement goes below, radians and metres: what keypoints share,
-#: such as the camera's calibration, no number of them averages out.
-FLOORS = math.radians(0.03), 0.0005
+#: Standard deviations that no measurement goes below, radians, metres and of a logarithm of scale:
+#: what keypoints share, such as the camera's calibration, no number of them averages out.
+FLOORS = math.radians(0.03), 0.0005, 0.0005
 #: Edges of the voxels of a target and of a source, and the distance of partners, metres: time goes
 #: with the points of the source.
 VOXEL, COARSE, REACH = 0.03, 0.06, 0.08
@@ -32,7 +33,7 @@ OVERLAP = 0.3
 #: Frames whose clouds are kept prepared, 3 MB each.
 RECENT = 32
 #: What is kept of a pair.
-STORED = ("R", "t", "covariance", "matches", "inliers", "chi2", "dense", "excess")
+STORED = ("R", "t", "covariance", "matches", "inliers", "chi2", "dense", "excess", "scale")
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,18 +52,20 @@ class Keyframe:
 
 @dataclass(frozen=True, eq=False)
 class FramePair:
-    """A measured edge (i, j): p_i ~ R p_j + t.
+    """A measured edge (i, j): p_i ~ scale R p_j + t.
 
     Attributes
     ----------
     i, j : numbers of the frames
-    R, t : relative pose, metres
-    covariance : (6, 6) of the tangent (rotation, translation) in the frame of j, rad^2 and m^2
+    R, t : relative pose, metres, or the unit of i
+    covariance : (6, 6) of the tangent (rotation, translation) in the frame of j, rad^2 and m^2; or
+        (7, 7) of (rotation, translation, log scale), in the unit of j
     matches, inliers : of keypoints
     chi2 : of the inliers, 1 for the stated noise
     dense : whether the clouds were added
     excess : squared disagreement of keypoints and clouds over what both state, at least 1; the
         covariance contains it
+    scale : units of i that one of j is; 1 where depths are in metres
     """
 
     i: int
@@ -75,11 +78,24 @@ class FramePair:
     chi2: float
     dense: bool
     excess: float = 1.0
+    scale: float = 1.0
 
     @property
     def share(self) -> float:
         """Share of the matches that agree."""
         return self.inliers / self.matches
+
+    def in_units_of(self, scales: FloatArray) -> FramePair:
+        """The pair where frame k has a unit in which lengths are s_k times those in its own."""
+        a, b = float(scales[self.i]), float(scales[self.j])
+        grown = np.array([1.0, 1.0, 1.0, b, b, b, 1.0][: len(self.covariance)])
+        covariance = grown[:, None] * self.covariance * grown
+        return replace(self, t=a * self.t, covariance=covariance, scale=self.scale * a / b)
+
+
+def in_units_of(scales: FloatArray, pairs: Sequence[FramePair]) -> list[FramePair]:
+    """Pairs where lengths in frame k are s_k times those in its own unit."""
+    return [pair.in_units_of(scales) for pair in pairs]
 
 
 class Clouds:
@@ -113,6 +129,8 @@ def measure(
     camera: Camera,
     settings: RansacSettings,
     clouds: Clouds | None,
+    *,
+    scaled: bool = False,
 ) -> FramePair | None:
     """The edge between two frames; None if they do not match.
 
@@ -121,21 +139,22 @@ def measure(
     a, b : keypoints of frames i and j
     camera : of the keypoints, for their noise
     clouds : of all frames, or None to use keypoints alone
+    scaled : whether each frame has a unit of its own; then keypoints alone are used
     """
     m, n = match(a, b)
     p, q = a.points[m], b.points[n]
     noise = camera.covariances(p), camera.covariances(q)
-    motion = register(p, q, noise, np.random.default_rng([i, j]), settings)
+    motion = register(p, q, noise, np.random.default_rng([i, j]), settings, scaled=scaled)
     if motion is None:
         return None
-    floors = np.diag(np.repeat(FLOORS, 3) ** 2)
-    found = None if clouds is None else _by_clouds(motion, clouds[i][0], clouds[j][1])
+    floors = np.diag(np.repeat(FLOORS, (3, 3, 1 if scaled else 0)) ** 2)
+    found = None if clouds is None or scaled else _by_clouds(motion, clouds[i][0], clouds[j][1])
     R, t, covariance, excess = motion.R, motion.t, np.linalg.inv(motion.information), 1.0
     if found is not None:
         R, t, covariance, excess = together(motion, found, floors)
     total = np.asarray(excess * covariance + floors, dtype=np.float64)
     counts = len(m), int(motion.inliers.sum()), motion.chi2
-    return FramePair(i, j, R, t, total, *counts, found is not None, excess)
+    return FramePair(i, j, R, t, total, *counts, found is not None, excess, motion.scale)
 
 
 def _by_clouds(

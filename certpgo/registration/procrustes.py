@@ -9,25 +9,11 @@ without reflection). It is the relative pose of two point clouds whose correspon
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
-
-
-class Similarities(NamedTuple):
-    """Maps x -> s R x + t.
-
-    Attributes
-    ----------
-    R, t, s : (b, d, d), (b, d) and (b,)
-    """
-
-    R: FloatArray
-    t: FloatArray
-    s: FloatArray
+from certpgo.linalg.similarities import Similarities
 
 
 def procrustes(target: FloatArray, source: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import astuple, dataclass, field
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -15,17 +15,32 @@ from certpgo.graph import Estimate, Instance
 from certpgo.graph.phrases import counted
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.registration import features as keypoints
-from certpgo.registration.averaging import Averaged, averaged, composed
-from certpgo.registration.calibration import calibrated
-from certpgo.registration.camera import Camera
+from certpgo.registration.averaging import Averaged, averaged, averaged_scales, composed
+from certpgo.registration.calibration import colour_camera
+from certpgo.registration.depth_scales import (
+    MEDIAN,
+    ScaledSequence,
+    agreed_scales,
+    of_one_median,
+    with_factors,
+)
 from certpgo.registration.features import ColourCamera, Features
 from certpgo.registration.fuse import GRID, STEP, WIDE, ColouredCloud, fused, voxel_means
 from certpgo.registration.judging import about_depths, judge_depths, judge_steps
 from certpgo.registration.loops import DeadReckoning, adjacent, consistent, overlapping, retrieved
-from certpgo.registration.pairs import VOXEL, Clouds, FramePair, Keyframe, measure, restored, stored
+from certpgo.registration.pairs import (
+    VOXEL,
+    Clouds,
+    FramePair,
+    Keyframe,
+    in_units_of,
+    measure,
+    restored,
+    stored,
+)
 from certpgo.registration.ransac import RansacSettings
 from certpgo.registration.sequences import FrameSequence
-from certpgo.registration.stages import UNKEPT, Arrays, Cache, Progress, digest, each, silent
+from certpgo.registration.stages import Arrays, Cache, Progress, digest, each, silent
 from certpgo.solve.result import CertifiedSolution
 
 #: Keypoints with a depth from which on a frame can be matched.
@@ -52,6 +67,9 @@ class ReconstructSettings:
     consistent : whether only loops are kept that agree with one another in pairs
     calibrate : whether the colour camera is estimated from the frames, if it is not given; by
         default where depth images are not registered to colour
+    scales : whether the depths of each frame have an unknown factor: a scale is estimated for each,
+        by keypoints alone. Lengths in metres are then in the unit in which the median depth of
+        frames is 2, in the geometric mean
     ransac : when two frames match
     """
 
@@ -62,6 +80,7 @@ class ReconstructSettings:
     trust: bool = True
     consistent: bool = False
     calibrate: bool | None = None
+    scales: bool = False
     ransac: RansacSettings = field(default_factory=RansacSettings)
 
     def __post_init__(self) -> None:
@@ -84,6 +103,8 @@ class Reconstruction:
     skipped : frames that could not be used, each with the reason
     scene : the fused cloud, in the frame of the first pose
     colour : the colour camera, given or estimated; None if depth is taken for registered
+    factors : (n,) by which depths of the nodes are multiplied to be in the map's unit, where depths
+        have an unknown factor; ``frames`` are those with depths in that unit. Else None
     """
 
     frames: FrameSequence
@@ -95,6 +116,7 @@ class Reconstruction:
     skipped: tuple[str, ...]
     scene: ColouredCloud
     colour: ColourCamera | None = None
+    factors: FloatArray | None = None
 
     @property
     def instance(self) -> Instance:
@@ -109,7 +131,7 @@ class Reconstruction:
     @property
     def estimate(self) -> Estimate:
         """Poses of the frames ``nodes``; the first is the identity."""
-        return self.averaged.estimate
+        return self.averaged.poses
 
     @property
     def rejected(self) -> tuple[FramePair, ...]:
@@ -138,9 +160,21 @@ class Reconstruction:
             ("edges", f"{int(a.kept.sum())} of {len(a.kept)} kept, {int(steps.sum())} of odometry"),
             ("loops", f"{kept} of {loops} agree with the rest"),
             *a.said_of_fit(),
+            *self._scales(),
             ("inliers", f"{100.0 * np.median(shares):.0f} % of the matches of a kept edge, median"),
             *self._disagreement(),
             ("not proven", UNPROVEN),
+        ]
+
+    def _scales(self) -> list[tuple[str, str]]:
+        """The range of the factors, and what the certified cost and the map's unit are."""
+        if self.factors is None:
+            return []
+        low, high = self.factors.min(), self.factors.max()
+        return [
+            ("depth factors", f"{low:.4g} to {high:.4g}"),
+            ("unit", f"that in which median depths are {MEDIAN:g}, in the geometric mean"),
+            ("weights", "in the frames' own units, at the estimate"),
         ]
 
     def _disagreement(self) -> list[tuple[str, str]]:
@@ -202,59 +236,59 @@ def reconstruct(
     """
     chosen, progress = settings or ReconstructSettings(), progress or silent
     kept = Cache(None if cache is None else Path(cache))
+    given, factors = frames, None
+    if chosen.scales:
+        frames = of_one_median(given, progress)
+    average = averaged_scales if chosen.scales else averaged
     if colour is None:
-        colour = colour_camera(frames, chosen.calibrate, kept, progress)
+        colour = colour_camera(frames, chosen.calibrate, kept, progress, scaled=chosen.scales)
     work = _Work(frames, chosen, colour, kept, progress)
     views, skipped, size = work.views()
     steps = work.measured("odometry", adjacent(len(frames)))
     if not steps:
         raise InputError(f"{frames.name}: no frame matches the next one: they do not overlap")
-    nodes, reckoning = composed(steps, frames.names, frames.name)
-    reckoned = DeadReckoning(nodes, reckoning, steps)
     tried = set(adjacent(len(frames)))
     alike = retrieved([view.features if view else None for view in views], np.random.default_rng(0))
-    loops = work.plausible(work.measured("loops", alike), reckoned)
-    pairs = [*steps, *loops]
-    first = averaged(pairs, frames.names, frames.name, reckoning, trust=chosen.trust)
-    clouds = {k: view.cloud for k in first.nodes.tolist() if (view := views[k])}
-    overlaps = overlapping(clouds, first.estimate, frames.camera, size, tried | set(alike))
-    more = work.measured("overlaps", overlaps)
+    loops = work.measured("loops", alike)
+    scales = agreed_scales([*steps, *loops], len(frames)) if chosen.scales else np.ones(len(frames))
+    steps, loops = in_units_of(scales, steps), in_units_of(scales, loops)
+    nodes, reckoning = composed(steps, frames.names, frames.name)
+    reckoned = DeadReckoning(nodes, reckoning, steps)
+    pairs = [*steps, *work.plausible(loops, reckoned)]
+    first = average(pairs, frames.names, frames.name, reckoning, trust=chosen.trust)
+    clouds = {k: scales[k] * view.cloud for k in first.nodes.tolist() if (view := views[k])}
+    overlaps = overlapping(clouds, first.poses, frames.camera, size, tried | set(alike))
+    more = in_units_of(scales, work.measured("overlaps", overlaps))
     pairs = [*steps, *work.plausible([*loops, *more], reckoned)]
-    final = averaged(pairs, frames.names, frames.name, first.estimate, trust=chosen.trust)
+    final = average(pairs, frames.names, frames.name, first.poses, trust=chosen.trust)
+    if isinstance(frames, ScaledSequence) and final.scales is not None:
+        scales[final.nodes] *= final.scales
+        frames = with_factors(given, frames.factors * scales)
+        factors = frames.factors[final.nodes]
     scene = fused(
         frames,
         final.nodes,
-        final.estimate,
+        final.poses,
         grid=chosen.grid,
         cutoff=chosen.cutoff,
         colour=colour,
         progress=progress,
     )
     found = Reconstruction(
-        frames, final.nodes, tuple(pairs), len(steps), final, reckoning, skipped, scene, colour
+        frames,
+        final.nodes,
+        tuple(pairs),
+        len(steps),
+        final,
+        reckoning,
+        skipped,
+        scene,
+        colour,
+        factors,
     )
     missing = len(frames) - len(found.nodes) - len(skipped)
-    judge_steps(frames.name, steps, missing)
+    judge_steps(frames.name, steps, missing, scaled=chosen.scales)
     return found
-
-
-def colour_camera(
-    frames: FrameSequence,
-    calibrate: bool | None = None,
-    cache: Cache = UNKEPT,
-    progress: Progress = silent,
-) -> ColourCamera | None:
-    """The colour camera by `calibrated`, as the settings of `reconstruct` ask for it, or None."""
-    if not (not frames.registered if calibrate is None else calibrate):
-        return None
-
-    def made() -> Arrays:
-        found = calibrated(frames, progress)
-        return {} if found is None else {"camera": np.array(astuple(found.camera))}
-
-    keys = (frames.key(k) for k in range(len(frames)))
-    arrays = cache.arrays(("colour", *keys), made)
-    return ColourCamera(Camera(*arrays["camera"].tolist())) if arrays else None
 
 
 class _Looked(NamedTuple):
@@ -290,7 +324,8 @@ class _Work:
         self._keys = [one.key for one in found]
         skipped = tuple(one.reason for one in found if one.reason)
         known = [one.depths for one in found if one.depths is not None]
-        judge_depths(self.frames.name, known, self.settings.cutoff)
+        if not self.settings.scales:
+            judge_depths(self.frames.name, known, self.settings.cutoff)
         for reason in skipped:
             warnings.warn(f"frame left out: {reason}", InputNotice, stacklevel=3)
         sizes = {one.size for one in found if one.size is not None}
@@ -335,7 +370,8 @@ class _Work:
     def measured(self, stage: str, candidates: list[tuple[int, int]]) -> list[FramePair]:
         """The pairs that match, in the order of the candidates."""
         usable = [(i, j) for i, j in candidates if self._views[i] and self._views[j]]
-        clouds = Clouds(self._views) if self.settings.dense else None
+        dense = self.settings.dense and not self.settings.scales
+        clouds = Clouds(self._views) if dense else None
         work = partial(self._pair, clouds)
         return [pair for pair in each(stage, work, usable, self.progress) if pair]
 
@@ -352,9 +388,11 @@ class _Work:
             return None
         camera = self.frames.camera if self.colour is None else self.colour.camera
         settings = self.settings.ransac
-        key = ("pair", i, j, self._keys[i], self._keys[j], settings, clouds is not None)
-        arrays = self.cache.arrays(
-            key,
-            lambda: stored(measure(i, j, a.features, b.features, camera, settings, clouds)),
-        )
-        return restored(i, j, arrays)
+        scaled = self.settings.scales
+        key = ("pair", i, j, self._keys[i], self._keys[j], settings, clouds is not None, scaled)
+        both = a.features, b.features
+
+        def made() -> Arrays:
+            return stored(measure(i, j, *both, camera, settings, clouds, scaled=scaled))
+
+        return restored(i, j, self.cache.arrays(key, made))

@@ -14,7 +14,7 @@ from certpgo.io.writing import atomically, folder_to_write
 from certpgo.solve.many import by_threads
 
 #: Raised when what a stage computes changes: older results are not read.
-VERSION = 2
+VERSION = 3
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

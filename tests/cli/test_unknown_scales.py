@@ -103,3 +103,10 @@ def test_functions_refuse_too():
     ):
         with pytest.raises(InputError, match=r"scale|similarities"):
             call()
+
+
+def test_g2o_holds_no_map_without_any_known_scale(tmp_path):
+    graph, _ = random_maps(np.random.default_rng(0), 3)
+    with pytest.raises(InputError, match=r"one known scale: \.npz"):
+        library.write(tmp_path / "map.g2o", replace(graph, free=np.ones(8, dtype=bool)))
+    assert not list(tmp_path.iterdir())

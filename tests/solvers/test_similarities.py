@@ -376,3 +376,14 @@ def test_graphs_without_unknown_scales_are_not_reweighed():
     graph, _ = random_maps(np.random.default_rng(0))
     with pytest.raises(InputError, match="re-weighting takes a graph with unknown scales"):
         reweigh(graph.rotation)
+
+
+@pytest.mark.parametrize("known", [(), (0,)])
+def test_best_translations_are_stationary_in_any_unit(known):
+    graph, truth = random_maps(np.random.default_rng(1), 3)
+    free = np.ones(graph.num_nodes, dtype=bool)
+    free[list(known)] = False
+    problem = SimilarityProblem(replace(graph, free=free))
+    there = Estimate(truth.rotations, np.zeros((8, 3)), scales=3.0 * truth.scales)
+    best = problem.with_optimal_translations(there)
+    assert np.abs(problem.gradient(best)[:, :, 0]).max() < 1e-12 * problem.cost(best)

@@ -115,11 +115,15 @@ def write_graph(path: Path, instance: Instance) -> None:
     Raises
     ------
     InputError
-        It is planar, has points or a world, or several poses of known scale.
+        It is planar, has points or a world, or no pose or several poses of known scale.
     """
     graph = instance.graph
     if not isinstance(graph, SimilarityGraph) or graph.d != 3:
         raise InputError("g2o has similarities in space alone: .npz files hold those of the plane")
+    if graph.in_mean_unit:
+        raise InputError(
+            "g2o's similarities have one known scale: .npz files hold maps without any"
+        )
     [*others, unit] = np.flatnonzero(~graph.free)[::-1].tolist()
     if others or instance.world is not None or graph.is_partial:
         said = "g2o's similarities all have an unknown scale, and no points"
