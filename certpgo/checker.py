@@ -706,6 +706,8 @@ def read_claim(archive: Any) -> dict[str, Any]:
         raise Unreadable(f"the cost of g2o is about {meant[0]}, with information of a {meant[1]}")
     if (claim["version"] == 4) != (claim["kind"] == "similarities"):
         raise Unreadable("proofs of version 4 are those about similarities")
+    if claim["version"] == 4 and claim["rotation_information"] != "tangent":
+        raise Unreadable("the information of similarities is about logarithms, tangents")
     _check_map(claim)
     return dict(claim)
 
