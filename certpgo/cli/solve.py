@@ -177,7 +177,7 @@ def command(
     outputs.refuse_overwriting(*inputs)
     instance = timed(reading.open(source, distances=True), timestamps)
     refuse_with_distances(instance, method=method, robust=robust, proof=proof)
-    refuse_with_scales(instance, method=method, robust=robust, proof=proof, covariances=covariances)
+    refuse_with_scales(instance, method=method, robust=robust, covariances=covariances)
     parts = reading.parts(instance)
     if len(parts) > 1 or not certify:
         _refuse_parts(proof=proof, html=html, covariances=covariances)
