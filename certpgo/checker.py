@@ -3,12 +3,15 @@
     python checker.py GRAPH PROOF
 
 needs only this file, Python and NumPy. GRAPH is g2o or 1DSfM text, or an archive of similarities;
-PROOF contains an estimate x and multipliers Lam, both untrusted. The output is ``PROVED: F(x) <= ..., F* >= ...`` or one line with
-the reason why not. Here F(R, t) = sum kappa |R_j - R_i R_ij|^2 + sum tau |t_j - t_i - R_i t_ij|^2,
-without the second sum for rotations alone, or g2o's chi2, f = sum e^T Omega e (see `g2o_cost`), for
-which PROOF contains a minorant of each summand, or F with summands of rejected measurements cut off
-at their prices, or F over similarities (see `lower_bound`). F* is the minimum over rotations R and
-points t, and over unknown scales.
+PROOF contains an estimate x and multipliers Lam, both untrusted. The output is ``PROVED: F(x) <=
+..., F* >= ...`` or one line with the reason why not. Here
+
+    F(R, t) = sum kappa |R_j - R_i R_ij|^2 + sum tau |t_j - t_i - R_i t_ij|^2,
+
+without the second sum for rotations alone, or with s R for R and s_ij R_ij for R_ij over
+similarities, see `lower_bound`; or g2o's chi2, f = sum e^T Omega e (see `g2o_cost`), for which
+PROOF contains a minorant of each summand, or F with summands of rejected measurements cut off at
+their prices. F* is the minimum over rotations R and points t, and over unknown scales s > 0.
 
 Trusted are IEEE 754 doubles rounded to nearest, Python, and that NumPy's matrix product adds up
 products in some order (where exactness matters they are integers below 2^53). The Cholesky factors
@@ -391,17 +394,17 @@ def _fixed(text: bytes) -> set[int]:
 #: The arrays of an archive that state its measurements, their types and shapes; others that may
 #: be there, and have no part in the cost.
 _STATED = {
-    "kind": ("U", ""),
-    "version": ("i", ""),
-    "num_nodes": ("i", ""),
-    "edges": ("i", "m2"),
-    "rotations": ("f", "mdd"),
-    "translations": ("f", "md"),
-    "scales": ("f", "m"),
-    "kappa": ("f", "m"),
-    "tau": ("f", "m"),
-    "free": ("b", "n"),
-    "points": ("b", "n"),
+    "kind": ("<U5", ""),
+    "version": ("<i8", ""),
+    "num_nodes": ("<i8", ""),
+    "edges": ("<i8", "m2"),
+    "rotations": ("<f8", "mdd"),
+    "translations": ("<f8", "md"),
+    "scales": ("<f8", "m"),
+    "kappa": ("<f8", "m"),
+    "tau": ("<f8", "m"),
+    "free": ("|b1", "n"),
+    "points": ("|b1", "n"),
 }
 _UNUSED = re.compile(
     "ids|name|names|fixed|options|notices|world|origin|assumed|absolute|apart|moved_by|times_ns"
@@ -420,40 +423,36 @@ def read_archive(data: bytes, claim: dict[str, Any]) -> Graph:
         raise Unreadable("an archive of similarities is read as it is, without options")
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-            others = [name for name in archive.files if name not in _STATED]
-            found = {name: archive[name] for name in _STATED if name in archive.files}
+            names = archive.files
+            found = {name: np.asarray(archive[name]) for name in _STATED if name in names}
     except Exception:  # damaged archives can raise anything
         raise Unreadable("an archive of arrays expected") from None
-    if unknown := [name for name in others if not _UNUSED.fullmatch(name)]:
-        raise Unreadable(f"the array {unknown[0]!r} has no place in a graph of similarities")
-    n = int(found["num_nodes"]) if found.get("num_nodes", np.zeros(1)).shape == () else 0
-    found.setdefault("points", np.zeros(n, dtype=bool))
-    if missing := [name for name in _STATED if name not in found]:
-        raise Unreadable(f"the array {missing[0]!r} is missing: no graph of similarities")
-    sizes = {"m": found["edges"].shape[:1], "n": (n,), "d": (claim["d"],), "2": (2,)}
-    for name, (kind, letters) in _STATED.items():
-        shape = sum((sizes[letter] for letter in letters), ())
-        if (found[name].dtype.kind, found[name].shape) != (kind, shape):
-            raise Unreadable(f"the array {name!r} must have the shape {shape}")
-    if (str(found["kind"]), int(found["version"])) != ("graph", 1):
-        raise Unreadable("a graph of version 1 expected")
-    (i, j), points, free = found["edges"].astype(np.intp).T, found["points"], found["free"]
-    R, t, s, kappa, tau = (
-        found[name].astype(np.float64)
-        for name in ("rotations", "translations", "scales", "kappa", "tau")
-    )
+    found.setdefault("points", np.zeros_like(found.get("free", np.zeros(0, dtype=bool))))
+    others = [name for name in names if not (name in _STATED or _UNUSED.fullmatch(name))]
+    if len({*names}) < len(names) or others or found.keys() < _STATED.keys():
+        raise Unreadable("other arrays expected, in a graph of similarities")
+    sizes = {"m": found["kappa"].shape, "n": found["free"].shape, "d": (claim["d"],), "2": (2,)}
+    for name, (dtype, letters) in _STATED.items():
+        shape = sum((sizes[letter][:1] for letter in letters), ())
+        if (found[name].dtype, found[name].shape) != (np.dtype(dtype), shape):
+            raise Unreadable(f"the array {name!r} must be {dtype} of shape {shape}")
+    n, points, free = len(found["free"]), *(found[k].view(np.uint8) > 0 for k in ("points", "free"))
+    if (str(found["kind"]), int(found["version"]), int(found["num_nodes"])) != ("graph", 1, n):
+        raise Unreadable("a graph of version 1 expected, with a flag for each node")
+    (i, j), names = found["edges"].astype(np.intp).T, ("translations", "scales", "kappa", "tau")
+    t, s, kappa, tau = (found[name] for name in names)
     if not (len(i) and 0 <= min(i.min(), j.min()) <= max(i.max(), j.max()) < n and (i != j).all()):
         raise Unreadable(f"measurements between different nodes 0 to {n - 1} expected")
-    if points[i].any() or (free & points).any():
-        raise Unreadable("a point measures nothing, and has no scale")
+    if points[i].any() or (points[j] & (kappa != 0.0)).any() or (free & points).any():
+        raise Unreadable("a point measures nothing, and has neither a rotation nor a scale")
     for name, x in (("tau", tau), ("scales", s), ("kappa", np.where(kappa == 0.0, 1.0, kappa))):
         if not ((x > 1.0 / FAR) & (x < FAR)).all():
             raise Unreadable(f"{name} must be positive, and neither tiny nor huge")
     if not np.isfinite(t).all():
         raise Unreadable("a number that is not finite")
-    q = np.array([_of_matrix(matrix) for matrix in R])
-    points = points if points.any() else None
-    return Graph(n, i, j, rotations(q), t, kappa, tau, points=points, scales=s, free=free)
+    q = np.array([_of_matrix(matrix) for matrix in found["rotations"]])
+    seen = points if points.any() else None
+    return Graph(n, i, j, rotations(q), t, kappa, tau, points=seen, scales=s, free=free)
 
 
 def _of_matrix(R: Array) -> tuple[float, ...]:
@@ -1111,8 +1110,9 @@ def certificate_matrix(graph: Graph, proof: Proof) -> Blocks:
     """A = M - blkdiag(0, Lam), with the pinned row and column zero off the diagonal.
 
     Its entries are sums of integers; only those of kappa R_ij are truncated. Couplings N take the
-    place of these, and of similarities kappa s_ij R_ij, with kappa s_ij^2 at node i. Points have rows of rotations too, with a positive diagonal and else zero. It is
-    equilibrated by powers of two, so that diagonal entries lie between 1/4 and 1.
+    place of these, and kappa s_ij R_ij of similarities, with kappa s_ij^2 at node i. Points have
+    rows of rotations too, with a positive diagonal and else zero. It is equilibrated by powers of
+    two, so that diagonal entries lie between 1/4 and 1.
     """
     n, d, i, j = graph.n, graph.t.shape[1], graph.i, graph.j
     b = d if proof.t is None else d + 1

@@ -491,18 +491,19 @@ def _of_arrays(files: dict[str, bytes], d: int) -> Graph:
     if (kind.decode("utf-32-le"), version) != ("graph", 1):
         raise Refused("a graph of version 1 expected")
     m = npy(files["kappa"])[1][0]
-    columns = [("rotations", d, d), ("translations", d), ("scales",), ("kappa",), ("tau",)]
-    R, t, scales, kappas, taus = (
-        [[from_bits(x) for x in row] for row in stored(files[name], "<f8", m, *shape)]
-        for name, *shape in columns
-    )
+
+    def doubles(name: str, *shape: int) -> list[list[int]]:
+        return [[from_bits(x) for x in row] for row in stored(files[name], "<f8", m, *shape)]
+
+    R, t = doubles("rotations", d, d), doubles("translations", d)
+    (scales,), (kappas,), (taus,) = map(doubles, ("scales", "kappa", "tau"))
     (free,) = stored(files["free"], "|b1", n)
     (seen,) = stored(files["points"], "|b1", n) if "points" in files else [[0] * n]
     points, unknown = ({k for k in range(n) if flags[k]} for flags in (seen, free))
     edges = []
     for k, (i, j) in enumerate(stored(files["edges"], "<i8", m, 2)):
-        kappa, tau, scale = kappas[0][k], taus[0][k], scales[0][k]
-        if not (max(i, j) < n and i != j and i not in points):
+        kappa, tau, scale = kappas[k], taus[k], scales[k]
+        if not (max(i, j) < n and i != j and i not in points and not (kappa and j in points)):
             raise Refused("measurements between different nodes expected, and from poses")
         if not all(ONE < x * FAR < ONE * FAR * FAR for x in (kappa or ONE, tau, scale)):
             raise Refused("positive weights and scales expected, neither tiny nor huge")

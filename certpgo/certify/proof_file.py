@@ -315,18 +315,14 @@ def _claim(
 
 def _is_read(exact: checker.Graph, graph: SimilarityGraph) -> bool:
     """Whether the checker reads these similarities, but for rounding."""
-    numbers = (
-        (exact.t, graph.translations),
-        (exact.scales, graph.scales),
-        (exact.kappa, graph.rotation.kappa),
-        (exact.tau, graph.tau),
-        (np.ldexp(exact.R.astype(np.float64), -checker.POINT), graph.rotation.rotations),
-    )
+    R = np.ldexp(exact.R.astype(np.float64), -checker.POINT)
+    measured = exact.t, exact.scales, exact.kappa, exact.tau, R
+    rotation, flags = graph.rotation, (exact.free, ~exact.poses)
+    own = graph.translations, graph.scales, rotation.kappa, graph.tau, rotation.rotations
     return (
         np.array_equal(np.stack([exact.i, exact.j], axis=1), graph.edges)
-        and np.array_equal(exact.free, graph.free)
-        and np.array_equal(~exact.poses, graph.is_point)
-        and all(np.allclose(a, b, rtol=1e-12, atol=1e-12) for a, b in numbers)
+        and np.array_equal(np.array(flags), np.array([graph.free, graph.is_point]))
+        and all(np.allclose(*pair, 1e-12, 1e-12) for pair in zip(measured, own, strict=True))
     )
 
 
