@@ -530,6 +530,8 @@ def similarity(logarithm: tuple[float, ...]) -> tuple[Numbers, Numbers, float]:
 
     Each number is the sum of a series in integers, rounded once to a double.
     """
+    if not all(map(math.isfinite, logarithm)):
+        raise ValueError("a number that is not finite")
     if not max(map(abs, logarithm[:3])) <= 10.0 or not abs(logarithm[6]) <= 69.0:
         raise ValueError("turns within 10 radians and logarithms of scales within 69 expected")
     ratios = [x.as_integer_ratio() for x in logarithm]
