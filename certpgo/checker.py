@@ -434,7 +434,8 @@ def read_archive(data: bytes, claim: dict[str, Any]) -> Graph:
     sizes = {"m": found["kappa"].shape, "n": found["free"].shape, "d": (claim["d"],), "2": (2,)}
     for name, (dtype, letters) in _STATED.items():
         shape = sum((sizes[letter][:1] for letter in letters), ())
-        if (found[name].dtype, found[name].shape) != (np.dtype(dtype), shape):
+        expected = np.dtype(dtype), shape, len(letters)
+        if (found[name].dtype, found[name].shape, found[name].ndim) != expected:
             raise Unreadable(f"the array {name!r} must be {dtype} of shape {shape}")
     n, points, free = len(found["free"]), *(found[k].view(np.uint8) > 0 for k in ("points", "free"))
     if (str(found["kind"]), int(found["version"]), int(found["num_nodes"])) != ("graph", 1, n):

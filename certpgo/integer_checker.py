@@ -20,9 +20,9 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from decimal import ROUND_FLOOR, Context, Decimal
 from fractions import Fraction
-from functools import cache
+from functools import cache, reduce
 from itertools import chain
-from math import isqrt, prod
+from math import isqrt
 from operator import lt, mul
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -628,7 +628,7 @@ def stored(data: bytes, dtype: str, *shape: int) -> list[list[int]]:
     if (descr, found) != (dtype, shape):
         raise Refused(f"{dtype} of shape {shape} expected: another graph's proof?")
     words = [int.from_bytes(numbers[k : k + size], "little") for k in range(0, len(numbers), size)]
-    n, columns = (shape[0], prod(shape[1:])) if len(shape) > 1 else (1, *shape)
+    n, columns = (shape[0], reduce(mul, shape[1:])) if len(shape) > 1 else (1, *shape)
     if (len(numbers), len(words)) != (size * len(words), n * columns):
         raise Refused("an array is not as long as it says")
     if by_columns:

@@ -328,6 +328,7 @@ def test_a_file_of_g2o_is_proven(essential, tmp_path):
         {"tau": np.zeros(11)},
         {"free": np.ones(6, dtype=bool)},  # the scale of a point
         {"free": np.ones(5, dtype=bool)},
+        {"free": np.array(True)},
         {"points": np.ones(6, dtype=bool)},
         {"edges": np.zeros((11, 2), dtype=np.int64)},
         {"edges": np.tile([0, 6], (11, 1))},
