@@ -25,7 +25,6 @@ from certpgo.cli._options import (
     chosen_cost,
     refuse_chordal_only,
     refuse_of_kinds,
-    refuse_with_distances,
     tier_for,
     tier_option,
     time_limit_option,
@@ -142,8 +141,7 @@ def command(
     outputs.refuse_overwriting(source, *here, *others)
     with graph_comes_first("certify", source, here):
         instance = timed(reading.open(source, distances=True), timestamps)
-    refuse_with_distances(instance, proof=proof)
-    refuse_of_kinds(instance, rejected=rejected)
+    refuse_of_kinds(instance, proof=proof, rejected=rejected)
     chosen = chosen_cost(cost, instance, rejected=rejected)
     how = Matching.of(timestamps, max_difference)
     again: dict[str, Any] = {"rejected": rejected, "quantile": quantile, "timestamps": timestamps}
