@@ -691,7 +691,7 @@ def read_claim(archive: Any) -> dict[str, Any]:
     claim = json.loads(bytes(archive["claim"]))
     kinds = (1, None), (2, "g2o"), (3, None), (4, None)
     if claim["format"] != "certpgo proof" or (claim["version"], claim.get("cost")) not in kinds:
-        raise Unreadable("not a proof of version 1, 3 or 4, or of 2 about the cost of g2o")
+        raise Unreadable("not a proof of version 1, or of version 2 about the cost of g2o, 3 or 4")
     if any(type(claim[name]) is not int for name in ("version", "d", "pin", "exponent")):
         raise Unreadable("integers expected")
     for name, choices in _OPTIONS.items():
