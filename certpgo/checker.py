@@ -2,12 +2,16 @@
 
     python checker.py GRAPH PROOF
 
-needs only this file, Python and NumPy. GRAPH is g2o or 1DSfM text; PROOF contains an estimate x and
-multipliers Lam, both untrusted. The output is ``PROVED: F(x) <= ..., F* >= ...`` or one line with
-the reason why not. Here F(R, t) = sum kappa |R_j - R_i R_ij|^2 + sum tau |t_j - t_i - R_i t_ij|^2,
-without the second sum for rotations alone, or g2o's chi2, f = sum e^T Omega e (see `g2o_cost`), for
-which PROOF contains a minorant of each summand, or F with summands of rejected measurements cut off
-at their prices. F* is the minimum over rotations R and points t.
+needs only this file, Python and NumPy. GRAPH is g2o or 1DSfM text, or an archive of similarities;
+PROOF contains an estimate x and multipliers Lam, both untrusted. The output is ``PROVED: F(x) <=
+..., F* >= ...`` or one line with the reason why not. Here
+
+    F(R, t) = sum kappa |R_j - R_i R_ij|^2 + sum tau |t_j - t_i - R_i t_ij|^2,
+
+without the second sum for rotations alone, or with s R for R and s_ij R_ij for R_ij over
+similarities, see `lower_bound`; or g2o's chi2, f = sum e^T Omega e (see `g2o_cost`), for which
+PROOF contains a minorant of each summand, or F with summands of rejected measurements cut off at
+their prices. F* is the minimum over rotations R and points t, and over unknown scales s > 0.
 
 Trusted are IEEE 754 doubles rounded to nearest, Python, and that NumPy's matrix product adds up
 products in some order (where exactness matters they are integers below 2^53). The Cholesky factors
@@ -17,8 +21,10 @@ are not trusted. docs/checker.md proves the result line by line.
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import math
+import operator
 import os
 import re
 import sys
@@ -46,6 +52,7 @@ FINE = 256  # fractional bits of angles, sines and cosines
 OFF = 1 << 32  # exceeds the error of `_turn`, in units of 2^-FINE
 BITS = 25  # fractional bits in the high parts of factors
 FAR = 2.0**400  # products of numbers beyond might underflow or overflow
+SERIES = 320  # fractional bits of exponentials of similarities
 ATTEMPTS = 3  # factorizations tried for a sufficiently small residual
 
 
@@ -72,6 +79,12 @@ def integers(x: Array) -> tuple[Any, int]:
 
 def _big(x: npt.NDArray[Any]) -> Any:
     return x.astype(np.int64).astype(object)
+
+
+def _in_fractions(x: Array) -> tuple[Any, int]:
+    """Python integers N and an exponent e >= 0 with x = N 2^-e exactly."""
+    N, e = integers(x)
+    return N << max(-e, 0), max(e, 0)
 
 
 def exact_rotations(q: Array) -> tuple[Any, Any]:
@@ -127,6 +140,18 @@ class Graph(NamedTuple):
     information: Any = None  # (m, p, p), translation first, for the cost of g2o
     points: Bools | None = None  # (n,) which nodes are points, without rotations
     priors: int = 0  # how many measurements are from the world, the last node
+    scales: Array | None = None  # (m,) measured, of similarities
+    free: Bools | None = None  # (n,) which poses have an unknown scale
+
+    @property
+    def poses(self) -> Bools:
+        """(n,) which nodes are no points."""
+        return np.ones(self.n, dtype=bool) if self.points is None else ~self.points
+
+    @property
+    def in_mean_unit(self) -> bool:
+        """Whether no scale is known, and the cost is F over the mean of their squares."""
+        return self.free is not None and bool(self.free[self.poses].all())
 
 
 Numbers = tuple[float, ...]
@@ -144,6 +169,7 @@ class Edge(NamedTuple):
     upper: Numbers = ()  # the information, for the cost of g2o
     what: str = "poses"  # or a "sighting" of a point, one of those numbered "apart", or a "prior"
     sensor: int = 0
+    scale: float = 1.0  # of a similarity
 
 
 _NUMBER = rb"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"  # allowed in files
@@ -162,7 +188,12 @@ _PRIORS = (*_WHOLE, b"EDGE_PRIOR_SE2_XY", b"EDGE_SE2_GPS", b"EDGE_SE3_XYZPRIOR")
 
 
 def read_graph(text: bytes, claim: dict[str, Any], component: bytes | None) -> Graph:
-    """The measurements in a g2o or 1DSfM text, under the reading options of a proof."""
+    """The measurements in a g2o or 1DSfM text, under the reading options of a proof.
+
+    Those about similarities are in a g2o text, or an archive, see `read_archive`.
+    """
+    if claim.get("kind") == "similarities" and text.startswith(b"PK"):
+        return read_archive(text, claim)
     edges, points = _with_own_ids(list(_edges(text, claim)))
     if component is not None:
         if not re.fullmatch(rb"[0-9\s]*", component):
@@ -175,7 +206,7 @@ def read_graph(text: bytes, claim: dict[str, Any], component: bytes | None) -> G
         edges = [edges[k] for k in sorted(chosen.values())]
     if not edges:
         raise Unreadable("no measurements")
-    first, second, q, positions, kappa, tau, upper, what, _ = zip(*edges, strict=True)
+    first, second, q, positions, kappa, tau, upper, what, _, s = zip(*edges, strict=True)
     ids = {k: position for position, k in enumerate(sorted({*first, *second}))}
     turned, t = np.array([k is not None for k in kappa]), np.array(positions)
     weights = [np.array([k or 0.0 for k in kappa]), np.array(tau)]
@@ -193,6 +224,9 @@ def read_graph(text: bytes, claim: dict[str, Any], component: bytes | None) -> G
         t[prior] = _less(t[prior], np.array(claim["origin"], dtype=np.float64))
     seen = np.array([k in points for k in ids]) if points else None
     graph = Graph(len(ids), i, j, R, t, weights[0], weights[1], points=seen, priors=sum(prior))
+    if claim.get("kind") == "similarities":
+        unit = min(_fixed(text) & {*ids}, default=min(ids))
+        return graph._replace(scales=np.array(s), free=np.array([k != unit for k in ids]))
     if R is not None:
         return graph
     return graph._replace(q=np.array(q), information=_information(upper, turned, claim["d"]))
@@ -255,6 +289,7 @@ def _edges(text: bytes, claim: dict[str, Any]) -> Iterator[Edge]:
     kinds, weigh, used = set(), cache(weights), set()
     sensors: dict[int, bool] = {0: True}  # without parameters, 0 is the body itself
     more = _SIGHTINGS * claim.get("landmarks", False) + _PRIORS * claim.get("priors", False)
+    similar = claim.get("kind") == "similarities"
     for number, line in enumerate(text.removeprefix(b"\xef\xbb\xbf").split(b"\n"), 1):
         said = line.split(b"#")[0]
         words = said.split(None, 1)
@@ -263,7 +298,11 @@ def _edges(text: bytes, claim: dict[str, Any]) -> Iterator[Edge]:
         if not said.isascii():
             raise Unreadable(f"line {number}: plain text expected")
         try:
-            if words[0] in (b"EDGE_SE3:QUAT", b"EDGE_SE2") and len(words) == 2:
+            if similar and words[0] in (b"VERTEX_SIM3:EXPMAP", b"FIX"):
+                continue
+            if similar:
+                d, edge = 3, _similarity_edge(words, claim, weigh)
+            elif words[0] in (b"EDGE_SE3:QUAT", b"EDGE_SE2") and len(words) == 2:
                 d = 3 if words[0] == b"EDGE_SE3:QUAT" else 2
                 edge = _g2o_edge(words[1], d, claim, weigh)
             elif words[0] in more:
@@ -327,6 +366,107 @@ def _g2o_edge(
     return Edge(int(words[0]), int(words[1]), q, numbers[:d], kappa, tau, upper)
 
 
+def _similarity_edge(
+    words: list[bytes],
+    claim: dict[str, Any],
+    weigh: Callable[[tuple[bytes, ...]], tuple[float, float]],
+) -> Edge:
+    """``i j`` and the logarithm of a similarity, with or without its information."""
+    if words[0] != b"EDGE_SIM3:EXPMAP":
+        raise ValueError("EDGE_SIM3:EXPMAP expected, in a graph of similarities")
+    words = _split(b"".join(words[1:]), (9, 37))
+    q, t, scale = similarity(tuple(map(float, words[2:9])))
+    kappa, tau = 1.0, 1.0
+    if len(words) > 9 and None in (claim["kappa"], claim["tau"]):
+        kappa, tau = weigh(tuple(words[9:]))
+    return Edge(int(words[0]), int(words[1]), q, t, kappa, tau, scale=scale)
+
+
+def _fixed(text: bytes) -> set[int]:
+    """The ids on lines of nodes to be fixed, of which the smallest one has the scale 1."""
+    lines = (line.split(b"#")[0].split() for line in text.split(b"\n"))
+    try:
+        return {int(word) for words in lines if words[:1] == [b"FIX"] for word in words[1:]}
+    except ValueError:
+        raise Unreadable("FIX: ids expected") from None
+
+
+#: The arrays of an archive that state its measurements, their types and shapes; others that may
+#: be there, and have no part in the cost.
+_STATED = {
+    "kind": ("<U5", ""),
+    "version": ("<i8", ""),
+    "num_nodes": ("<i8", ""),
+    "edges": ("<i8", "m2"),
+    "rotations": ("<f8", "mdd"),
+    "translations": ("<f8", "md"),
+    "scales": ("<f8", "m"),
+    "kappa": ("<f8", "m"),
+    "tau": ("<f8", "m"),
+    "free": ("|b1", "n"),
+    "points": ("|b1", "n"),
+}
+_UNUSED = re.compile(
+    "ids|name|names|fixed|options|notices|world|origin|assumed|absolute|apart|moved_by|times_ns"
+    "|stated|information|information_index|information_residual"
+    "|(initial|truth)_(rotations|translations|scales)"
+)
+
+
+def read_archive(data: bytes, claim: dict[str, Any]) -> Graph:
+    """The similarities in an archive of arrays, `certpgo.io.formats.npz`.
+
+    Nodes are numbered as there. Rotations are matrices, taken as in `shepperd`.
+    """
+    read = [claim[name] for name in ("keep", "kappa", "tau", "rotation_information")]
+    if read != ["all", None, None, "tangent"]:
+        raise Unreadable("an archive of similarities is read as it is, without options")
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
+            names = archive.files
+            found = {name: np.asarray(archive[name]) for name in _STATED if name in names}
+    except Exception:  # damaged archives can raise anything
+        raise Unreadable("an archive of arrays expected") from None
+    found.setdefault("points", np.zeros_like(found.get("free", np.zeros(0, dtype=bool))))
+    others = [name for name in names if not (name in _STATED or _UNUSED.fullmatch(name))]
+    if len({*names}) < len(names) or others or found.keys() < _STATED.keys():
+        raise Unreadable("other arrays expected, in a graph of similarities")
+    sizes = {"m": found["kappa"].shape, "n": found["free"].shape, "d": (claim["d"],), "2": (2,)}
+    for name, (dtype, letters) in _STATED.items():
+        shape = sum((sizes[letter][:1] for letter in letters), ())
+        expected = np.dtype(dtype), shape, len(letters)
+        if (found[name].dtype, found[name].shape, found[name].ndim) != expected:
+            raise Unreadable(f"the array {name!r} must be {dtype} of shape {shape}")
+    n, points, free = len(found["free"]), *(found[k].view(np.uint8) > 0 for k in ("points", "free"))
+    if (str(found["kind"]), int(found["version"]), int(found["num_nodes"])) != ("graph", 1, n):
+        raise Unreadable("a graph of version 1 expected, with a flag for each node")
+    (i, j), names = found["edges"].astype(np.intp).T, ("translations", "scales", "kappa", "tau")
+    t, s, kappa, tau = (found[name] for name in names)
+    if not (len(i) and 0 <= min(i.min(), j.min()) <= max(i.max(), j.max()) < n and (i != j).all()):
+        raise Unreadable(f"measurements between different nodes 0 to {n - 1} expected")
+    if points[i].any() or (points[j] & (kappa != 0.0)).any() or (free & points).any():
+        raise Unreadable("a point measures nothing, and has neither a rotation nor a scale")
+    for name, x in (("tau", tau), ("scales", s), ("kappa", np.where(kappa == 0.0, 1.0, kappa))):
+        if not ((x > 1.0 / FAR) & (x < FAR)).all():
+            raise Unreadable(f"{name} must be positive, and neither tiny nor huge")
+    if not np.isfinite(t).all():
+        raise Unreadable("a number that is not finite")
+    q = np.array([_of_matrix(matrix) for matrix in found["rotations"]])
+    seen = points if points.any() else None
+    return Graph(n, i, j, rotations(q), t, kappa, tau, points=seen, scales=s, free=free)
+
+
+def _of_matrix(R: Array) -> tuple[float, ...]:
+    """A quaternion or half-angle pair of a matrix near a rotation; see `shepperd`."""
+    whole = np.eye(3)
+    whole[: len(R), : len(R)] = R
+    try:
+        x, y, z, w = shepperd(tuple(whole.ravel().tolist()))
+    except ValueError as error:
+        raise Unreadable(str(error)) from None
+    return (x, y, z, w) if len(R) == 3 else (w, z)
+
+
 def _map_edge(
     tag: bytes,
     text: bytes,
@@ -386,6 +526,35 @@ def shepperd(M: tuple[float, ...]) -> tuple[float, ...]:
     return branches[sizes.index(max(sizes))]
 
 
+def similarity(logarithm: tuple[float, ...]) -> tuple[Numbers, Numbers, float]:
+    """A quaternion, translation and scale: the exponential of [omega, upsilon, sigma].
+
+    Each number is the sum of a series in integers, rounded once to a double.
+    """
+    if not all(map(math.isfinite, logarithm)):
+        raise ValueError("a number that is not finite")
+    if not max(map(abs, logarithm[:3])) <= 10.0 or not abs(logarithm[6]) <= 69.0:
+        raise ValueError("turns within 10 radians and logarithms of scales within 69 expected")
+    ratios = [x.as_integer_ratio() for x in logarithm]
+    a, b, c, *u, s = (_floored(n, SERIES, divisor) for n, divisor in ratios)
+    x, y, z = a >> 1, b >> 1, c >> 1
+    turning = [[0, -z, y, x], [z, 0, -x, y], [-y, x, 0, z], [-x, -y, -z, 0]]
+    growing = [[s, -c, b, u[0]], [c, s, -a, u[1]], [-b, a, s, u[2]], [0, 0, 0, 0]]
+    q, t, scale = (_exponential(M) for M in (turning, growing, [[s]]))
+    return tuple(q), tuple(t[:3]), scale[0]
+
+
+def _exponential(M: list[list[int]]) -> list[float]:
+    """The last column of exp(M), by its series in units of 2^-SERIES."""
+    term = [0] * (len(M) - 1) + [1 << SERIES]
+    total, k = term, 0
+    while any(x not in (0, -1) for x in term):
+        k += 1
+        term = [sum(map(operator.mul, row, term)) // (k << SERIES) for row in M]
+        total = [x + y for x, y in zip(total, term, strict=True)]
+    return [x / (1 << SERIES) for x in total]
+
+
 def half_angle(theta: float) -> tuple[float, float]:
     """The doubles nearest to cos(theta/2) and sin(theta/2), by integers in fixed point."""
     if not abs(theta) <= 1e6:
@@ -433,6 +602,9 @@ def weights(words: tuple[bytes, ...]) -> tuple[float, float]:
     """The weights kappa and tau of an information matrix: its upper triangle, row by row."""
     if len(words) == 6:
         return harmonic_mean(words[5:], 1), harmonic_mean([words[k] for k in (0, 1, 3)], 1)
+    if len(words) == 28:  # of similarities: rotation, translation, scale
+        kappa = harmonic_mean([words[k] for k in (0, 1, 2, 7, 8, 13)], 2)
+        return kappa, harmonic_mean([words[k] for k in (18, 19, 20, 22, 23, 25)], 1)
     tau = harmonic_mean([words[k] for k in (0, 1, 2, 6, 7, 11)], 1)
     return harmonic_mean(words[15:], 2), tau
 
@@ -503,10 +675,11 @@ class Proof(NamedTuple):
     exponent: int  # base-2 exponent of the translations' weights in row sums
     minorants: EdgeBounds | None = None  # for the cost of g2o
     rejections: Rejections | None = None  # for a truncated cost
+    s: Array | None = None  # (n,): the estimate's scales, of similarities
 
 
 _OPTIONS: dict[str, tuple[Any, ...]] = {
-    "kind": ("poses", "rotations"),
+    "kind": ("poses", "rotations", "similarities"),
     "d": (2, 3),
     "keep": ("all", "first", "last"),
     "rotation_information": ("tangent", "quaternion", "rpy"),
@@ -516,9 +689,9 @@ _OPTIONS: dict[str, tuple[Any, ...]] = {
 def read_claim(archive: Any) -> dict[str, Any]:
     """The header of a proof: its graph file, reading options and cost."""
     claim = json.loads(bytes(archive["claim"]))
-    kinds = (1, None), (2, "g2o"), (3, None)
+    kinds = (1, None), (2, "g2o"), (3, None), (4, None)
     if claim["format"] != "certpgo proof" or (claim["version"], claim.get("cost")) not in kinds:
-        raise Unreadable("not a proof of version 1, or of version 2 about the cost of g2o, or of 3")
+        raise Unreadable("not a proof of version 1, or of version 2 about the cost of g2o, 3 or 4")
     if any(type(claim[name]) is not int for name in ("version", "d", "pin", "exponent")):
         raise Unreadable("integers expected")
     for name, choices in _OPTIONS.items():
@@ -533,6 +706,10 @@ def read_claim(archive: Any) -> dict[str, Any]:
     said = [claim[name] for name in ("kind", "rotation_information", "kappa", "tau")]
     if claim["version"] == 2 and said != meant:
         raise Unreadable(f"the cost of g2o is about {meant[0]}, with information of a {meant[1]}")
+    if (claim["version"] == 4) != (claim["kind"] == "similarities"):
+        raise Unreadable("proofs of version 4 are those about similarities")
+    if claim["version"] == 4 and claim["rotation_information"] != "tangent":
+        raise Unreadable("the information of similarities is about logarithms, tangents")
     _check_map(claim)
     return dict(claim)
 
@@ -544,6 +721,8 @@ def _check_map(claim: dict[str, Any]) -> None:
         raise Unreadable("landmarks and priors are true or false")
     if (landmarks or priors) and (claim["kind"], claim["component_sha256"]) != ("poses", None):
         raise Unreadable("landmarks and priors are for poses, all of a file's")
+    if claim["kind"] == "similarities" and claim["component_sha256"] is not None:
+        raise Unreadable("a proof is about all similarities of a file")
     origin = claim.get("origin")
     if origin is not None and not (priors and [*map(type, origin)] == [float] * claim["d"]):
         raise Unreadable("an origin is a list of d numbers, for priors")
@@ -551,7 +730,7 @@ def _check_map(claim: dict[str, Any]) -> None:
 
 def read_proof(archive: Any, claim: dict[str, Any], n: int, m: int = 0) -> Proof:
     """The arrays of a proof about n nodes and m measurements."""
-    d, poses = claim["d"], claim["kind"] == "poses"
+    d, poses = claim["d"], claim["kind"] != "rotations"
     b = d + 1 if poses else d
 
     def array(name: str, dtype: str, *shape: int) -> Any:
@@ -596,6 +775,7 @@ def read_proof(archive: Any, claim: dict[str, Any], n: int, m: int = 0) -> Proof
         exponent=claim["exponent"],
         minorants=minorants,
         rejections=rejections,
+        s=array("scales", "<f8", n) if claim["kind"] == "similarities" else None,
     )
     if not np.array_equal(np.sort(proof.order), np.arange(n)):
         raise Refused("order is no permutation")
@@ -607,27 +787,50 @@ def read_proof(archive: Any, claim: dict[str, Any], n: int, m: int = 0) -> Proof
 # --- The upper bound ------------------------------------------------------------------------------
 
 
-def upper_bound(graph: Graph, q: Array, t: Array | None, cut: Rejections | None = None) -> float:
-    """A double not below F(x), computed in integers; terms of rejected ones are cut off."""
-    i, j, d, R = graph.i, graph.j, graph.t.shape[1], rotations(q)
-    Ri, Rj = R[i], R[j]
-    moved = sum(Ri[:, :, c, None] * graph.R[:, None, c, :] for c in range(d))
+def upper_bound(
+    graph: Graph, q: Array, t: Array | None, cut: Rejections | None = None, s: Array | None = None
+) -> float:
+    """A double not below F(x), computed in integers; terms of rejected ones are cut off.
+
+    Of similarities s R, it is a double not below their cost, in units of the known scales, or of
+    the root mean square scale.
+    """
+    i, j, (m, d) = graph.i, graph.j, graph.t.shape
+    own, measured, e, f = np.full(graph.n, 1, object), np.full(m, 1, object), 0, 0
+    if graph.scales is not None and s is not None:
+        _refuse_scales(graph, s)
+        (own, e), (measured, f) = _in_fractions(s), _in_fractions(graph.scales)
+    A = own[:, None, None] * rotations(q)  # in units of 2^-(POINT + e)
+    Ai, P = A[i], measured[:, None, None] * graph.R
+    moved = sum(Ai[:, :, c, None] * P[:, None, c, :] for c in range(d))
     # Entries of R_i R_ij are off by less than (2 d + 1) 2^POINT, those of R_j by 2^POINT.
-    off = (2 * d + 2) << POINT
-    terms, e = _squares(graph.kappa, abs((Rj << POINT) - moved) + off, 2 * POINT)
+    off = ((2 * d + 1) * own[i] * measured + (own[j] << f)) << POINT
+    sizes = abs((A[j] << (POINT + f)) - moved) + off[:, None, None]
+    terms, unit = _squares(graph.kappa, sizes, 2 * POINT + e + f)
     if t is not None:
         (at, a), (step, b) = integers(t), integers(graph.t)
         at, step, a = at << max(b - a, 0), step << max(a - b, 0), max(a, b)  # to one unit
-        moved = sum(Ri[:, :, c] * step[:, None, c] for c in range(d))
-        off = abs(step).sum(axis=1)[:, None]
-        sizes = abs(((at[j] - at[i]) << POINT) - moved) + off
-        others, f = _squares(graph.tau, sizes, a + POINT)
-        terms, e = (terms << max(f - e, 0)) + (others << max(e - f, 0)), max(e, f)
+        moved = sum(Ai[:, :, c] * step[:, None, c] for c in range(d))
+        off = own[i] * abs(step).sum(axis=1)
+        sizes = abs(((at[j] - at[i]) << (POINT + e)) - moved) + off[:, None]
+        others, f = _squares(graph.tau, sizes, a + POINT + e)
+        terms, unit = (terms << max(f - unit, 0)) + (others << max(unit - f, 0)), max(unit, f)
     if cut is not None:
         prices, f = integers(cut.prices)
-        terms, prices, e = terms << max(f - e, 0), prices << max(e - f, 0), max(e, f)
+        terms, prices, unit = terms << max(f - unit, 0), prices << max(unit - f, 0), max(unit, f)
         terms[cut.rejected] = np.minimum(terms[cut.rejected], prices)
-    return _rounded_up(terms.sum(), e)
+    if not graph.in_mean_unit:
+        return _rounded_up(terms.sum(), unit)
+    squares = own[graph.poses] ** 2
+    return _rounded_up((terms.sum() * len(squares)) << (2 * e), unit, squares.sum())
+
+
+def _refuse_scales(graph: Graph, s: Array) -> None:
+    """Refuse an estimate whose scales (n,) are not positive, or not those that are known."""
+    if not (s > 0.0).all():
+        raise Refused("a scale is not positive")
+    if graph.free is not None and (s[~graph.free & graph.poses] != 1.0).any():
+        raise Refused("a scale that is known to be 1 is another one")
 
 
 def _squares(weights: Array, sizes: Any, unit: int) -> tuple[Any, int]:
@@ -638,9 +841,9 @@ def _squares(weights: Array, sizes: Any, unit: int) -> tuple[Any, int]:
     return w * (sizes * sizes).reshape(len(w), -1).sum(axis=1), e + 2 * min(unit, kept)
 
 
-def _rounded_up(n: int, e: int) -> float:
-    """A double not below n 2^-e."""
-    return math.nextafter((n << max(-e, 0)) / (1 << max(e, 0)), math.inf)
+def _rounded_up(n: int, e: int, divisor: int = 1) -> float:
+    """A double not below n 2^-e / divisor; the divisor is positive."""
+    return math.nextafter((n << max(-e, 0)) / (divisor << max(e, 0)), math.inf)
 
 
 # --- The cost of g2o ------------------------------------------------------------------------------
@@ -910,25 +1113,27 @@ def certificate_matrix(graph: Graph, proof: Proof) -> Blocks:
     """A = M - blkdiag(0, Lam), with the pinned row and column zero off the diagonal.
 
     Its entries are sums of integers; only those of kappa R_ij are truncated. Couplings N take the
-    place of these. Points have rows of rotations too, with a positive diagonal and else zero. It is
-    equilibrated by powers of two, so that diagonal entries lie between 1/4 and 1.
+    place of these, and kappa s_ij R_ij of similarities, with kappa s_ij^2 at node i. Points have
+    rows of rotations too, with a positive diagonal and else zero. It is equilibrated by powers of
+    two, so that diagonal entries lie between 1/4 and 1.
     """
     n, d, i, j = graph.n, graph.t.shape[1], graph.i, graph.j
     b = d if proof.t is None else d + 1
     (kappa, ek), (tau, et), (t, es) = map(integers, (graph.kappa, graph.tau, graph.t))
     Lam, el = integers(proof.multipliers)
-    N, en = (None, ek + POINT) if graph.N is None else integers(graph.N)
-    unit = max(en, ek, et + 2 * es, et, el)  # entries are integers times 2^-unit
+    s, ew = (1, 0) if graph.scales is None else _in_fractions(graph.scales)
+    N, en = (None, ek + ew + POINT) if graph.N is None else integers(graph.N)
+    unit = max(en, ek + 2 * ew, et + 2 * es, et, el)  # entries are integers times 2^-unit
     # Normalized by a power of two to a largest kappa of about 1, for weights of any scale.
     normal = magnitude(graph)
 
     upper, diagonal = (np.zeros((k, b, b), dtype=object) for k in (len(i), n))
     if N is None:
-        upper[:, -d:, -d:] = (-kappa << (unit - en))[:, None, None] * graph.R
+        upper[:, -d:, -d:] = (-kappa * s << (unit - en))[:, None, None] * graph.R
     else:
         upper[:, -d:, -d:] = -N << (unit - en)
     degrees = np.zeros(n, dtype=object)
-    np.add.at(degrees, i, kappa << (unit - ek))
+    np.add.at(degrees, i, kappa * s * s << (unit - ek - 2 * ew))
     np.add.at(degrees, j, kappa << (unit - ek))
     for k in range(b - d, b):
         diagonal[:, k, k] = degrees
@@ -967,7 +1172,8 @@ def certificate_matrix(graph: Graph, proof: Proof) -> Blocks:
         between[pairs[:, 1] == proof.pin, :, 0] = 0
     truncated = np.zeros(between.shape)  # bounds in units of 2^-POINT; the rest is exact
     if N is None:
-        truncated[:, -d:, -d:] = np.bincount(place, abs(graph.kappa))[:, None, None]
+        weights = abs(graph.kappa) * (1.0 if graph.scales is None else graph.scales)
+        truncated[:, -d:, -d:] = np.bincount(place, weights)[:, None, None]
     return _equilibrated(diagonal, pairs, between, truncated, unit, normal, proof.exponent)
 
 
@@ -1270,22 +1476,41 @@ class Answer(NamedTuple):
 
 def prove(graph: Graph, proof: Proof) -> Answer:
     """Both bounds; raises `Refused` if they are not proven."""
-    given, on_diagonal = proof.minorants, np.equal(*np.triu_indices(graph.t.shape[1]))
-    terms = proof.multipliers[:, on_diagonal].ravel()
+    given, constants = proof.minorants, np.zeros(0)
     if given is None:
-        upper = upper_bound(graph, proof.q, proof.t, proof.rejections)
+        upper = upper_bound(graph, proof.q, proof.t, proof.rejections, proof.s)
         if proof.rejections is not None:
             graph, constants = truncated(graph, proof.rejections)
-            terms = np.concatenate([terms, constants])
     else:
         upper = g2o_cost(graph, proof.q, proof.t)
         if not minorants_hold(graph, given).all():
             raise Refused("a minorant was not proven, or that information is positive definite")
-        graph, terms = surrogate(graph, given), np.concatenate([terms, given.constants])
+        graph, constants = surrogate(graph, given), given.constants
+    lower = lower_bound(graph, proof.multipliers, constants)
     blocks = certificate_matrix(graph, proof)
     if not is_positive_semidefinite(blocks, proof.order, proof.delta):
         raise Refused("the certificate matrix was not proven positive semidefinite")
-    return Answer(upper, max(math.nextafter(math.fsum(terms), -math.inf), 0.0))
+    return Answer(upper, max(lower, 0.0))
+
+
+def lower_bound(graph: Graph, multipliers: Array, constants: Array) -> float:
+    """What F* is at least if the certificate matrix is positive semidefinite.
+
+    That is the sum of tr(Lam_i) and the constants, rounded down. With A_i = s_i R_i, tr(Lam_i)
+    counts s_i^2 times: where s_i is unknown, it must not be negative, and counts as zero; and where
+    all are, the least one counts n times in the cost over the mean of s_i^2.
+    """
+    on_diagonal = np.equal(*np.triu_indices(graph.t.shape[1]))
+    terms = multipliers[:, on_diagonal]
+    if graph.free is not None:
+        Lam, e = integers(terms)
+        traces = Lam.sum(axis=1)
+        if graph.in_mean_unit:
+            return -_rounded_up(-int(traces[graph.poses].min()) * int(graph.poses.sum()), e)
+        if (traces[graph.free] < 0).any():
+            raise Refused("the trace of a multiplier of an unknown scale is negative")
+        terms = terms[~graph.free]
+    return math.nextafter(math.fsum(np.concatenate([terms.ravel(), constants])), -math.inf)
 
 
 def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
@@ -1356,7 +1581,7 @@ def _about(graph: Graph, claim: dict[str, Any], cut: Rejections | None = None) -
         said.insert(0, f"g2o's chi2 of {edges} with full information")
         said[1:1] = ["and of positions"] * bool((graph.kappa == 0.0).any())
     else:
-        for k in ("kappa", "tau")[: 1 + (claim["kind"] == "poses")]:
+        for k in ("kappa", "tau")[: 1 + (claim["kind"] != "rotations")]:
             none = " (1 without information)" * bool((getattr(graph, k) == 1.0).any())
             said.append(f"{k} {claim[k] or f'of the file{none}'}")
         said.append(f"rotational information read as {claim['rotation_information']}")
@@ -1368,6 +1593,10 @@ def _about(graph: Graph, claim: dict[str, Any], cut: Rejections | None = None) -
     added = claim["keep"] == "all"
     said.append("parallel edges added" if added else f"only the {claim['keep']} of parallel edges")
     said += ["nodes of cc.txt alone"] * (claim["component_sha256"] is not None)
+    if graph.free is not None:
+        said.append(f"{int(graph.free.sum())} scales unknown")
+        unit = "root mean square scale" if graph.in_mean_unit else "poses of known scale"
+        said.append(f"in the unit of the {unit}")
     if cut is not None:
         ends = [price.as_integer_ratio() for price in (cut.prices.min(), cut.prices.max())]
         low, high = (Context(6, ROUND_FLOOR).divide(*map(Decimal, ratio)) for ratio in ends)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import ast
 import hashlib
+import io
 import json
 import re
 import sys
@@ -19,7 +20,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from decimal import ROUND_FLOOR, Context, Decimal
 from fractions import Fraction
-from functools import cache
+from functools import cache, reduce
 from itertools import chain
 from math import isqrt
 from operator import lt, mul
@@ -30,6 +31,7 @@ ULP = 1074  # every double is an integer times 2^-ULP, and stored as that intege
 ONE, FAR = 1 << ULP, 1 << 400
 FINE = 1400  # fractional bits of costs
 PRECISIONS = (88, 184)  # fractional bits of factors, tried in turn
+SERIES = 320  # fractional bits of exponentials of similarities
 
 
 class Refused(Exception):  # noqa: N818
@@ -172,6 +174,38 @@ def quarter_turn(bits: int) -> int:
     return total
 
 
+def similarity(logarithm: Sequence[int]) -> tuple[list[int], list[int], int]:
+    """The quaternion, translation and scale of [omega, upsilon, sigma], each number rounded once.
+
+    With A = sigma I + omega x, and h = omega / 2: exp(h), the sum of A^k upsilon / (k + 1)!, and
+    exp(sigma), by their series in units of 2^-SERIES.
+    """
+    *v, sigma = (x >> (ULP - SERIES) for x in logarithm)
+    if max(map(abs, v[:3])) > 10 << SERIES or abs(sigma) > 69 << SERIES:
+        raise ValueError("turns within 10 radians and logarithms of scales within 69 expected")
+    (x, y, z), upsilon, one = v[:3], v[3:], 1 << SERIES
+    half = (x >> 1, y >> 1, z >> 1, 0)
+
+    def grown(a: list[int]) -> list[int]:
+        p, q, r = a
+        return [sigma * p + y * r - z * q, sigma * q + z * p - x * r, sigma * r + x * q - y * p]
+
+    return (
+        series([0, 0, 0, one], lambda a: product(half, tuple(a)), 1),
+        series(upsilon, grown, 2),
+        series([one], lambda a: [sigma * a[0]], 1)[0],
+    )
+
+
+def series(term: list[int], step: Callable[[list[int]], Sequence[int]], k: int) -> list[int]:
+    """The doubles nearest to the sum of a term and those that follow, each its step over k."""
+    total = term
+    while not {0, -1}.issuperset(term):
+        term, k = [x // (k << SERIES) for x in step(term)], k + 1
+        total = [x + y for x, y in zip(total, term, strict=True)]
+    return [nearest(x, 1 << SERIES) for x in total]
+
+
 def shepperd(M: Sequence[int]) -> list[int]:
     """A quaternion of a matrix, row by row, each addition rounded to the nearest double."""
 
@@ -206,6 +240,7 @@ class Edge(NamedTuple):
     kappa: int
     tau: int
     role: str
+    scale: int = ONE  # of similarities
 
 
 class Graph(NamedTuple):
@@ -214,6 +249,12 @@ class Graph(NamedTuple):
     n: int
     edges: list[Edge]
     points: set[int]
+    free: set[int] | None = None  # poses of unknown scale; None if it is no graph of similarities
+
+    @property
+    def in_mean_unit(self) -> bool:
+        """Whether no scale is known, and the cost is F over the mean of their squares."""
+        return self.free is not None and len(self.free) + len(self.points) == self.n
 
 
 #: The tags that are read: role, dimension, and whether they measure a rotation.
@@ -241,6 +282,7 @@ def read_edges(text: bytes, claim: dict[str, Any]) -> Iterator[Edge]:
     """The measurements of a g2o or 1DSfM file that a proof's header asks for."""
     formats, sensors, used = set(), {0: True}, set()
     asked = {"pose": True, "prior": claim["priors"]}
+    similar = claim.get("kind") == "similarities"
     lines = text.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").split(b"\n")
     for number, line in enumerate(lines, 1):
         try:
@@ -248,7 +290,11 @@ def read_edges(text: bytes, claim: dict[str, Any]) -> Iterator[Edge]:
                 raise ValueError("plain text expected, and lines that end in LF or CRLF")
             tag, *words = said.decode().split() or [""]
             role, d, _ = TAGS.get(tag, ("", 3, False))
-            if role and asked.get(role, claim["landmarks"]):
+            if similar:
+                if tag in ("", "VERTEX_SIM3:EXPMAP", "FIX"):
+                    continue
+                role, d, edge = "pose", 3, similarity_edge(tag, words, claim)
+            elif role and asked.get(role, claim["landmarks"]):
                 sensor, edge = g2o_edge(tag, words, claim)
                 used.add(sensor)
             elif tag == "PARAMS_SE3OFFSET" and claim["maps"] and claim["d"] == 3:
@@ -304,11 +350,37 @@ def g2o_edge(tag: str, words: list[str], claim: dict[str, Any]) -> tuple[int, Ed
     return sensor, edge
 
 
+def similarity_edge(tag: str, words: list[str], claim: dict[str, Any]) -> Edge:
+    """A line of two ids, the logarithm of a similarity and information."""
+    if tag != "EDGE_SIM3:EXPMAP":
+        raise ValueError("EDGE_SIM3:EXPMAP expected, in a graph of similarities")
+    (i, j), rest = split(words, 2, 7, 35)
+    q, t, scale = similarity([double(word) for word in rest[:7]])
+    kappa, tau = ONE, ONE
+    for word in rest[7:]:
+        decimal(word)
+    if len(rest) > 7 and None in (claim["kappa"], claim["tau"]):
+        kappa, tau = weights(tuple(rest[7:]), True)
+    return Edge(i, j, quaternion(q), tuple(t), kappa, tau, "pose", scale)
+
+
+def unit_node(text: bytes, ids: set[int]) -> int:
+    """The node of scale 1: of those that a file fixes, or else of all, the smallest id."""
+    lines = [line.split(b"#")[0].split() for line in text.split(b"\n")]
+    fixed = [word for words in lines if words[:1] == [b"FIX"] for word in words[1:]]
+    if not all(re.fullmatch(rb"[+-]?[0-9]+", word) for word in fixed):
+        raise Unreadable("FIX: ids expected")
+    return min(ids & {int(word) for word in fixed}, default=min(ids))
+
+
 @cache
 def weights(words: tuple[str, ...], turned: bool) -> tuple[int, int]:
     """The doubles kappa and tau that an upper triangle in decimals says, row by row."""
     if not turned:
         return 0, harmonic_mean(words)
+    if len(words) == 28:  # of similarities: rotation, translation, scale
+        kappa = harmonic_mean([words[k] for k in (0, 1, 2, 7, 8, 13)], 2)
+        return kappa, harmonic_mean([words[k] for k in (18, 19, 20, 22, 23, 25)])
     if len(words) == 6:
         return harmonic_mean(words[5:]), harmonic_mean([words[k] for k in (0, 1, 3)])
     return harmonic_mean(words[15:], 2), harmonic_mean([words[k] for k in (0, 1, 2, 6, 7, 11)])
@@ -337,18 +409,26 @@ def harmonic_mean(words: Sequence[str], over: int = 1) -> int:
 def matrix_edge(words: list[str]) -> Edge:
     """Ids, a rotation matrix row by row, and a direction, which is not used."""
     (i, j), rest = split(words, 2, 12)
-    M = [double(word) for word in rest][:9]
+    q = of_matrix([double(word) for word in rest][:9])
+    return Edge(i, j, q, (0, 0, 0), ONE, ONE, "pose")
+
+
+def of_matrix(M: Sequence[int]) -> Quaternion:
+    """The quaternion of a matrix near a rotation, row by row."""
     a, b, c = M[::3], M[1::3], M[2::3]
     off = max(abs(sum(map(mul, x, y)) - ONE * ONE * (x is y)) for x in (a, b, c) for y in (a, b, c))
     normal = [a[k - 2] * b[k - 1] - a[k - 1] * b[k - 2] for k in range(3)]
     turned = 1000 * sum(map(mul, normal, c)) > ONE**3
     if max(map(abs, M)) >= 2 * ONE or 1000 * off > ONE * ONE or not turned:
         raise ValueError("a rotation matrix expected")
-    return Edge(i, j, quaternion(shepperd(M)), (0, 0, 0), ONE, ONE, "pose")
+    return quaternion(shepperd(M))
 
 
 def read_graph(text: bytes, claim: dict[str, Any], kept: set[int] | None) -> Graph:
     """The measurements that F is made of."""
+    similar = claim.get("kind") == "similarities"
+    if similar and text.startswith(b"PK"):
+        return read_archive(text, claim)
     edges, points = with_own_ids(list(read_edges(text, claim)))
     if kept is not None:
         edges = [edge for edge in edges if kept.issuperset(edge[:2])]
@@ -372,8 +452,72 @@ def read_graph(text: bytes, claim: dict[str, Any], kept: set[int] | None) -> Gra
             t = tuple(x - o for x, o in zip(t, origin, strict=True))
             if any(nearest(x, ONE) != x for x in t):
                 raise Refused("a position from the origin of the proof is not a double")
-        edges[k] = Edge(number[edge.i], number[edge.j], edge.q, t, kappa, tau, edge.role)
-    return Graph(len(number), edges, {number[k] for k in points})
+        edges[k] = edge._replace(i=number[edge.i], j=number[edge.j], t=t, kappa=kappa, tau=tau)
+    free = {*number.values()} - {number[unit_node(text, {*number})]} if similar else None
+    return Graph(len(number), edges, {number[k] for k in points}, free)
+
+
+#: The arrays of an archive that the cost is made of, and others that may be there.
+_STATED = {
+    *("kind", "version", "num_nodes", "edges", "rotations", "translations", "scales", "kappa"),
+    *("tau", "free", "points"),
+}
+_UNUSED = {
+    *("ids", "name", "names", "fixed", "options", "notices", "world", "origin", "assumed"),
+    *("absolute", "apart", "moved_by", "times_ns", "stated", "information", "information_index"),
+    *("information_residual", "initial_rotations", "initial_translations", "initial_scales"),
+    *("truth_rotations", "truth_translations", "truth_scales"),
+}
+
+
+def read_archive(data: bytes, claim: dict[str, Any]) -> Graph:
+    """The similarities in an archive of arrays."""
+    given = [claim[name] for name in ("keep", "kappa", "tau", "rotation_information")]
+    if given != ["all", None, None, "tangent"]:
+        raise Unreadable("an archive of similarities is read as it is, without options")
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            names = [name.removesuffix(".npy") for name in archive.namelist()]
+            files = dict(zip(names, map(archive.read, archive.namelist()), strict=True))
+        if len(files) < len(names) or not _STATED - {"points"} <= {*names} <= _STATED | _UNUSED:
+            raise Refused("other arrays expected, in a graph of similarities")
+        return _of_arrays(files, claim["d"])
+    except Exception as error:  # damaged archives can raise anything
+        raise Unreadable(f"not a readable graph of similarities: {error}") from None
+
+
+def _of_arrays(files: dict[str, bytes], d: int) -> Graph:
+    kind, version, n = npy(files["kind"])[3], *map(_integer, ("version", "num_nodes"), [files] * 2)
+    if (kind.decode("utf-32-le"), version) != ("graph", 1):
+        raise Refused("a graph of version 1 expected")
+    m = npy(files["kappa"])[1][0]
+
+    def doubles(name: str, *shape: int) -> list[list[int]]:
+        return [[from_bits(x) for x in row] for row in stored(files[name], "<f8", m, *shape)]
+
+    R, t = doubles("rotations", d, d), doubles("translations", d)
+    (scales,), (kappas,), (taus,) = map(doubles, ("scales", "kappa", "tau"))
+    (free,) = stored(files["free"], "|b1", n)
+    (seen,) = stored(files["points"], "|b1", n) if "points" in files else [[0] * n]
+    points, unknown = ({k for k in range(n) if flags[k]} for flags in (seen, free))
+    edges = []
+    for k, (i, j) in enumerate(stored(files["edges"], "<i8", m, 2)):
+        kappa, tau, scale = kappas[k], taus[k], scales[k]
+        if not (max(i, j) < n and i != j and i not in points and not (kappa and j in points)):
+            raise Refused("measurements between different nodes expected, and from poses")
+        if not all(ONE < x * FAR < ONE * FAR * FAR for x in (kappa or ONE, tau, scale)):
+            raise Refused("positive weights and scales expected, neither tiny nor huge")
+        whole = [
+            R[k][d * a + b] if max(a, b) < d else ONE * (a == b) for a in range(3) for b in range(3)
+        ]
+        edges.append(Edge(i, j, of_matrix(whole), tuple(t[k]), kappa, tau, "pose", scale))
+    if not edges or points & unknown:
+        raise Refused("measurements expected, and points without a scale")
+    return Graph(n, edges, points, unknown)
+
+
+def _integer(name: str, files: dict[str, bytes]) -> int:
+    return int.from_bytes(npy(files[name])[3], "little")
 
 
 def with_own_ids(edges: list[Edge]) -> tuple[list[Edge], set[int]]:
@@ -423,6 +567,7 @@ class Proof(NamedTuple):
     pin: int
     exponent: int
     rejected: list[Rejected]  # empty but for a truncated cost
+    s: list[int]  # ONE but for similarities
 
 
 def read_claim(data: bytes) -> dict[str, Any]:
@@ -434,8 +579,8 @@ def read_claim(data: bytes) -> dict[str, Any]:
         raise Unreadable("integers check proofs of --cost chordal; without --exact, others too")
     known: dict[str, list[Any]] = {
         "format": ["certpgo proof"],
-        "version": [1, 3],
-        "kind": ["poses", "rotations"],
+        "version": [1, 3, 4],
+        "kind": ["poses", "rotations", "similarities"],
         "d": [2, 3],
         "keep": ["all", "first", "last"],
         "rotation_information": ["tangent", "rpy", *["quaternion"] * (claim["d"] == 3)],
@@ -455,23 +600,44 @@ def read_claim(data: bytes) -> dict[str, Any]:
     stated = claim["priors"] and isinstance(origin, list) and [*map(type, origin)]
     if origin is not None and stated != [Decimal] * claim["d"]:
         raise Unreadable("an origin is a list of d numbers, for priors")
+    similar = claim["kind"] == "similarities"
+    if similar != (claim["version"] == 4):
+        raise Unreadable("proofs of version 4 are those about similarities")
+    whole = claim["rotation_information"], claim["component_sha256"]
+    if similar and whole != ("tangent", None):
+        raise Unreadable(
+            "a proof is about all similarities of a file, with information of tangents"
+        )
     return {**claim, "maps": maps}
+
+
+def npy(data: bytes) -> tuple[str, tuple[int, ...], bool, bytes]:
+    """The type, the shape, whether it is by columns, and the bytes of an array in a .npy file."""
+    begin = 12 if data[6] > 1 else 10
+    start = begin + int.from_bytes(data[8:begin], "little")
+    header = ast.literal_eval(data[begin:start].decode())
+    if data[:6] != b"\x93NUMPY":
+        raise Refused("an array expected")
+    return header["descr"], header["shape"], header["fortran_order"], data[start:]
 
 
 def stored(data: bytes, dtype: str, *shape: int) -> list[list[int]]:
     """The rows of an array in a .npy file, with numbers as unsigned integers."""
-    begin, size = 12 if data[6] > 1 else 10, int(dtype[2:])
-    start = begin + int.from_bytes(data[8:begin], "little")
-    header = ast.literal_eval(data[begin:start].decode())
-    shape = shape or header["shape"]
-    if (data[:6], header["descr"], header["shape"]) != (b"\x93NUMPY", dtype, shape):
+    size, (descr, found, by_columns, numbers) = int(dtype[2:]), npy(data)
+    shape = shape or found
+    if (descr, found) != (dtype, shape):
         raise Refused(f"{dtype} of shape {shape} expected: another graph's proof?")
-    words = [int.from_bytes(data[k : k + size], "little") for k in range(start, len(data), size)]
-    n, columns = shape if len(shape) > 1 else (1, *shape)
-    if (len(data) - start, len(words)) != (size * len(words), n * columns):
+    words = [int.from_bytes(numbers[k : k + size], "little") for k in range(0, len(numbers), size)]
+    n, columns = (shape[0], reduce(mul, shape[1:])) if len(shape) > 1 else (1, *shape)
+    if (len(numbers), len(words)) != (size * len(words), n * columns):
         raise Refused("an array is not as long as it says")
-    if header["fortran_order"]:
-        return [words[k::n] for k in range(n)]
+    if by_columns:
+        places = (
+            [a + b * shape[1] for a in range(shape[1]) for b in range(shape[2])]
+            if len(shape) > 2
+            else range(columns)
+        )
+        return [[words[k + n * place] for place in places] for k in range(n)]
     return [words[k : k + columns] for k in range(0, len(words), columns)]
 
 
@@ -486,7 +652,7 @@ def from_bits(word: int, fraction: int = 52, size: int = 64) -> int:
 
 def read_proof(files: dict[str, bytes], claim: dict[str, Any], graph: Graph) -> Proof:
     """The arrays of a proof."""
-    n, d, poses = graph.n, claim["d"], claim["kind"] == "poses"
+    n, d, poses = graph.n, claim["d"], claim["kind"] != "rotations"
 
     def doubles(name: str, n: int, columns: int) -> list[list[int]]:
         return [[from_bits(word) for word in row] for row in stored(files[name], "<f8", n, columns)]
@@ -506,6 +672,13 @@ def read_proof(files: dict[str, bytes], claim: dict[str, Any], graph: Graph) -> 
         raise Refused("pin or exponent out of range")
     if any(any(multipliers[k]) for k in graph.points):
         raise Refused("a multiplier of a point, which has no rotation")
+    s = [ONE] * n
+    if graph.free is not None:
+        s = [from_bits(word) for word in stored(files["scales"], "<f8", n)[0]]
+        if any(s[k] != ONE for k in range(n) if k not in graph.free | graph.points):
+            raise Refused("a scale that is known to be 1 is another one")
+        if min(s) <= 0:
+            raise Refused("a scale is not positive")
     rejected: list[Rejected] = []
     if claim["version"] == 3:
         found = stored(files["rejected"], "<i4")[0]
@@ -517,31 +690,63 @@ def read_proof(files: dict[str, bytes], claim: dict[str, Any], graph: Graph) -> 
             tau, *b = row[d * d :] or [0] * (d + 1)
             C = [row[d * a : d * a + d] for a in range(d)]
             rejected.append(Rejected(e, price, kappa, tau, C, tuple(b)))
-    return Proof(q, t, multipliers, order, claim["pin"], claim["exponent"], rejected)
+    return Proof(q, t, multipliers, order, claim["pin"], claim["exponent"], rejected, s)
 
 
 # --- Both sides -----------------------------------------------------------------------------------
 
 
 def upper_bound(graph: Graph, proof: Proof, d: int) -> Fraction:
-    """F(x), each term rounded up to a multiple of 2^-FINE; those of rejected ones are cut off."""
+    """F(x), each term rounded up to a multiple of 2^-FINE; those of rejected ones are cut off.
+
+    With g = s_i s_ij, the term of a rotation is kappa (d (s_j - g)^2 + 2 g s_j (d - tr Q)), Q being
+    what the residual turns by. If no scale is known, F is divided by the mean of their squares.
+    """
     norms, N = [norm(q) for q in proof.q], [matrix(q, d) for q in proof.q]
     flat = [x for t in (*proof.t, *(edge.t for edge in graph.edges)) for x in t]
     numbers, unit = trimmed(flat)
+    (_, *s), fine = trimmed([ONE, *proof.s])
+    (_, *scales), more = trimmed([ONE, *(edge.scale for edge in graph.edges)])
     t = [numbers[k : k + d] for k in range(0, len(numbers), d)]
     total, prices = 0, {r.edge: r.price << (FINE - ULP) for r in proof.rejected}
-    for k, (i, j, q, _, kappa, tau, _) in enumerate(graph.edges, len(proof.t)):
+    for k, ((i, j, q, _, kappa, tau, *_), scale) in enumerate(
+        zip(graph.edges, scales, strict=True), len(proof.t)
+    ):
         term = 0
         if kappa:
             below = norms[i] * norms[j] * norm(q)
             cosine = sum(map(mul, proof.q[j], product(proof.q[i], q)))
-            term -= shifted(8 * kappa * (cosine * cosine - below), FINE - ULP) // below
+            g, own = s[i] * scale, s[j] << more
+            less = 8 * g * own * (cosine * cosine - below) - d * (own - g) ** 2 * below
+            term -= shifted(kappa * less, FINE - ULP - 2 * (fine + more)) // below
         if proof.t:
-            arms = [sum(map(mul, row, t[k])) for row in N[i]]
-            off = [norms[i] * (b - a) - arm for a, b, arm in zip(t[i], t[j], arms, strict=True)]
-            term -= shifted(-tau * norm(off), FINE - ULP - 2 * unit) // norms[i] ** 2
+            arms = [s[i] * sum(map(mul, row, t[k])) for row in N[i]]
+            apart = [norms[i] * (b - a) << fine for a, b in zip(t[i], t[j], strict=True)]
+            off = norm([x - arm for x, arm in zip(apart, arms, strict=True)])
+            term -= shifted(-tau * off, FINE - ULP - 2 * (unit + fine)) // norms[i] ** 2
         total += min(term, prices.get(k - len(proof.t), term))
-    return Fraction(total, 1 << FINE)
+    if not graph.in_mean_unit:
+        return Fraction(total, 1 << FINE)
+    squares = [x * x for k, x in enumerate(s) if k not in graph.points]
+    return Fraction(total * len(squares), 1 << FINE) * Fraction(1 << 2 * fine, sum(squares))
+
+
+def lower_bound(graph: Graph, proof: Proof, d: int) -> Fraction:
+    """What F* is at least if A is positive semidefinite.
+
+    The sum of tr(Lam), and what rejected measurements add. A trace counts s^2 times: at unknown
+    scales it must not be negative, and if all are unknown, the least one counts for each.
+    """
+    traces = [sum(row[k] for k in ((0, 2), (0, 3, 5))[d - 2]) for row in proof.multipliers]
+    if graph.in_mean_unit:
+        total = min(traces[k] for k in graph.free or ()) * len(graph.free or ())
+    elif graph.free and any(traces[k] < 0 for k in graph.free):
+        raise Refused("the trace of a multiplier of an unknown scale is negative")
+    else:
+        total = sum(x for k, x in enumerate(traces) if k not in (graph.free or ()))
+    return Fraction(
+        total + sum(constant(graph.edges[cut.edge], cut, d) for cut in proof.rejected), ONE
+    )
 
 
 def constant(edge: Edge, cut: Rejected, d: int) -> Fraction:
@@ -581,17 +786,19 @@ def certificate_matrix(
         i, j, *_ = terms[cut.edge]
         terms[cut.edge] = (i, j, cut.C, ONE, cut.t, -cut.kappa, -cut.tau)
     taus, tau_unit = trimmed([weight for term in terms for weight in term[5:]])
+    (_, *scales), fine = trimmed([ONE, *(edge.scale for edge in graph.edges)])
     steps, step_unit = trimmed([ONE, *(x for term in terms for x in term[4])])
     Lams, Lam_unit = trimmed([x for row in proof.multipliers for x in row])
-    unit, size = max(tau_unit + 2 * step_unit, Lam_unit), d * (d + 1) // 2
+    unit, size = max(tau_unit + 2 * max(step_unit, fine), Lam_unit), d * (d + 1) // 2
     A: Counter[tuple[int, int]] = Counter()
     blocks = []
     for k, (i, j, N, D, *_) in enumerate(terms):
         kappa, tau = (weight << (unit - tau_unit) for weight in taus[2 * k : 2 * k + 2])
         if kappa:
-            blocks.append((turn[i], turn[j], [[-kappa * x for x in row] for row in N], D))
-            for row in (turn[i], turn[j]):
-                A.update({(row + a, row + a): kappa for a in range(d)})
+            across = (kappa >> fine) * scales[k]
+            blocks.append((turn[i], turn[j], [[-across * x for x in row] for row in N], D))
+            for row, weight in ((turn[i], (across >> fine) * scales[k]), (turn[j], kappa)):
+                A.update({(row + a, row + a): weight for a in range(d)})
         if proof.t:
             arms = [(at[j], steps[0]), (at[i], -steps[0])]
             arms += [(turn[i] + a, -x) for a, x in enumerate(steps[1 + d * k : 1 + d * (k + 1)])]
@@ -791,8 +998,7 @@ def digits(x: Fraction, count: int, up: bool) -> Decimal:
 
 def prove(graph: Graph, proof: Proof, d: int) -> tuple[Fraction, Fraction]:
     """Both bounds."""
-    total = sum(row[k] for row in proof.multipliers for k in ((0, 2), (0, 3, 5))[d - 2])
-    constants = sum(constant(graph.edges[cut.edge], cut, d) for cut in proof.rejected)
+    lower = lower_bound(graph, proof, d)
     found = fronts({(edge.i, edge.j) for edge in graph.edges}, proof.order)
     at, turn, rows, n = {}, {}, {}, 0
     for node in (node for pivots, _, _ in found for node in pivots):
@@ -819,7 +1025,7 @@ def prove(graph: Graph, proof: Proof, d: int) -> tuple[Fraction, Fraction]:
         for bits in PRECISIONS
     ):
         raise Refused("the certificate matrix was not proven positive semidefinite")
-    return upper_bound(graph, proof, d), max(Fraction(total + constants, ONE), Fraction(0))
+    return upper_bound(graph, proof, d), max(lower, Fraction(0))
 
 
 def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
@@ -867,7 +1073,7 @@ def component(path: Path, sha256: str | None) -> set[int] | None:
 def about(graph: Graph, claim: dict[str, Any], rejected: list[Rejected]) -> str:
     """The measurements and how they were read: what F is."""
     said = [f"the {claim['kind']} of {graph.n} nodes from {len(graph.edges)} measurements"]
-    for name in ("kappa", "tau")[: 1 + (claim["kind"] == "poses")]:
+    for name in ("kappa", "tau")[: 1 + (claim["kind"] != "rotations")]:
         ones = any(getattr(edge, name) == ONE for edge in graph.edges)
         none = " (1 without information)" * ones
         said.append(f"{name} {claim[name] or f'of the file{none}'}")
@@ -879,6 +1085,10 @@ def about(graph: Graph, claim: dict[str, Any], rejected: list[Rejected]) -> str:
     added = claim["keep"] == "all"
     said.append("parallel edges added" if added else f"only the {claim['keep']} of parallel edges")
     said += ["nodes of cc.txt alone"] * (claim["component_sha256"] is not None)
+    if graph.free is not None:
+        said.append(f"{len(graph.free)} scales unknown")
+        unit = "root mean square scale" if graph.in_mean_unit else "poses of known scale"
+        said.append(f"in the unit of the {unit}")
     if rejected:
         prices, six = [Decimal(cut.price) for cut in rejected], Context(6, ROUND_FLOOR)
         low, high = (six.divide(price, Decimal(ONE)) for price in (min(prices), max(prices)))

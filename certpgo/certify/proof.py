@@ -18,7 +18,7 @@ from certpgo import checker
 from certpgo.certify.dual import DualBound
 from certpgo.certify.multipliers import Shifted
 from certpgo.errors import NumericalError
-from certpgo.graph import Estimate
+from certpgo.graph import Estimate, SimilarityGraph
 from certpgo.graph.relaxed_point import Point
 from certpgo.io.exact import quaternion
 from certpgo.linalg.arrays import BoolArray, FloatArray
@@ -26,7 +26,9 @@ from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.rotations import rotation_defect
 from certpgo.objective import operators
 from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
+from certpgo.optimize.similarity_descent import descend
 
 #: First shift tried, in units of rounding of the mean diagonal (for poses, times the growth), and
 #: its growth per attempt.
@@ -70,6 +72,7 @@ def prove(
     fallback: FloatArray | None = None,
     *,
     at_rest: bool = False,
+    spare: FloatArray | None = None,
 ) -> tuple[FloatArray, Witness] | None:
     """Multipliers Lam' (n, d, d) with a witness that F* >= tr(Lam'); None if there are none.
 
@@ -83,16 +86,16 @@ def prove(
         proof shows more digits than a descent for other purposes finds
     fallback : less sharp multipliers, e.g. of another point if the relaxation is loose
     at_rest : whether the estimate does not descend
+    spare : (n,) by which multipliers of unknown scales are raised, so that those without it leave
+        a matrix that exceeds a positive semidefinite one by as much there
     """
     from threadpoolctl import threadpool_limits
 
     # Threads slow down the checker's many small products.
     with threadpool_limits(limits=1):
         if isinstance(point, Estimate) and not at_rest:
-            point = newton(
-                problem, problem.with_optimal_translations(point), CLOSE, near=True
-            ).estimate
-        prover = _Prover(problem, graph, problem.with_optimal_translations(point))
+            point = _at_rest(problem, problem.with_optimal_translations(point))
+        prover = _Prover(problem, graph, problem.with_optimal_translations(point), spare)
         shift = FIRST_SHIFT * prover.shifted.unit * (1.0 if prover.shifted.pin is None else GROWTH)
         for _ in range(SHIFTS):
             found = prover.settle(partial(prover.shifted.less, shift))
@@ -105,6 +108,13 @@ def prove(
         return prover.settle(lambda _: other)
 
 
+def _at_rest(problem: Problem, point: Estimate) -> Estimate:
+    """Where descent from an estimate ends."""
+    if isinstance(problem, SimilarityProblem):
+        return descend(problem, point).estimate
+    return newton(problem, point, CLOSE, near=True).estimate
+
+
 def proven_bound(
     problem: Problem, graph: checker.Graph, point: Estimate, bound: DualBound
 ) -> DualBound | None:
@@ -114,16 +124,21 @@ def proven_bound(
     stored matrices. An edge adds the blocks -kappa (D, D^T) to the difference of their M, where |D|
     is at most the `distances`; this is bounded below by -kappa |D| on both nodes' diagonals.
     """
-    found = prove(problem, graph, point, bound.multipliers)
+    weights = distances(graph, problem.rotation.graph.rotations) * graph.kappa
+    if graph.scales is not None:
+        weights = weights * graph.scales
+    less = 1.001 * operators.degrees(problem.graph.edges, weights, problem.n)
+    found = prove(problem, graph, point, bound.multipliers, spare=2.0 * less)
     if found is None:
         return None
     multipliers, rows, poses = found[0].copy(), np.arange(problem.d), problem.poses
-    weights = distances(graph, problem.rotation.graph.rotations) * graph.kappa
-    less = 1.001 * operators.degrees(problem.graph.edges, weights, problem.n)[poses]
-    diagonal = np.nextafter(multipliers[poses][:, rows, rows] - less[:, None], -np.inf)
+    diagonal = np.nextafter(multipliers[poses][:, rows, rows] - less[poses, None], -np.inf)
     multipliers[poses[:, None], rows, rows] = diagonal
-    value = math.nextafter(math.fsum(diagonal.ravel()), -math.inf)
-    taken = np.einsum("naa->na", problem.multipliers(point)[poses]) - diagonal
+    loose, held = np.isin(poses, problem.held, invert=True), problem.held
+    if any(math.fsum(row) < 0.0 for row in diagonal[loose].tolist()):
+        return None
+    value = problem.value_of(diagonal[~loose])
+    taken = np.einsum("naa->na", problem.multipliers(point)[held]) - diagonal[~loose]
     return replace(bound, value=value, multipliers=multipliers, shift=float(taken.max()))
 
 
@@ -138,7 +153,8 @@ def exact_cost(problem: Problem, graph: checker.Graph, estimate: Estimate) -> fl
     """F of the estimate, rounded up; infinite beyond the range of doubles."""
     try:
         t = estimate.translations if isinstance(problem, PoseProblem) else None
-        return checker.upper_bound(graph, quaternions(estimate.rotations), t)
+        s = problem.scales_of(estimate) if isinstance(problem, SimilarityProblem) else None
+        return checker.upper_bound(graph, quaternions(estimate.rotations), t, s=s)
     except (checker.Refused, OverflowError):
         return math.inf
 
@@ -190,7 +206,13 @@ class _Prover:
     They are of the checker's rows (n b,), where points have rows of rotations.
     """
 
-    def __init__(self, problem: Problem, graph: checker.Graph, point: Point) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        graph: checker.Graph,
+        point: Point,
+        spare: FloatArray | None = None,
+    ) -> None:
         self.problem, self.graph = problem, graph
         # A bound does not depend on the estimate in its proof.
         d, t = problem.d, point.translations
@@ -202,8 +224,12 @@ class _Prover:
         self.diagonal = self.layout.unpack(problem.matrix.diagonal())
         if graph.points is not None:
             self.diagonal[graph.points, -d:] = 2.0 ** checker.magnitude(graph)
-        free = self.shifted.weights[~self.shifted.is_rotation]
-        self.exponent = int(math.log2(free[0])) if len(free) else 0
+        moving = self.shifted.weights[~problem.rotation_rows]
+        self.exponent = int(math.log2(moving[0])) if len(moving) else 0
+        self.loose = np.setdiff1d(problem.poses, problem.held)
+        self.spare = np.zeros_like(self.diagonal)
+        if spare is not None:
+            self.spare[self.loose, -d:] = spare[self.loose, None]
 
     def settle(
         self, multipliers: Callable[[FloatArray], FloatArray]
@@ -214,7 +240,8 @@ class _Prover:
         """
         asked = UNITS * checker.U * self.diagonal.ravel()
         for _ in range(ROUNDS):
-            less = self.without(multipliers(SAFETY * self.packed(asked)), asked)
+            amounts = SAFETY * asked + self.spare.ravel()
+            less = self.without(multipliers(self.packed(amounts)), asked)
             found = self.residual(less, asked)
             if found is None:
                 return None
@@ -228,10 +255,14 @@ class _Prover:
         return self.layout.pack(amounts.reshape(self.diagonal.shape))
 
     def without(self, multipliers: FloatArray, asked: FloatArray) -> FloatArray:
-        """The multipliers, their diagonals reduced by the rotations' amounts; points have none."""
+        """The multipliers, their diagonals reduced by the rotations' amounts; points have none.
+
+        Those of unknown scales are raised by what is to spare.
+        """
         less, rows, d = multipliers.copy(), np.arange(self.problem.d), self.problem.d
         amounts = self.packed(asked)[self.shifted.is_rotation].reshape(-1, d)
-        less[self.problem.poses[:, None], rows, rows] -= amounts
+        less[self.problem.held[:, None], rows, rows] -= amounts
+        less[self.loose[:, None], rows, rows] += self.spare[self.loose, -d:]
         return less
 
     def residual(self, multipliers: FloatArray, asked: FloatArray) -> _Found | None:
@@ -284,7 +315,10 @@ def exact_graph(problem: Problem) -> checker.Graph:
     R, N = None, graph.couplings if graph.is_general else None
     if N is None:
         R = checker.rotations(quaternions(graph.rotations))
-    return checker.Graph(graph.num_nodes, i, j, R, t, graph.kappa, tau, N=N, points=points)
+    exact = checker.Graph(graph.num_nodes, i, j, R, t, graph.kappa, tau, N=N, points=points)
+    if isinstance(problem.graph, SimilarityGraph):
+        return exact._replace(scales=problem.graph.scales, free=problem.graph.free)
+    return exact
 
 
 def quaternions(R: FloatArray) -> FloatArray:

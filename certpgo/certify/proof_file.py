@@ -18,6 +18,10 @@ rejected edge:
 
     rejected      (k,) int32, which edges, ascending
     rejections    (k, 2 + d^2) price, weight beta_R and centre; for poses also beta_t and its centre
+
+Version 4 is about similarities, in a g2o file or an .npz file, and has the estimate's
+
+    scales        (n,), 1 where known
 """
 
 from __future__ import annotations
@@ -36,7 +40,7 @@ from certpgo.certify.cost_proof import cost_evidence, problem_of_certificate
 from certpgo.certify.proof import Witness, proof_of, prove
 from certpgo.certify.rejection_proof import rejection_evidence
 from certpgo.errors import FormatError, InputError, NumericalError
-from certpgo.graph import Estimate, Instance, PoseGraph
+from certpgo.graph import Estimate, Instance, PoseGraph, SimilarityGraph
 from certpgo.graph.held import HELD
 from certpgo.io.compressed import is_compressed
 from certpgo.io.format import format_of
@@ -46,8 +50,9 @@ from certpgo.objective import choose_cost as costs
 from certpgo.objective.problem import problem_of
 from certpgo.objective.truncated_problem import TruncatedProblem
 
-#: Formats that the checker can read.
-FORMATS = ("g2o", "1dsfm")
+#: Formats that the checker can read, of poses and of similarities, and what they are called.
+FORMATS = {False: ("g2o", "1dsfm"), True: ("sim3", "npz")}
+CALLED = {False: "a g2o or 1DSfM file", True: "a g2o or .npz file"}
 
 
 def refuse_unreadable(source: Path, instance: Instance, cost: str) -> None:
@@ -126,7 +131,7 @@ def write_proof(
     >>> proven.lower <= proven.upper
     True
     """
-    source = provable(source)
+    source = provable(source, instance)
     claim, proof = _proof(source, instance, estimate, certificate, prices)
     found: list[checker.Answer] = []
 
@@ -158,7 +163,7 @@ def _proof(
         cut = TruncatedProblem(problem_of(instance.graph), prices)
         multipliers, witness, rejections = rejection_evidence(cut, graph, certificate)
         claim |= {"version": 3}
-    elif certificate.objective == CHORDAL:
+    elif isinstance(instance.graph, SimilarityGraph) or certificate.objective == CHORDAL:
         claim, graph = _claim(source, instance)
         multipliers, witness = _evidence(instance, graph, certificate)
     else:
@@ -169,6 +174,8 @@ def _proof(
         minorants = evidence.minorants
     claim |= {"pin": witness.pin, "exponent": witness.exponent}
     proof = proof_of(estimate, multipliers, witness, minorants)
+    if isinstance(instance.graph, SimilarityGraph):
+        proof = proof._replace(s=costs.similarity_problem(instance).scales_of(estimate))
     return claim, proof._replace(rejections=rejections)
 
 
@@ -216,8 +223,8 @@ def check(graph_path: str | Path, proof_path: str | Path) -> checker.Answer:
         raise UnreadableProof(str(reason)) from None
 
 
-def provable(source: str | Path) -> Path:
-    """The path of a file that the checker can read.
+def provable(source: str | Path, instance: Instance) -> Path:
+    """The path of a file from which the checker can read the instance.
 
     Raises
     ------
@@ -225,12 +232,10 @@ def provable(source: str | Path) -> Path:
         The checker cannot read its format.
     """
     path = Path(source)
-    form = format_of(path).name
-    if form == "sim3":
-        raise InputError(f"{path}: there are no proofs about nodes of unknown scale (similarities)")
-    if form not in FORMATS:
+    form, similar = format_of(path).name, isinstance(instance.graph, SimilarityGraph)
+    if form not in FORMATS[similar]:
         raise InputError(
-            f"{path}: a proof is about a g2o or 1DSfM file, not {form}; "
+            f"{path}: a proof is about {CALLED[similar]}, not {form}; "
             "convert it first (certpgo convert)"
         )
     if path.is_file() and is_compressed(path):
@@ -271,19 +276,23 @@ def _claim(
     component = file.with_name("cc.txt")
     restricted = file.name == "EGs.txt" and component.is_file()
     kappa, tau = _overridden(instance.options.get("weights", "file"))
+    similar = isinstance(instance.graph, SimilarityGraph)
+    posed = "similarities" if similar else "poses"
     claim = {
         "format": "certpgo proof",
-        "version": 1,
+        "version": 4 if similar else 1,
         "graph_sha256": _sha256(file),
         "component_sha256": _sha256(component) if restricted else None,
-        "kind": "poses" if isinstance(instance.graph, PoseGraph) else "rotations",
+        "kind": posed if isinstance(instance.graph, PoseGraph) else "rotations",
         "d": instance.graph.d,
         "keep": instance.options.get("keep", "all"),
         "rotation_information": instance.options.get("rotation_information", "tangent"),
         "kappa": kappa,
         "tau": tau,
-        **_map_of(instance),
+        **({} if similar else _map_of(instance)),
     }
+    if similar and format_of(source).name == "npz":
+        claim |= {"keep": "all", "kappa": None, "tau": None, "rotation_information": "tangent"}
     if cost is not None:
         meant = "quaternion" if instance.graph.d == 3 else "tangent"
         claim |= {"version": 2, "cost": cost, "rotation_information": meant}
@@ -297,7 +306,24 @@ def _claim(
             f"a proof is about a whole file: {source} connects {graph.n} nodes, "
             f"the graph has {instance.graph.num_nodes}; write that part to a file of its own"
         )
+    if isinstance(instance.graph, SimilarityGraph) and not _is_read(graph, instance.graph):
+        raise InputError(
+            f"{source}: the graph is not that of the file: write it to an .npz file of its own"
+        )
     return claim, graph
+
+
+def _is_read(exact: checker.Graph, graph: SimilarityGraph) -> bool:
+    """Whether the checker reads these similarities, but for rounding."""
+    R = np.ldexp(exact.R.astype(np.float64), -checker.POINT)
+    measured = exact.t, exact.scales, exact.kappa, exact.tau, R
+    rotation, flags = graph.rotation, (exact.free, ~exact.poses)
+    own = graph.translations, graph.scales, rotation.kappa, graph.tau, rotation.rotations
+    return (
+        np.array_equal(np.stack([exact.i, exact.j], axis=1), graph.edges)
+        and np.array_equal(np.array(flags), np.array([graph.free, graph.is_point]))
+        and all(np.allclose(*pair, 1e-12, 1e-12) for pair in zip(measured, own, strict=True))
+    )
 
 
 def _map_of(instance: Instance) -> dict[str, Any]:
@@ -332,7 +358,9 @@ def _evidence(
     """Multipliers and witness of a bound for the file's exact numbers."""
     if certificate.multipliers is None:
         raise NumericalError("there is no lower bound above zero to prove")
-    case = Case.of(problem_of(instance.graph), Tier.PROOF, certificate.rtol, certificate.atol)
+    similar = isinstance(instance.graph, SimilarityGraph)
+    problem = costs.similarity_problem(instance) if similar else problem_of(instance.graph)
+    case = Case.of(problem, Tier.PROOF, certificate.rtol, certificate.atol)
     graph = graph._replace(kappa=graph.kappa / case.unit, tau=graph.tau / case.unit)
     multipliers = certificate.multipliers / case.unit
     found = prove(case.problem, graph, certificate.refined, multipliers)
@@ -350,6 +378,8 @@ def _arrays(proof: checker.Proof) -> dict[str, Any]:
     }
     if proof.t is not None:
         arrays["translations"] = proof.t
+    if proof.s is not None:
+        arrays["scales"] = proof.s
     if proof.minorants is not None:
         arrays |= proof.minorants._asdict()
     if (cut := proof.rejections) is not None:

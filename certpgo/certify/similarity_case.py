@@ -69,6 +69,8 @@ class SimilarCase(Case):
         refine: bool = True,
     ) -> DualBound | None:
         """The bound by the multipliers of a converged point of any rank."""
+        if self.tier is Tier.PROOF:
+            return self._bound(self.problem, point, cost, sharp=sharp, tight=tight)
         problem, here = self.problem, self.problem.blocks(point)
         enough = cost - self.rtol * cost - FLOOR * self.atol * problem.scale
         for given_up in SHARES if here.rank > problem.d and not problem.in_mean_unit else (0.0,):

@@ -92,7 +92,7 @@ class Outputs:
 
         if self.proof is None:
             return self
-        proven = provable(source.path())
+        proven = provable(source.path(), instance)
         refuse_unreadable(proven, instance, cost)
         return replace(self, proven=proven)
 

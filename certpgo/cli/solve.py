@@ -188,8 +188,10 @@ def command(
     outputs.refuse_overwriting(*inputs)
     instance = timed(reading.open(source, distances=True), timestamps)
     refuse_with_distances(instance, method=method, robust=robust, proof=proof)
-    refuse_with_scales(instance, method=method, robust=robust, proof=proof, covariances=covariances)
-    _refuse_with_logarithms(instance, scales_within, html=html, cost=cost, stored=stored)
+    refuse_with_scales(instance, method=method, robust=robust, covariances=covariances)
+    _refuse_with_logarithms(
+        instance, scales_within, html=html, cost=cost, proof=proof, stored=stored
+    )
     parts = reading.parts(instance)
     if len(parts) > 1 or not certify:
         _refuse_parts(proof=proof, html=html, covariances=covariances)
@@ -229,7 +231,7 @@ def command(
 
 
 def _refuse_with_logarithms(
-    instance: Instance, within: float | None, *, html: Path | None, cost: str | None, stored: bool
+    instance: Instance, within: float | None, *, stored: bool, **given: object
 ) -> None:
     """Refuse what the cost of logarithms does not have, if it is asked for."""
     from certpgo.graph import SimilarityGraph
@@ -240,8 +242,8 @@ def _refuse_with_logarithms(
         raise InputError(f"{instance.name}: --scales-within is for nodes of unknown scale")
     if not 1.0 <= within < math.inf:
         raise InputError(f"--scales-within takes a factor of at least 1, not {within:g}")
-    for name, given in (("html", html), ("cost", cost), ("no-file-start", not stored)):
-        if given:
+    for name, value in {**given, "no-file-start": not stored}.items():
+        if value:
             raise InputError(f"--scales-within has a cost and a start of its own: not --{name}")
 
 

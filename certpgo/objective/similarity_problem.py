@@ -285,11 +285,6 @@ class SimilarityProblem(PoseProblem):
             raise InputError("SimilarityProblem takes a SimilarityGraph")
         return self._shared(SimilarityProblem(graph, self.engine))
 
-    @property
-    def unprovable(self) -> str:
-        """Why there are no proofs of the cost."""
-        return "the proof tier is not for similarities"
-
     # --- Rounding ---------------------------------------------------------------------------------
 
     def enclosure(self, estimate: Estimate) -> tuple[float, float]:

@@ -296,10 +296,10 @@ def _refuse_other_claim(path: Path, instance: Instance, cost: str, proof: Path) 
 def _estimate_in(proof: Path) -> Estimate:
     """The estimate that a proof contains."""
     with np.load(proof, allow_pickle=False) as archive:
-        q, t = archive["rotations"], archive.get("translations")
+        q, t, s = archive["rotations"], archive.get("translations"), archive.get("scales")
     N, D = checker.exact_rotations(q)
     rotations = (N / D[:, None, None]).astype(np.float64)
-    return Estimate(rotations, t)
+    return Estimate(rotations, t, scales=s)
 
 
 def _reading(instance: Instance) -> tuple[tuple[str, str], ...]:

@@ -4,7 +4,8 @@ Two graphs have the same digest under a cost if they state the same measurements
 the order of their ids, the same ordered pairs, and numbers that agree to nine digits. The order of
 lines, comments, the format of the file, how numbers are written, the initial estimate and what ids
 are called beyond their order do not count. The direction of an edge counts, as (i, j) and (j, i)
-weigh translations in different frames; that of a distance does not.
+weigh translations in different frames; that of a distance does not. Of similarities, measured
+scales count, and which poses have an unknown one.
 
 Under F the weights kappa, tau and what goes with them count, under the costs of other programs the
 information matrices. So reading options that change these change the digest.
@@ -20,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from certpgo.graph import Graph, Instance, PoseGraph
+from certpgo.graph import Graph, Instance, PoseGraph, SimilarityGraph
 from certpgo.graph.information import Information
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.costs import CHORDAL
@@ -86,6 +87,8 @@ def fingerprint(graph: Graph | Instance, cost: str = CHORDAL) -> Fingerprint | N
         "points": np.flatnonzero(measured.is_point).tolist(),
         "weights": "kappa, tau" if cost == CHORDAL else "information",
     }
+    if isinstance(measured, SimilarityGraph):
+        header["free"] = np.flatnonzero(measured.free).tolist()
     turns, numbers = _turns(measured), np.column_stack([_translations(measured), weights])
     follow = cost == CHORDAL and stated is not None and weights.shape[1] == 2
     tables = [_rows(measured.edges, turns, numbers, stated if follow else None)]
@@ -113,11 +116,13 @@ def _translations(graph: Graph) -> FloatArray:
 
 
 def _weights(graph: Graph) -> FloatArray:
-    """(m, k) weights of F."""
+    """(m, k) weights of F, and scales."""
     rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
     columns = [rotation.kappa]
     if isinstance(graph, PoseGraph):
         columns.append(graph.tau)
+    if isinstance(graph, SimilarityGraph):
+        columns.append(graph.scales)
     if rotation.couplings is not None:
         columns.append(rotation.couplings.reshape(graph.num_edges, -1))
     return np.column_stack(columns)

@@ -32,9 +32,9 @@ CLOSE = Fraction(1, 2**40)
 #: What may stand in a header, besides what fits.
 HEADERS: dict[str, tuple[Any, ...]] = {
     "format": ("another",),
-    "version": (0, 1.0, True, "1"),
+    "version": (0, 1.0, True, "1", 4),
     "cost": ("chordal",),
-    "kind": ("poses", "rotations"),
+    "kind": ("poses", "rotations", "similarities"),
     "d": (2, 3, 3.0),
     "keep": ("all", "first", "last", "some"),
     "rotation_information": ("tangent", "rpy", "quaternion", None),

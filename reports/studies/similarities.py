@@ -1,32 +1,45 @@
 """Attacks certificates over similarities, and counts how often the relaxation is tight.
 
     python -m reports.studies.similarities attack [--graphs N] [--sdp N] [--seed S]
+    python -m reports.studies.similarities damage [--graphs N] [--each N] [--seed S]
     python -m reports.studies.similarities map [--graphs N]
     python -m reports.studies.similarities logarithms [--graphs N] [--seed S]
 
 ``attack`` solves small random graphs, descends from many random starts and looks for a point below
 a proven bound. Of some it solves the relaxation with Clarabel, an interior-point method, whose
-minimum no bound may exceed and every bound at a higher rank should reach. ``map`` counts the graphs
-whose relaxation is tight, by the noise of rotations and of scales. ``logarithms`` looks for maps
-below bounds on the cost of logarithms, by descents that begin near the answer and by random ones
-with scales near its. All print a table, and attacks fail if anything false was found.
+minimum no bound may exceed and every bound at a higher rank should reach. ``damage`` changes proof
+files of such graphs, and the graphs beneath them with the digest that the proof states, and asks
+both checkers: what one of them proves must be true of the optimum, whose bounds are known. ``map``
+counts the graphs whose relaxation is tight, by the noise of rotations and of scales.
+``logarithms`` looks for maps below bounds on the cost of logarithms, by descents that begin near
+the answer and by random ones with scales near its. All print a table, and attacks fail if anything
+false was found.
 """
 
 import argparse
+import hashlib
+import json
 import sys
+import tempfile
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import certpgo
 from certpgo import Estimate
-from certpgo.graph import SimilarityGraph
+from certpgo.certify.proof_file import write_proof
+from certpgo.errors import CertPGOError
+from certpgo.graph import Instance, SimilarityGraph
 from certpgo.io.datasets.monocular import random_maps
 from certpgo.linalg import rotations as so
 from certpgo.objective.logarithms import LogarithmProblem
 from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.optimize.similarity_descent import descend
+from reports.studies.damaged_proofs import damaged, packed, verdicts
 
 #: Noise of rotations, radians, of logarithms of scales, and of translations.
 NOISES = (0.05, 0.1, 0.2, 0.4, 0.8)
@@ -114,6 +127,93 @@ def attack(graphs: int, sdp: int, seed: int, starts: int = STARTS) -> list[str]:
     return false
 
 
+def traded(rng: np.random.Generator, arrays: dict[str, Any], free: np.ndarray) -> dict[str, Any]:
+    """A proof whose multipliers are traded: less at one pose, more at another, or more at all."""
+    array, d = arrays["multipliers"].copy(), arrays["translations"].shape[1]
+    on_diagonal = np.equal(*np.triu_indices(d))
+    size = 10.0 ** rng.uniform(-12, 0) * np.abs(array).max(initial=0.0)
+    poses = np.flatnonzero(array.any(axis=1))
+    if rng.random() < 0.3:
+        array[np.ix_(poses, on_diagonal)] += size
+    elif len(poses) > 1:
+        less = rng.choice(np.flatnonzero(free) if free.any() else poses)
+        more = rng.choice(poses)
+        array[less, on_diagonal] -= size
+        array[more, on_diagonal] += size
+    return {**arrays, "multipliers": array}
+
+
+def changed(rng: np.random.Generator, stored: dict[str, Any]) -> tuple[str, dict[str, Any]]:
+    """A graph's arrays with a flag, a scale, a weight or a measurement changed."""
+    name = str(rng.choice(["free", "scales", "kappa", "tau", "translations", "edges"]))
+    array = stored[name].copy()
+    k = int(rng.integers(len(array)))
+    if name == "free":
+        array[k] = not array[k]
+    elif name == "edges":
+        array[k] = array[k, ::-1]
+    else:
+        array[k] *= rng.choice([0.5, 1.0 + 1e-6, 3.0])
+    return name, {**stored, name: array}
+
+
+def tried(
+    rng: np.random.Generator, path: Path, arrays: dict[str, Any], each: int
+) -> Iterator[tuple[str, dict[str, Any]]]:
+    """What is changed, and the proof: of arrays, of traded multipliers, and of the graph."""
+    with np.load(path) as archive:
+        stored = {name: archive[name] for name in archive.files}
+    yield "nothing", arrays
+    for number in range(each):
+        if number % 4 == 3:
+            name, other = changed(rng, stored)
+            np.savez(path, **other)
+            claim = json.loads(bytes(arrays["claim"]))
+            claim["graph_sha256"] = hashlib.sha256(path.read_bytes()).hexdigest()
+            header = np.frombuffer(json.dumps(claim).encode(), np.uint8)
+            yield f"graph: {name}", {**arrays, "claim": header}
+        elif number % 4 == 2:
+            yield "multipliers, traded", traded(rng, arrays, stored["free"])
+        else:
+            yield damaged(rng, arrays)
+
+
+def damage(graphs: int, each: int, seed: int) -> list[str]:
+    """What is false among the answers of both checkers, a line each; prints a table."""
+    said, false = Counter[tuple[str, str]](), []
+    with tempfile.TemporaryDirectory() as folder:
+        path, proof = Path(folder) / "map.npz", Path(folder) / "map.cert"
+        for k in range(graphs):
+            rng = np.random.default_rng([seed, k])
+            graph = sampled(rng)
+            whole = Instance("map", graph, np.arange(graph.num_nodes))
+            certpgo.write(path, whole)
+            content, answer = path.read_bytes(), certpgo.solve(graph)
+            try:
+                bounds = write_proof(proof, path, whole, answer.estimate, answer.certificate)
+            except CertPGOError:
+                said["nothing", "no proof was found"] += 1
+                continue
+            with np.load(proof) as archive:
+                arrays = {name: archive[name].copy() for name in archive.files}
+            for what, other in tried(rng, path, arrays, each):
+                proof.write_bytes(packed(other))
+                least, found = bounds.upper, verdicts(path, proof)
+                if what.startswith("graph") and any(found):
+                    least = certpgo.solve(path).certificate.cost_upper
+                for name, one in zip(("doubles", "integers"), found, strict=True):
+                    if one is not None and (one.lower > least or one.upper < one.lower):
+                        false.append(f"graph {k}, {name}, {what}: {one}, optimum <= {least!r}")
+                path.write_bytes(content)
+                how = ("refused", "proven by one", "proven")[sum(one is not None for one in found)]
+                said[what, how] += 1
+    print(f"{sum(said.values())} proofs of {graphs} graphs, each checked in doubles and integers")
+    for (what, how), count in sorted(said.items()):
+        print(f"{what:30}{how:24}{count:7}")
+    print(f"{'false':54}{len(false):7}")
+    return false
+
+
 def tightness(graphs: int, seed: int = 0) -> None:
     """Print how many of so many graphs are certified, by noise."""
     for d in (2, 3):
@@ -178,8 +278,9 @@ def shaken(
 def main() -> int:
     """Run one of them; exit code 1 if anything is false."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("what", choices=("attack", "map", "logarithms"))
+    parser.add_argument("what", choices=("attack", "damage", "map", "logarithms"))
     parser.add_argument("--graphs", type=int, default=None)
+    parser.add_argument("--each", type=int, default=40, help="changes of each proof")
     parser.add_argument("--sdp", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
@@ -188,6 +289,8 @@ def main() -> int:
         return 0
     if asked.what == "logarithms":
         false = attack_logarithms(asked.graphs or 300, asked.seed)
+    elif asked.what == "damage":
+        false = damage(asked.graphs or 50, asked.each, asked.seed)
     else:
         false = attack(asked.graphs or 2000, asked.sdp, asked.seed)
     for line in false:

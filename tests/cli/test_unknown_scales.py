@@ -7,7 +7,7 @@ import pytest
 
 import certpgo as library
 from certpgo import InputError, Instance
-from certpgo.io.datasets.monocular import random_maps
+from certpgo.io.datasets.monocular import in_one_unit, random_maps
 
 
 @pytest.fixture
@@ -30,14 +30,44 @@ def test_an_essential_graph_is_solved_and_its_answer_certified(certpgo, essentia
     assert "unknown of 7 nodes" in said
 
 
+def test_proofs_are_written_and_checked(certpgo, essential, tmp_path):
+    proof, out = tmp_path / "p.cert", tmp_path / "out.g2o"
+    assert certpgo("solve", essential, "-o", out, "--proof", proof).code == 0
+    assert certpgo("certify", essential, out, "--tier", "proof", "--proof", proof).code == 0
+    done = certpgo("check", essential, proof)
+    assert (done.code, done.out[:6]) == (0, "PROVED")
+    assert "7 scales unknown, in the unit of the poses of known scale" in done.out
+    assert certpgo("check", essential, proof, "--exact").out == done.out
+    assert certpgo("prove", essential, "--json").json[str(essential)]["proved"]
+    whole = tmp_path / "whole.npz"
+    assert certpgo("convert", essential, whole).code == 0
+    assert certpgo("prove", whole).out.startswith(f"{whole}: PROVED")
+    said = certpgo("check", whole, proof)
+    assert (said.code, "SHA-256" in said.out) == (6, True)
+
+
+def test_the_register_tells_them_from_poses(certpgo, essential, tmp_path):
+    register = tmp_path / "register"
+    register.mkdir()
+    added = certpgo("optima", essential, "--add", "--register", register)
+    assert (added.code, added.out[:4]) == (0, "new:")
+    said = certpgo("optima", essential, "--register", register)
+    assert "the optimum of F is proven" in said.out
+    instance = library.read(essential, quiet=True)
+    others = in_one_unit(instance.graph), replace(instance.graph, free=~instance.graph.is_point)
+    for graph in others:
+        path = tmp_path / "other.npz"
+        library.write(path, replace(instance, graph=graph, initial=None))
+        assert "not in the register" in certpgo("optima", path, "--register", register).out
+
+
 @pytest.mark.parametrize(
     "arguments",
     [
         ("solve", "{}", "--robust"),
         ("solve", "{}", "--cost", "g2o"),
         ("solve", "{}", "--cost", "gtsam"),
-        ("solve", "{}", "--tier", "proof"),
-        ("solve", "{}", "--proof", "p.cert"),
+        ("solve", "{}", "--robust", "--proof", "p.cert"),
         ("solve", "{}", "--method", "eigen_ma"),
         ("solve", "{}", "--covariances", "c.csv"),
         ("outliers", "{}"),
@@ -46,7 +76,6 @@ def test_an_essential_graph_is_solved_and_its_answer_certified(certpgo, essentia
         ("suggest", "{}"),
         ("follow", "{}"),
         ("convert", "{}", "c.pyfg"),
-        ("certify", "{}", "{}", "--tier", "proof"),
         ("certify", "{}", "{}", "--cost", "g2o"),
     ],
     ids=lambda given: " ".join(given).replace("{} ", ""),
@@ -98,7 +127,6 @@ def test_functions_refuse_too():
         lambda: library.RobustSession().add(graph),
         lambda: library.merge([graph, graph], graph, offset=100),
         lambda: library.solve(instance).covariance(1),
-        lambda: library.solve(graph, tier="proof"),
         lambda: library.solve(replace(instance, ranges=library.Ranges(8, [[0, 1]], [1.0], [1.0]))),
     ):
         with pytest.raises(InputError, match=r"scale|similarities"):
