@@ -189,9 +189,7 @@ def command(
     instance = timed(reading.open(source, distances=True), timestamps)
     refuse_with_distances(instance, method=method, robust=robust, proof=proof)
     refuse_with_scales(instance, method=method, robust=robust, covariances=covariances)
-    _refuse_with_logarithms(
-        instance, scales_within, html=html, cost=cost, proof=proof, stored=stored
-    )
+    _refuse_with_logarithms(instance, scales_within, stored, html=html, cost=cost, proof=proof)
     parts = reading.parts(instance)
     if len(parts) > 1 or not certify:
         _refuse_parts(proof=proof, html=html, covariances=covariances)
@@ -231,7 +229,7 @@ def command(
 
 
 def _refuse_with_logarithms(
-    instance: Instance, within: float | None, *, stored: bool, **given: object
+    instance: Instance, within: float | None, stored: bool, **given: object
 ) -> None:
     """Refuse what the cost of logarithms does not have, if it is asked for."""
     from certpgo.graph import SimilarityGraph
