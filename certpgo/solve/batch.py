@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -12,8 +9,8 @@ from pathlib import Path
 from certpgo.certify.judge import Judge
 from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate, Instance
+from certpgo.io.csv_files import write_csv
 from certpgo.io.digits import Writing
-from certpgo.io.writing import atomically
 from certpgo.objective.choose_cost import Judged
 from certpgo.solve.assessment import Assessment, assess
 from certpgo.solve.fit import fit_of
@@ -114,11 +111,7 @@ def write_rows(path: Path, rows: Iterable[JudgedEstimate]) -> None:
     columns = sorted(
         (field.name for field in fields(JudgedEstimate)), key=lambda name: name == "reason"
     )
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows([_cell(getattr(row, name)) for name in columns] for row in rows)
-    atomically(path, lambda temporary: temporary.write_text(text.getvalue(), encoding="utf-8"))
+    write_csv(path, columns, ([getattr(row, name) for name in columns] for row in rows))
 
 
 def _row(name: str, graph: str, a: Assessment) -> JudgedEstimate:
@@ -142,9 +135,3 @@ def _row(name: str, graph: str, a: Assessment) -> JudgedEstimate:
         degrees_of_freedom=None if a.fit is None else a.fit.freedom,
         objective=c.objective,
     )
-
-
-def _cell(value: str | float | None) -> str:
-    if isinstance(value, str):
-        return value
-    return repr(value) if value is not None and math.isfinite(value) else ""

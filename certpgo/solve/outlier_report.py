@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
@@ -13,7 +11,7 @@ import numpy as np
 
 from certpgo.errors import InputError
 from certpgo.graph.display import Brief
-from certpgo.io.writing import atomically
+from certpgo.io.csv_files import write_csv
 from certpgo.linalg.arrays import IntArray
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.optimize.monitor import Monitor, silent
@@ -226,12 +224,8 @@ def write_report(path: Path, edges: Sequence[RejectedEdge]) -> None:
         The file cannot be written.
     """
     names = [field.name for field in fields(RejectedEdge)]
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([*names, "refuted", "refuted_by_odometry"])
-    for edge in edges:
-        cells = [getattr(edge, name) for name in names]
-        flags = [edge.ambiguous, edge.is_refuted, edge.is_refuted_by_odometry]
-        cells[names.index("ambiguous")] = int(flags[0])
-        writer.writerow(["" if cell is None else cell for cell in [*cells, *map(int, flags[1:])]])
-    atomically(path, lambda temporary: temporary.write_text(text.getvalue(), encoding="utf-8"))
+    rows = (
+        [*(getattr(edge, name) for name in names), edge.is_refuted, edge.is_refuted_by_odometry]
+        for edge in edges
+    )
+    write_csv(path, [*names, "refuted", "refuted_by_odometry"], rows)
