@@ -174,7 +174,8 @@ def _is_within_atol(c: Statement) -> bool:
 
 def _above(c: Statement) -> str:
     """The gap, in absolute terms and relative to the cost."""
-    share = f" ({part(c.relative_gap)} of the cost)" if c.cost_upper > 0.0 else ""
+    cost = "truncated cost" if c.rejected else "cost"
+    share = f" ({part(c.relative_gap)} of the {cost})" if c.cost_upper > 0.0 else ""
     return f"at most {gap_shown(c.gap)}{share}"
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from certpgo.certify.certificate import Certificate
 from certpgo.errors import InputError
 from certpgo.graph.display import Brief
 from certpgo.io.csv_files import write_csv
@@ -102,12 +103,12 @@ class OutlierReport(Brief):
     is_complete: bool = True
     interrupted: bool = False
 
-    def in_words(self) -> Iterator[tuple[str, str]]:
-        """The findings, as names and values."""
+    def in_words(self, kept: Certificate | None = None) -> Iterator[tuple[str, str]]:
+        """The findings, as names and values; ``kept`` as in `Rejection.in_words`."""
         count = len(self.edges)
         refuted = sum(edge.is_refuted for edge in self.edges)
         alone = sum(edge.is_refuted_by_odometry for edge in self.edges)
-        yield from self.rejection.in_words()
+        yield from self.rejection.in_words(kept)
         yield "proven wrong", f"{refuted} of {count}, if the kept ones are right"
         if self.edges and self.edges[0].rise_over_odometry is not None:
             yield "", f"{alone} of {count}, if those from each node to the next are right"
@@ -115,8 +116,8 @@ class OutlierReport(Brief):
         yield "wrong at least", wrong
         odometry = len(self.cores_over_odometry)
         yield "", f"{odometry}, if those from each node to the next are right"
-        kept = int((~self.rejection.problem.is_rejected).sum())
-        of_kept = f"{kept - len(self.doubtful_kept)} of {kept} kept ones"
+        total = int((~self.rejection.problem.is_rejected).sum())
+        of_kept = f"{total - len(self.doubtful_kept)} of {total} kept ones"
         yield "worth keeping", f"{of_kept}: leaving any single one of them out costs more, proven"
         if len(self.doubtful_kept):
             names = ", ".join(map(str, self.doubtful_kept[:SHOWN].tolist()))

@@ -21,6 +21,7 @@ from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.notebook import watched
 from certpgo.optimize.progress import Stop
+from certpgo.optimize.solution import Status
 from certpgo.solve.outliers import select
 from certpgo.solve.rejection import certify_rejection
 from certpgo.solve.result import CertifiedSolution
@@ -109,7 +110,9 @@ def solve_robustly(
             )
         rejection, note = None, f"{selection.note(problem)}; {found.solution.note}"
         rejected = np.flatnonzero(selection.rejected)
-        if len(rejected):
+        if len(rejected) and Status.INTERRUPTED in (ended, found.solution.status):
+            note = f"{note}; rejections are not certified: interrupted"
+        elif len(rejected):
             try:
                 rejection = certify_rejection(
                     posed,

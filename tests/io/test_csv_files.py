@@ -11,4 +11,4 @@ def test_cells_are_written_in_full_and_read_again(tmp_path):
     write_csv(path, ["name", "value", "flag"], rows)
     assert path.read_bytes() == b'name,value,flag\n"a,b",0.30000000000000004,1\n,,3\n'
     with path.open(newline="") as file:
-        assert float(list(csv.DictReader(file))[0]["value"]) == 0.1 + 0.2
+        assert float(next(csv.DictReader(file))["value"]) == 0.1 + 0.2
