@@ -27,18 +27,18 @@ class Asked(NamedTuple):
     writes_best: bool = False
     judging: Mapping[str, Any] | None = None
 
+    def judged_again(self, instance: Instance) -> Iterator[str]:
+        """The options on the command line that judge so, and the cost if it is not implied."""
+        from certpgo.io.matching import MAX_DIFFERENCE
+        from certpgo.view.advice import cost_options
 
-def judged_again(instance: Instance, cost: str, options: Mapping[str, Any]) -> Iterator[str]:
-    """The options on the command line that repeat these, and the cost if it is not implied."""
-    from certpgo.io.matching import MAX_DIFFERENCE
-    from certpgo.view.advice import cost_options
-
-    if options.get("rejected") is not None and not cost_options(instance, cost):
-        yield from ("--cost", cost)  # the default is chordal there
-    usual = {"max-difference": MAX_DIFFERENCE}
-    for name, value in options.items():
-        if value is not None and value != usual.get(name):
-            yield from (f"--{name}", str(value))
+        options = self.judging or {}
+        if options.get("rejected") is not None and not cost_options(instance, self.cost):
+            yield from ("--cost", self.cost)  # the default is chordal there
+        usual = {"max-difference": MAX_DIFFERENCE}
+        for name, value in options.items():
+            if value is not None and value != usual.get(name):
+                yield from (f"--{name}", str(value))
 
 
 def steps_after(
@@ -65,7 +65,7 @@ def steps_after(
         asked.graph,
         asked.estimate,
         reading=list(arguments(asked.reading)),
-        judging=list(judged_again(part, asked.cost, asked.judging or {})),
+        judging=list(asked.judged_again(part)),
         cost=asked.cost,
         searched=searched,
         disagreeing=disagreement is not None,

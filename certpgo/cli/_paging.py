@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from pathlib import Path
@@ -24,6 +24,7 @@ def origin_of(
     graph: str,
     reading: Reading,
     *,
+    judging: Iterable[str] = (),
     estimate: str | Path | None = None,
     proof: Path | None = None,
     method: str = "",
@@ -46,6 +47,7 @@ def origin_of(
         graph=_portable(graph),
         estimate=_portable(estimate),
         reading=tuple(arguments(reading)),
+        judging=tuple(judging),
         proof=_portable(proof),
         method=method,
         meaning=meaning,

@@ -354,6 +354,7 @@ class Solved(Result):
         origin = origin_of(
             self.asked.graph,
             self.asked.reading,
+            judging=self.asked.judged_again(part),
             estimate=outputs.estimate,
             proof=outputs.proof,
             method=self.method,

@@ -153,7 +153,12 @@ def command(
     settings |= {"time_limit": time_limit, "monitor": status, "ctrl_c": True}
 
     def judged(of: Instance) -> list[JudgedGraph]:
-        posed = [(part, _posed(part, asked.cost, rejected, quantile)) for part in reading.parts(of)]
+        parts = reading.parts(of)
+        if len(parts) > 1 and rejected is not None:
+            raise InputError(
+                "--rejected lists measurements of one component: --components largest, not each"
+            )
+        posed = [(part, _posed(part, asked.cost, rejected, quantile)) for part in parts]
         return [JudgedGraph(part, problem, Judge(problem, **settings)) for part, problem in posed]
 
     if csv is not None:
@@ -259,6 +264,7 @@ class _Assessed(Result):
         origin = origin_of(
             self.asked.graph,
             self.asked.reading,
+            judging=self.asked.judged_again(part.instance),
             estimate=self.asked.estimate,
             proof=outputs.proof,
             remarks=[]

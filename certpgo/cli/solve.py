@@ -190,7 +190,11 @@ def command(
     solver = None if method is None else _solver(method, settings, parts)
     if start is not None and not getattr(solver, "takes_initial", True):
         raise InputError(f"{method} takes no initial estimate: not with --initial")
-    asked = Asked(graph, chosen_cost(cost, instance, method=method, robust=robust), reading)
+    chosen = chosen_cost(cost, instance, method=method, robust=robust)
+    # Times of nodes come with what is written; how --initial was matched does not.
+    times = file_of_times(timestamps)
+    again = {} if times is None else {"timestamps": times, "max-difference": max_difference}
+    asked = Asked(graph, chosen, reading, judging=again)
     outputs = outputs.about(source, instance, asked.cost)
 
     from certpgo.optimize.monitor import TableMonitor

@@ -46,6 +46,7 @@ class Origin:
     ----------
     graph, estimate : names as given; empty for a computed estimate that was not written
     reading : command-line options with which the graph was read
+    judging : those with which ``certify`` matched and judged the estimate
     proof : the proof file, if one was written
     method : the method that found the estimate, or empty
     meaning : what the verdict means; by default that of the certificate
@@ -60,6 +61,7 @@ class Origin:
     graph: str
     estimate: str = ""
     reading: tuple[str, ...] = ()
+    judging: tuple[str, ...] = ()
     proof: str = ""
     method: str = ""
     meaning: str = ""
@@ -138,6 +140,7 @@ def _advice(
         origin.graph,
         origin.estimate,
         reading=origin.reading,
+        judging=origin.judging,
         cost=problem.cost_name,
         searched=origin.method == "certified",
         disagreeing=origin.disagreeing,
@@ -360,7 +363,8 @@ def _recheck(
     if origin.partial:
         return "To choose the measurements and certify the estimate again:", [solving]
     lines_ = [] if origin.estimate else [f"{solving} -o {estimate}"]
-    certify = f"certpgo certify {quoted(origin.graph)} {quoted(estimate)} {options}".rstrip()
+    judging = " ".join((options, *map(quoted, origin.judging))).strip()
+    certify = f"certpgo certify {quoted(origin.graph)} {quoted(estimate)} {judging}".rstrip()
     tier = "" if certificate.tier.value == "standard" else f" --tier {certificate.tier.value}"
     if problem.unprovable:
         return "To certify the estimate again:", [*lines_, f"{certify}{tier}"]
