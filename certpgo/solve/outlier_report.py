@@ -89,6 +89,7 @@ class OutlierReport(Brief):
     cores_over_odometry : the same, where they may share measurements from each node to the next
     doubtful_kept : (k,) kept measurements, by index, of which it is not proven that leaving any
         single one out, for a price of the same quantile, costs more, whatever else changes
+    doubtful_pairs : (k, 2) ids of their nodes
     level : probability that right measurements are called wrong
     is_complete : whether the proofs were not stopped; else what is not proven may be provable
     interrupted : whether Ctrl-C or the monitor stopped them
@@ -99,6 +100,7 @@ class OutlierReport(Brief):
     cores: tuple[IntArray, ...]
     cores_over_odometry: tuple[IntArray, ...]
     doubtful_kept: IntArray
+    doubtful_pairs: IntArray
     level: float
     is_complete: bool = True
     interrupted: bool = False
@@ -120,9 +122,9 @@ class OutlierReport(Brief):
         of_kept = f"{total - len(self.doubtful_kept)} of {total} kept ones"
         yield "worth keeping", f"{of_kept}: leaving any single one of them out costs more, proven"
         if len(self.doubtful_kept):
-            names = ", ".join(map(str, self.doubtful_kept[:SHOWN].tolist()))
+            names = ", ".join(f"{i}-{j}" for i, j in self.doubtful_pairs[:SHOWN].tolist())
             more = ", ..." if len(self.doubtful_kept) > SHOWN else ""
-            yield "", f"not proven of edges {names}{more}"
+            yield "", f"not proven of {names}{more}"
         noise = self.rejection.noise
         yield "level", f"{self.level:.3g}: probability that {noise} refutes a right one"
 
@@ -210,6 +212,7 @@ def outlier_report(
         tuple(sets),
         tuple(shared),
         of_kept,
+        pairs[of_kept],
         level,
         is_complete=stop.ended_by is None,
         interrupted=stop.interrupted,

@@ -82,7 +82,9 @@ def test_the_page_of_a_robust_method_is_of_what_it_kept(certpgo, square, tmp_pat
     out = tmp_path / "page.html"
     done = certpgo("solve", square, "--method", "graduated_non_convexity", "--html", out, "--json")
     kept = done.json["solution"]["kept"]
-    assert f"The method kept {kept} of 4 measurements: the verdict is about these" in out.read_text()
+    assert (
+        f"The method kept {kept} of 4 measurements: the verdict is about these" in out.read_text()
+    )
 
 
 @pytest.mark.parametrize(
