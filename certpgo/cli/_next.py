@@ -10,6 +10,7 @@ from certpgo.cli._reading import Reading
 if TYPE_CHECKING:
     from certpgo.certify import Certificate
     from certpgo.graph import Instance
+    from certpgo.solve.assessment import Assessment
     from certpgo.solve.outliers import Disagreement
 
 
@@ -75,3 +76,10 @@ def steps_after(
         for sentence, command in steps
         if not (asked.writes_best and "--best" in command.split())
     ]
+
+
+def is_better_known(found: Assessment, json: bool) -> bool:
+    """Whether a better estimate was found that no printed step says how to write."""
+    c = found.certificate
+    said = c.is_optimal(found.best_cost) or c.basin_is_global or c.verdict.value == "REFUTED"
+    return found.excess > c.tolerance and (json or not said)

@@ -150,6 +150,11 @@ def test_robust_is_no_method(certpgo, wrong):
     assert "not with --method" in flat(done.err)
 
 
+def test_one_rejected_measurement_is_one(certpgo, doubtful):
+    said = flat(certpgo("solve", doubtful, "--robust").out)
+    assert "(the kept, and the rejected one up to its price)" in said
+
+
 def test_the_page_of_a_robust_answer_says_how_to_repeat_it(certpgo, doubtful, tmp_path):
     page = tmp_path / "page.html"
     certpgo("solve", doubtful, "--robust", "--html", page)
@@ -252,6 +257,28 @@ def test_lists_of_no_rejected_measurements_are_written(certpgo, tmp_path):
     assert "none of the" in done.json["sentence"]
     [header] = csv.read_text().splitlines()
     assert header.startswith("edge,i,j,")
+
+
+def test_kept_measurements_that_are_not_proven_are_named_by_nodes(certpgo, tmp_path):
+    path = tmp_path / "far.g2o"
+    ends = [(10, 11, 0)] * 3 + [(11, 12, 0)] * 3 + [(10, 12, 3.1)]
+    path.write_text(
+        "".join(f"EDGE_SE2 {i} {j} {j - i} 0 {a} 100 0 0 100 0 400\n" for i, j, a in ends)
+    )
+    said = flat(certpgo("outliers", path, "--time-limit", 0).out)
+    assert "0 of 6 kept ones" in said
+    assert "not proven of 10-11, 10-11, 10-11, 11-12, 11-12, 11-12 level" in said
+
+
+def test_a_list_of_rejected_measurements_is_of_one_component(certpgo, wrong, tmp_path):
+    two, csv = tmp_path / "two.g2o", tmp_path / "rejected.csv"
+    csv.write_text("edge,i,j\n0,0,1\n")
+    text = "".join(f"EDGE_SE2 {i} {i + 1} 1 0 0 100 0 0 100 0 400\n" for i in (0, 1, 7, 8))
+    poses = "".join(f"VERTEX_SE2 {i} {i} 0 0\n" for i in (0, 1, 2, 7, 8, 9))
+    two.write_text(poses + text)
+    done = certpgo("certify", two, two, "--components", "each", "--rejected", csv)
+    assert done.code == 1
+    assert "--rejected lists measurements of one component: --components largest" in flat(done.err)
 
 
 def test_rejected_measurements_of_one_component_are_listed(certpgo, wrong, tmp_path):
