@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
 
+from certpgo.certify.certificate import of_instance
 from certpgo.certify.judge import Judge
 from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate, Instance
@@ -65,7 +66,7 @@ class JudgedGraph:
 
     def assessed(self, estimate: Estimate, writing: Writing | None = None) -> Assessment:
         """The certificate of an estimate, and its comparison with the best one."""
-        certificate = self.judge.certify(estimate)
+        certificate = of_instance(self.judge.certify(estimate), self.instance, estimate)
         return assess(
             self.problem,
             estimate,
@@ -133,5 +134,5 @@ def _row(name: str, graph: str, a: Assessment) -> JudgedEstimate:
         worst_m=a.distance.worst_m,
         chi2=None if a.fit is None else a.fit.chi2,
         degrees_of_freedom=None if a.fit is None else a.fit.freedom,
-        objective=c.objective,
+        objective=c.cost_in_words if c.broken else c.objective,
     )

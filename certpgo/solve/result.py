@@ -18,6 +18,7 @@ from certpgo.objective.choose_cost import Certifiable
 from certpgo.optimize.marginals import Marginals
 from certpgo.optimize.solution import Level, Solution
 from certpgo.optimize.unobservable import Undetermined, undetermined
+from certpgo.solve.accuracy_wording import fixed
 from certpgo.solve.assessment import CostlyEdge, costly_edges
 from certpgo.solve.fit import Fit, fit_of
 from certpgo.solve.outliers import Disagreement
@@ -135,6 +136,8 @@ class CertifiedSolution(Speaking):
         if self.undetermined is not None:
             named = "node {}".format if self.instance is None else self.instance.named
             yield "undetermined", self.undetermined.in_words(named)
+        if self.instance is not None:
+            yield from fixed(self.instance)
         if found is not None:
             yield "outliers?", f"{found}: certpgo.solve_robustly(graph) rejects them"
         if self.verdict in (Verdict.CERTIFIED, Verdict.BOUNDED):

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from certpgo.certify.certificate import of_instance
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.io.accept_paths import AnyPath, measured
 from certpgo.linalg.arrays import IntArray
@@ -133,8 +134,12 @@ def solve_robustly(
         note=note,
         weights=selection.weights,
     )
+    certificate = found.certificate
+    if source is not None:
+        certificate = of_instance(certificate, source, found.estimate)
     return replace(
         found,
+        certificate=certificate,
         solution=solution,
         start=selection.method,
         settings=chosen,
