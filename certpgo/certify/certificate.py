@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from typing import Any
 
@@ -13,7 +13,8 @@ from certpgo.certify.dual import Support
 from certpgo.certify.obstacle import NOTHING, LimitedBy, Obstacle
 from certpgo.certify.wording import Statement
 from certpgo.errors import SpecError
-from certpgo.graph import Estimate
+from certpgo.graph import Estimate, Instance
+from certpgo.graph.held import displaced
 from certpgo.graph.phrases import cost_shown, gap_shown
 from certpgo.io.json_values import plain
 from certpgo.linalg.arrays import FloatArray
@@ -131,6 +132,8 @@ class Certificate(Statement):
     settled : whether that ended; else it was stopped, or given up as the optimum was known
     support : under the cost of another program, what the lower bound rests on; else None
     obstacle : what keeps the gap open
+    broken : whether the estimate moves nodes that are held; its cost then contains the terms of
+        these constraints, see `certpgo.graph.held`
     rejected : of how many measurements the cost is truncated, each at its price, if they are
         rejected; the optimum is then also over all choices of which to take back
 
@@ -179,6 +182,7 @@ class Certificate(Statement):
     support: Support | None = None
     obstacle: Obstacle = NOTHING
     rejected: int = 0
+    broken: bool = False
 
     def __repr__(self) -> str:
         cost = f"{cost_shown(self.cost_upper)}, gap {gap_shown(self.gap)}"
@@ -232,3 +236,8 @@ class Certificate(Statement):
     def tolerance(self) -> float:
         """The gap up to which this estimate counts as optimal."""
         return self.rtol * self.cost_upper + self.atol * self.scale
+
+
+def of_instance(certificate: Certificate, instance: Instance, estimate: Estimate) -> Certificate:
+    """The certificate of an estimate, which knows whether that moves nodes that are held."""
+    return replace(certificate, broken=bool(displaced(instance, estimate)))

@@ -9,7 +9,7 @@ import numpy as np
 
 from certpgo.certify.bounds import Bounds, bounds
 from certpgo.certify.cases import case_of
-from certpgo.certify.certificate import Certificate, Tier
+from certpgo.certify.certificate import Certificate, Tier, of_instance
 from certpgo.certify.chordal_case import LocalMinimum
 from certpgo.certify.tolerances import ATOL, RTOL, refuse_time_limit
 from certpgo.errors import InputError, NumericalError
@@ -97,7 +97,7 @@ def certify(
     >>> certify(problem, instance.truth).verdict.value
     'CERTIFIED'
     """
-    posed = measured(problem)
+    whole = posed = measured(problem)
     given = estimated(estimate, posed)
     if cost is not None or isinstance(posed, Instance | PoseGraph | RotationGraph):
         posed = certifiable(posed, CHORDAL if cost is None and rejected is not None else cost)
@@ -116,7 +116,8 @@ def certify(
             time_limit=time_limit,
             monitor=shown,
         )
-        return judge.certify(given)
+        found = judge.certify(given)
+    return of_instance(found, whole, given) if isinstance(whole, Instance) else found
 
 
 class Judge:

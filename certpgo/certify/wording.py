@@ -87,6 +87,7 @@ class Statement(Speaking):
         settled: bool
         obstacle: Obstacle
         rejected: int
+        broken: bool
 
         @property
         def relative_gap(self) -> float: ...  # noqa: D102
@@ -105,7 +106,13 @@ class Statement(Speaking):
     @property
     def in_brief(self) -> str:
         """The verdict and the cost that it is about."""
-        return f"{self.verdict}, {named_cost(self.objective)} = {cost_shown(self.cost_upper)}"
+        return f"{self.verdict}, {self.cost_in_words} = {cost_shown(self.cost_upper)}"
+
+    @property
+    def cost_in_words(self) -> str:
+        """What ``cost_upper`` is."""
+        broken = " and that of the held nodes that are moved" if self.broken else ""
+        return f"{named_cost(self.objective)}{broken}"
 
     @property
     def _headline(self) -> str:
@@ -174,7 +181,8 @@ def _is_within_atol(c: Statement) -> bool:
 
 def _above(c: Statement) -> str:
     """The gap, in absolute terms and relative to the cost."""
-    share = f" ({part(c.relative_gap)} of the cost)" if c.cost_upper > 0.0 else ""
+    cost = "truncated cost" if c.rejected else "cost"
+    share = f" ({part(c.relative_gap)} of the {cost})" if c.cost_upper > 0.0 else ""
     return f"at most {gap_shown(c.gap)}{share}"
 
 
@@ -231,7 +239,7 @@ def numbers(certificate: Statement, metres: float | None = None) -> Iterable[tup
     metres : the largest translation residual, if it is known
     """
     c = certificate
-    yield "cost", f"{cost_shown(c.cost_upper)}  ({named_cost(c.objective)})"
+    yield "cost", f"{cost_shown(c.cost_upper)}  ({c.cost_in_words})"
     if math.isfinite(c.lower_bound):
         yield "lower bound", f"{bound_shown(c.lower_bound)}  ({bound_claim(c)})"
         share = f"  ({part(c.relative_gap)} of the cost)" if c.cost_upper > 0.0 else ""

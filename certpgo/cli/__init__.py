@@ -30,8 +30,8 @@ BENCHMARKS = ("bench", "gate", "report", "reproduce")
 #: What each exit code means.
 EXIT_CODES = {
     0: "success or CERTIFIED",
-    1: "unusable input",
-    2: "usage error",
+    1: "unusable input or combination of options",
+    2: "unknown command, option or value",
     3: "BOUNDED",
     4: "REFUTED",
     5: "UNDECIDED",

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +20,7 @@ from certpgo.errors import GraphError, InputError
 if TYPE_CHECKING:
     from certpgo import Session, Standing
     from certpgo.graph import Estimate, Instance
+    from certpgo.graph.information import Information
     from certpgo.graph.labels import Label
     from certpgo.io.datasets.source import Source
     from certpgo.solve.fit import Fit
@@ -40,6 +41,8 @@ class Followed:
     cost : that judges it, where it is known from the start
     trace : whether each certificate is printed
     on_refresh : is called after each certificate
+    options : how the measurements so far were read
+    matrices : of information, of the measurements as they came, which F averages
     """
 
     session: Session
@@ -51,6 +54,8 @@ class Followed:
     standing: Standing | None = None
     rejected: int = 0
     ended: bool = False
+    options: Mapping[str, str] = field(default_factory=dict)
+    matrices: list[Information | None] = field(default_factory=list)
 
     def add(self, part: Instance, names: Sequence[Label], every: int, status: Any) -> None:
         """Add measurements, and refresh if as many are new."""
@@ -58,6 +63,8 @@ class Followed:
             self.session.add(part, names)
         except GraphError as error:
             raise GraphError(f"{self.name}: {error}") from None
+        self.options = part.options
+        self.matrices.append(part.information)
         if self.session.pending >= every:
             self.refresh(status)
 
@@ -119,13 +126,17 @@ class Followed:
 
     @cached_property
     def fit(self) -> Fit | None:
-        """chi^2 of all measurements of a file, if they came and none is put aside."""
+        """chi^2 of all measurements, if they came and none is put aside."""
+        from certpgo.graph.information import joined_information
         from certpgo.objective.choose_cost import certifiable
         from certpgo.solve.fit import fit_of
 
-        if self.whole is None or not self.ended or self.rejected:
+        if not self.ended or self.rejected:
             return None
         instance, estimate = self.best()
+        if self.whole is None:
+            matrices = joined_information(self.matrices)
+            instance = replace(instance, options=self.options, information=matrices)
         return fit_of(instance, certifiable(instance, self.cost), estimate)
 
     @property
@@ -145,8 +156,6 @@ class Followed:
 
     def best(self) -> tuple[Instance, Estimate]:
         """The graph so far and its estimate, nodes by id; the whole graph once all are there."""
-        from dataclasses import replace
-
         import numpy as np
 
         part, estimate = self.session.as_instance(self.name)

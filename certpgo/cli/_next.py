@@ -10,6 +10,7 @@ from certpgo.cli._reading import Reading
 if TYPE_CHECKING:
     from certpgo.certify import Certificate
     from certpgo.graph import Instance
+    from certpgo.solve.assessment import Assessment
     from certpgo.solve.outliers import Disagreement
 
 
@@ -27,18 +28,18 @@ class Asked(NamedTuple):
     writes_best: bool = False
     judging: Mapping[str, Any] | None = None
 
+    def judged_again(self, instance: Instance) -> Iterator[str]:
+        """The options on the command line that judge so, and the cost if it is not implied."""
+        from certpgo.io.matching import MAX_DIFFERENCE
+        from certpgo.view.advice import cost_options
 
-def judged_again(instance: Instance, cost: str, options: Mapping[str, Any]) -> Iterator[str]:
-    """The options on the command line that repeat these, and the cost if it is not implied."""
-    from certpgo.io.matching import MAX_DIFFERENCE
-    from certpgo.view.advice import cost_options
-
-    if options.get("rejected") is not None and not cost_options(instance, cost):
-        yield from ("--cost", cost)  # the default is chordal there
-    usual = {"max-difference": MAX_DIFFERENCE}
-    for name, value in options.items():
-        if value is not None and value != usual.get(name):
-            yield from (f"--{name}", str(value))
+        options = self.judging or {}
+        if options.get("rejected") is not None and not cost_options(instance, self.cost):
+            yield from ("--cost", self.cost)  # the default is chordal there
+        usual = {"max-difference": MAX_DIFFERENCE}
+        for name, value in options.items():
+            if value is not None and value != usual.get(name):
+                yield from (f"--{name}", str(value))
 
 
 def steps_after(
@@ -65,7 +66,7 @@ def steps_after(
         asked.graph,
         asked.estimate,
         reading=list(arguments(asked.reading)),
-        judging=list(judged_again(part, asked.cost, asked.judging or {})),
+        judging=list(asked.judged_again(part)),
         cost=asked.cost,
         searched=searched,
         disagreeing=disagreement is not None,
@@ -75,3 +76,10 @@ def steps_after(
         for sentence, command in steps
         if not (asked.writes_best and "--best" in command.split())
     ]
+
+
+def is_better_known(found: Assessment, json: bool) -> bool:
+    """Whether a better estimate was found that no printed step says how to write."""
+    c = found.certificate
+    said = c.is_optimal(found.best_cost) or c.basin_is_global or c.verdict.value == "REFUTED"
+    return found.excess > c.tolerance and (json or not said)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from pathlib import Path
@@ -24,10 +24,13 @@ def origin_of(
     graph: str,
     reading: Reading,
     *,
+    judging: Iterable[str] = (),
     estimate: str | Path | None = None,
     proof: Path | None = None,
     method: str = "",
+    meaning: str = "",
     remarks: Sequence[str] = (),
+    choice: Sequence[tuple[str, str]] = (),
     partial: bool = False,
     disagreeing: bool = False,
     settings: SolveSettings | None = None,
@@ -44,9 +47,12 @@ def origin_of(
         graph=_portable(graph),
         estimate=_portable(estimate),
         reading=tuple(arguments(reading)),
+        judging=tuple(judging),
         proof=_portable(proof),
         method=method,
+        meaning=meaning,
         remarks=tuple(remarks),
+        choice=tuple(choice),
         partial=partial,
         disagreeing=disagreeing,
         settings=() if settings is None else tuple(_settings(settings)),

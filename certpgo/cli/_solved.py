@@ -211,20 +211,25 @@ class Solved(Result):
         held = self.part.constraints
         return f"{(self.solution.kept or 0) - held} of {self.part.num_measurements} measurements"
 
+    @property
+    def _about_kept(self) -> str:
+        """What is said of them alone."""
+        certificate, rejection = self.certificate, self.rejection
+        if certificate is None or rejection is None or not rejection.covers(certificate):
+            return "the verdict is about these"
+        return "the cost, its bound and the gap are of these"
+
     def _kept(self) -> Iterator[tuple[str, str]]:
         """What a robust method kept and rejected."""
         from certpgo.solve.accuracy_wording import few_edges
 
         solution, part = self.solution, self.part
         if solution.kept is not None:
-            yield (
-                "kept",
-                f"{self._number_kept}; the verdict is about these, with their final weights",
-            )
+            yield "kept", f"{self._number_kept}; {self._about_kept}, with their final weights"
         if len(solution.rejected):
             yield "rejected", few_edges(part, solution.rejected)
         if self.rejection is not None:
-            yield from self.rejection.in_words()
+            yield from self.rejection.in_words(self.certificate)
             if len(self.rejection.ambiguous):
                 yield "ambiguous", few_edges(part, self.rejection.ambiguous)
 
@@ -328,6 +333,7 @@ class Solved(Result):
     def write_page(self, out: Path, outputs: Outputs) -> None:
         """Write the page of the certificate."""
         from certpgo.solve.accuracy_wording import disagreeing, ends
+        from certpgo.solve.rejection import headline
 
         solution, part, assessment = self.solution, self.part, self.assessment
         if assessment is None:
@@ -335,11 +341,9 @@ class Solved(Result):
         remarks = [f"Status: {solution.status.value}; {solution.note}."] if solution.note else []
         if solution.kept is not None:
             remarks.append(
-                f"The verdict is about the {self._number_kept} "
-                "that the method kept, with their final weights; the view shows the others in red."
+                f"The method kept {self._number_kept}: {self._about_kept}, with their final "
+                "weights; the view shows the others in red."
             )
-        if self.rejection is not None:
-            remarks.append(f"Rejections are {self.rejection.sentence}.")
         if len(solution.rejected):
             pairs = part.pairs[solution.rejected].tolist()
             remarks.append(f"Rejected: {', '.join(ends(part, i, j) for i, j in pairs)}.")
@@ -350,10 +354,15 @@ class Solved(Result):
         origin = origin_of(
             self.asked.graph,
             self.asked.reading,
+            judging=self.asked.judged_again(part),
             estimate=outputs.estimate,
             proof=outputs.proof,
             method=self.method,
+            meaning=headline(assessment.certificate, self.rejection),
             remarks=remarks,
+            choice=()
+            if self.rejection is None
+            else tuple(self.rejection.in_words(assessment.certificate)),
             partial=len(solution.rejected) > 0,
             disagreeing=self.disagreement is not None,
             settings=None if self.found is None else self.found.settings,

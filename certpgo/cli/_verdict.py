@@ -36,19 +36,10 @@ def weakest(verdicts: Iterable[str]) -> int:
 
 
 def headline(certificate: Certificate, rejection: Rejection | None = None) -> None:
-    """Print the verdict and what it means, alone.
+    """Print the verdict and what it means, alone."""
+    from certpgo.solve.rejection import headline as meaning
 
-    That about rejections stands for that about the kept measurements where both are CERTIFIED.
-    """
-    from certpgo.certify.wording import meaning
-
-    c, verdict = certificate, certificate.verdict
-    if rejection is not None and rejection.verdict.value == verdict.value == "CERTIFIED":
-        c = rejection.certificate
-    said = f"{verdict.value}. {meaning(c)}."
-    if rejection is not None and c is certificate:
-        said += f" That is about the kept measurements. Rejecting the others: {rejection.verdict}."
-    paragraph(said)
+    paragraph(f"{certificate.verdict.value}. {meaning(certificate, rejection)}.")
     typer.echo()
 
 

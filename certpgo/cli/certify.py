@@ -12,7 +12,7 @@ import typer
 from certpgo.cli import _verdict
 from certpgo.cli._help import JUDGING
 from certpgo.cli._interrupting import tell_interrupted, tells_unwritten
-from certpgo.cli._next import Asked, steps_after
+from certpgo.cli._next import Asked, is_better_known, steps_after
 from certpgo.cli._options import (
     CostOption,
     GraphName,
@@ -153,7 +153,7 @@ def command(
     settings |= {"time_limit": time_limit, "monitor": status, "ctrl_c": True}
 
     def judged(of: Instance) -> list[JudgedGraph]:
-        posed = [(part, _posed(part, asked.cost, rejected, quantile)) for part in reading.parts(of)]
+        posed = _posed(reading.parts(of), asked.cost, rejected, quantile)
         return [JudgedGraph(part, problem, Judge(problem, **settings)) for part, problem in posed]
 
     if csv is not None:
@@ -244,7 +244,7 @@ class _Assessed(Result):
         yield from _verdict.warnings(self.found.fit)
         if outputs.estimate is not None:
             yield f"best estimate written to {outputs.estimate}"
-        elif _is_better_known(self.found, outputs.json):
+        elif is_better_known(self.found, outputs.json):
             yield "--best OUT writes the lower-cost estimate"
 
     def prove(self, out: Path, source: Path, *, json: bool) -> bool:
@@ -259,6 +259,7 @@ class _Assessed(Result):
         origin = origin_of(
             self.asked.graph,
             self.asked.reading,
+            judging=self.asked.judged_again(part.instance),
             estimate=self.asked.estimate,
             proof=outputs.proof,
             remarks=[]
@@ -282,21 +283,26 @@ def _refuse_mixtures(
         raise InputError("--best, --proof and --html need a single estimate, without --csv")
 
 
-def _posed(part: Instance, cost: str, rejected: Path | None, quantile: float | None) -> Judged:
-    """The problem under a cost, truncated if measurements are rejected."""
+def _posed(
+    parts: Sequence[Instance], cost: str, rejected: Path | None, quantile: float | None
+) -> list[tuple[Instance, Judged]]:
+    """The graphs with their problems under a cost, truncated if measurements are rejected."""
     from certpgo.io.rejections import read_rejected
     from certpgo.objective.choose_cost import CHORDAL, certifiable
     from certpgo.objective.truncated_problem import rejecting
 
-    problem = certifiable(part, cost)
     if rejected is None:
-        return problem
+        return [(part, certifiable(part, cost)) for part in parts]
+    if len(parts) > 1:
+        one = "--rejected lists measurements of one component"
+        raise InputError(f"{one}: --components largest, not each")
+    [part] = parts
     edges, prices = read_rejected(rejected, part)
     if prices is not None and (quantile is not None or cost != CHORDAL):
         if quantile is None:
             notice(f"the prices in {rejected} are of F: those of {cost} are the default quantile")
         prices = None
-    return rejecting(problem, edges, quantile, prices=prices)
+    return [(part, rejecting(certifiable(part, cost), edges, quantile, prices=prices))]
 
 
 def _refuse_rejected(rejected: Path | None, quantile: float | None, **outputs: Path | None) -> None:
@@ -335,13 +341,6 @@ def _refuse_part(
         raise InputError("--proof needs an estimate of all nodes: it is about the whole file")
     if count > 1 and html is not None:
         raise InputError("--html shows one estimate; use --components largest")
-
-
-def _is_better_known(found: Assessment, json: bool) -> bool:
-    """Whether a better estimate was found that no printed step says how to write."""
-    c = found.certificate
-    said = c.is_optimal(found.best_cost) or c.basin_is_global or c.verdict.value == "REFUTED"
-    return found.excess > c.tolerance and (json or not said)
 
 
 def _disagreement(problem: Judged, found: Assessment) -> Disagreement | None:

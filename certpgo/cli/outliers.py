@@ -90,7 +90,7 @@ def command(
         document(_as_json(instance.name, report))
     else:
         headline(answer.certificate, report.rejection)
-        facts([("graph", instance.name), *report.in_words()])
+        facts([("graph", instance.name), *report.in_words(answer.certificate)])
         table("Rejected measurements", _HEADER, map(_row, report.edges), optional=_OPTIONAL)
     if report.interrupted:
         return INTERRUPTED

@@ -312,13 +312,13 @@ def _factors(found: Reconstruction | Fused) -> FloatArray | None:
 
 def _write_factors(out: Path, found: Reconstruction | Fused) -> None:
     """Write number, name and factor of each frame that is used."""
-    from certpgo.io.writing import write_rows
+    from certpgo.io.csv_files import write_csv
 
     factors, numbers = _factors(found), found.averaged.nodes.tolist()
     if factors is not None:
         names = [found.frames.names[k] for k in numbers]
         rows = zip(numbers, names, factors.tolist(), strict=True)
-        write_rows(out, ["frame", "name", "factor"], rows)
+        write_csv(out, ["frame", "name", "factor"], rows)
 
 
 @contextmanager

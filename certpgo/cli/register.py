@@ -270,7 +270,7 @@ class _Submaps(Result):
 
     def write(self, outputs: Outputs) -> None:
         from certpgo import Estimate, write
-        from certpgo.io.writing import write_rows
+        from certpgo.io.csv_files import write_csv
 
         estimate = self.found.estimate
         with working("writing"):
@@ -281,7 +281,7 @@ class _Submaps(Result):
             outputs.write(Estimate(estimate.rotations, estimate.translations))
             if outputs.csv is not None:
                 names = [scan.name for scan in self.scans]
-                write_rows(outputs.csv, ["scan", "scale"], zip(names, self.scales, strict=True))
+                write_csv(outputs.csv, ["scan", "scale"], zip(names, self.scales, strict=True))
 
     def notices(self, outputs: Outputs) -> Iterator[str]:
         yield LIMITS

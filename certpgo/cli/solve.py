@@ -199,10 +199,9 @@ def command(
     how = Matching.of(timestamps, max_difference)
     truths = [KnownPoses.of(of_truth, part, reading, how.of_truth(truth_offset)) for part in parts]
     start = None if of_initial is None else _start(of_initial, instance, reading, how)
-    solver = None if method is None else _solver(method, settings, parts)
-    if start is not None and not getattr(solver, "takes_initial", True):
-        raise InputError(f"{method} takes no initial estimate: not with --initial")
-    asked = Asked(graph, chosen_cost(cost, instance, method=method, robust=robust), reading)
+    solver = None if method is None else _solver(method, settings, parts, initial)
+    chosen = chosen_cost(cost, instance, method=method, robust=robust)
+    asked = Asked(graph, chosen, reading, judging=_judging(timestamps, max_difference))
     outputs = outputs.about(source, instance, asked.cost)
 
     from certpgo.optimize.monitor import TableMonitor
@@ -245,13 +244,25 @@ def _refuse_with_logarithms(
             raise InputError(f"--scales-within has a cost and a start of its own: not --{name}")
 
 
-def _solver(method: str, settings: Sequence[str] | None, parts: Sequence[Instance]) -> Solver:
-    """The method with its settings; an InputError if it does not take the graphs."""
+def _judging(timestamps: str | None, max_difference: float) -> dict[str, Any]:
+    """The options that match what is written with nodes: times, not how --initial was matched."""
+    from certpgo.io.timestamps import file_of_times
+
+    times = file_of_times(timestamps)
+    return {} if times is None else {"timestamps": times, "max-difference": max_difference}
+
+
+def _solver(
+    method: str, settings: Sequence[str] | None, parts: Sequence[Instance], initial: str | None
+) -> Solver:
+    """The method with its settings; an InputError if it does not take what it is given."""
     from certpgo.registry import build, parse_settings, refuse_unsuited
 
     solver = build(method, parse_settings(method, settings or ()))
     for part in parts:
         refuse_unsuited(method, solver, part.graph)
+    if initial is not None and not getattr(solver, "takes_initial", True):
+        raise InputError(f"{method} takes no initial estimate: not with --initial")
     return solver
 
 
@@ -321,6 +332,7 @@ def _by_method(
     asked: Asked,
 ) -> Solved:
     from certpgo.certify import certify
+    from certpgo.certify.certificate import of_instance
     from certpgo.objective.problem import problem_of
 
     problem = problem_of(part.graph)
@@ -330,6 +342,7 @@ def _by_method(
         return Solved(None, part, name, solution, asked)
     status.update(f"certifying the estimate of {part.name}")
     certificate = certify(solution.judged(problem), solution.estimate, tier=tier)
+    certificate = of_instance(certificate, part, solution.estimate)
     return Solved(certificate, part, name, solution, asked)
 
 

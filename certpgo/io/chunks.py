@@ -202,6 +202,15 @@ def decimal_comma(word: str) -> str:
     return " (a decimal comma: decimal points expected)" if "," in word else ""
 
 
+def is_number(word: bytes) -> bool:
+    """Whether a word is a number, and so no name."""
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
 def first_words(head: bytes) -> list[bytes]:
     """The words of the first line that is not blank, without comments."""
     lines = (line.split() for line in without_comments(head).splitlines())

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from itertools import combinations_with_replacement
 from pathlib import Path
 
-from certpgo.io.writing import write_rows
+from certpgo.io.csv_files import Cell, write_csv
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
 #: Rows and columns of the covariance of a node, by their number.
@@ -45,10 +45,9 @@ def write_covariances(
     axes = ROTATION_AXES if rotations and covariances.shape[1] == 3 else AXES[covariances.shape[1]]
     pairs = list(combinations_with_replacement(range(len(axes)), 2))
 
-    def rows() -> Iterator[list[float | int | str]]:
+    def rows() -> Iterator[list[Cell]]:
         for node, C, is_point in zip(ids.tolist(), covariances, points, strict=True):
             b = len(axes) if not is_point else 2 if len(axes) == 3 else 3
-            known = (float(C[a, c]) if c < b else "" for a, c in pairs)
-            yield [node, *known]
+            yield [node, *(float(C[a, c]) if c < b else None for a, c in pairs)]
 
-    write_rows(Path(path), ["id", *(f"{axes[a]}_{axes[c]}" for a, c in pairs)], rows())
+    write_csv(Path(path), ["id", *(f"{axes[a]}_{axes[c]}" for a, c in pairs)], rows())

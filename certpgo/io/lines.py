@@ -17,7 +17,7 @@ from certpgo.errors import InputError, nearest
 from certpgo.graph.edges import in_range
 from certpgo.graph.information import Information, of_positions
 from certpgo.graph.phrases import few
-from certpgo.io.chunks import parsed, printable, refuse_loops
+from certpgo.io.chunks import is_number, parsed, printable, refuse_loops
 from certpgo.io.dialect import Dialect, Tag
 from certpgo.io.edge_weights import INDEFINITE, PARTIAL, partial_counts
 from certpgo.io.exact.weighing import weigh
@@ -275,15 +275,6 @@ def is_name(name: str) -> bool:
     except UnicodeEncodeError:
         return False
     return word.split() == [word] and b"#" not in word and not is_number(word) and printable(word)
-
-
-def is_number(word: bytes) -> bool:
-    """Whether a word is a number, and so no name."""
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
 
 
 def _check_name(word: bytes) -> None:

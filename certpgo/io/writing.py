@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import errno
 import os
 import secrets
@@ -10,7 +9,7 @@ import shutil
 import stat
 import tempfile
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal, Protocol
@@ -364,18 +363,6 @@ def atomically(path: Path, write_to: Callable[[Path], object]) -> None:
             _in_place_of(Path(os.path.realpath(path)), write_to)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None
-
-
-def write_rows(path: Path, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    """Write a table as CSV; InputError if that fails."""
-
-    def lines(temporary: Path) -> None:
-        with temporary.open("w", newline="", encoding="utf-8") as file:
-            table = csv.writer(file, lineterminator="\n")
-            table.writerow(header)
-            table.writerows(rows)
-
-    atomically(path, lines)
 
 
 def _into_stream(path: Path, write_to: Callable[[Path], object]) -> None:

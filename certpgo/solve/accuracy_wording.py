@@ -26,6 +26,11 @@ def provenance(instance: Instance, certificate: Certificate) -> Iterable[tuple[s
     """What stands between the source and the verdict: averaged weights and fixed nodes."""
     if certificate.objective == CHORDAL and instance.averaged:
         yield "weights", f"kappa and tau average {instance.averaged}"
+    yield from fixed(instance)
+
+
+def fixed(instance: Instance) -> Iterable[tuple[str, str]]:
+    """Which nodes the source fixes, and whether they are held, if there are any."""
     if instance.fixed:
         named = few(instance.ids[list(instance.fixed)].tolist())
         # One fixed pose alone is no constraint: it chooses the frame.

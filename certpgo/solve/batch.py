@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
 
+from certpgo.certify.certificate import of_instance
 from certpgo.certify.judge import Judge
 from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate, Instance
+from certpgo.io.csv_files import write_csv
 from certpgo.io.digits import Writing
-from certpgo.io.writing import atomically
 from certpgo.objective.choose_cost import Judged
 from certpgo.solve.assessment import Assessment, assess
 from certpgo.solve.fit import fit_of
@@ -68,7 +66,7 @@ class JudgedGraph:
 
     def assessed(self, estimate: Estimate, writing: Writing | None = None) -> Assessment:
         """The certificate of an estimate, and its comparison with the best one."""
-        certificate = self.judge.certify(estimate)
+        certificate = of_instance(self.judge.certify(estimate), self.instance, estimate)
         return assess(
             self.problem,
             estimate,
@@ -114,11 +112,7 @@ def write_rows(path: Path, rows: Iterable[JudgedEstimate]) -> None:
     columns = sorted(
         (field.name for field in fields(JudgedEstimate)), key=lambda name: name == "reason"
     )
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows([_cell(getattr(row, name)) for name in columns] for row in rows)
-    atomically(path, lambda temporary: temporary.write_text(text.getvalue(), encoding="utf-8"))
+    write_csv(path, columns, ([getattr(row, name) for name in columns] for row in rows))
 
 
 def _row(name: str, graph: str, a: Assessment) -> JudgedEstimate:
@@ -140,11 +134,5 @@ def _row(name: str, graph: str, a: Assessment) -> JudgedEstimate:
         worst_m=a.distance.worst_m,
         chi2=None if a.fit is None else a.fit.chi2,
         degrees_of_freedom=None if a.fit is None else a.fit.freedom,
-        objective=c.objective,
+        objective=c.cost_in_words if c.broken else c.objective,
     )
-
-
-def _cell(value: str | float | None) -> str:
-    if isinstance(value, str):
-        return value
-    return repr(value) if value is not None and math.isfinite(value) else ""

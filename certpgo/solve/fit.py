@@ -21,6 +21,7 @@ import numpy as np
 
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate, Instance, PoseGraph
+from certpgo.graph.held import displaced
 from certpgo.graph.information import Information
 from certpgo.graph.phrases import counted
 from certpgo.linalg import rotations as so
@@ -134,11 +135,13 @@ def fit_of(
 
     Returns
     -------
-    None where the source does not state the noise, of nodes of unknown scale, where a robust method
-    changed weights, where nothing is measured twice, or where numbers are beyond the range of
-    doubles.
+    None where the source does not state the noise, of nodes of unknown scale, where held nodes are
+    moved, where a robust method changed weights, where nothing is measured twice, or where numbers
+    are beyond the range of doubles.
     """
     if not instance.states_noise or isinstance(problem, SimilarityProblem):
+        return None
+    if displaced(instance, estimate):
         return None
     if isinstance(problem, TruncatedProblem):
         kept = np.where(problem.is_rejected, 0.0, 1.0)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
@@ -11,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from certpgo.certify.certificate import Certificate
 from certpgo.errors import InputError
 from certpgo.graph.display import Brief
-from certpgo.io.writing import atomically
+from certpgo.io.csv_files import write_csv
 from certpgo.linalg.arrays import IntArray
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.optimize.monitor import Monitor, silent
@@ -90,6 +89,7 @@ class OutlierReport(Brief):
     cores_over_odometry : the same, where they may share measurements from each node to the next
     doubtful_kept : (k,) kept measurements, by index, of which it is not proven that leaving any
         single one out, for a price of the same quantile, costs more, whatever else changes
+    doubtful_pairs : (k, 2) ids of their nodes
     level : probability that right measurements are called wrong
     is_complete : whether the proofs were not stopped; else what is not proven may be provable
     interrupted : whether Ctrl-C or the monitor stopped them
@@ -100,16 +100,17 @@ class OutlierReport(Brief):
     cores: tuple[IntArray, ...]
     cores_over_odometry: tuple[IntArray, ...]
     doubtful_kept: IntArray
+    doubtful_pairs: IntArray
     level: float
     is_complete: bool = True
     interrupted: bool = False
 
-    def in_words(self) -> Iterator[tuple[str, str]]:
-        """The findings, as names and values."""
+    def in_words(self, kept: Certificate | None = None) -> Iterator[tuple[str, str]]:
+        """The findings, as names and values; ``kept`` as in `Rejection.in_words`."""
         count = len(self.edges)
         refuted = sum(edge.is_refuted for edge in self.edges)
         alone = sum(edge.is_refuted_by_odometry for edge in self.edges)
-        yield from self.rejection.in_words()
+        yield from self.rejection.in_words(kept)
         yield "proven wrong", f"{refuted} of {count}, if the kept ones are right"
         if self.edges and self.edges[0].rise_over_odometry is not None:
             yield "", f"{alone} of {count}, if those from each node to the next are right"
@@ -117,13 +118,13 @@ class OutlierReport(Brief):
         yield "wrong at least", wrong
         odometry = len(self.cores_over_odometry)
         yield "", f"{odometry}, if those from each node to the next are right"
-        kept = int((~self.rejection.problem.is_rejected).sum())
-        of_kept = f"{kept - len(self.doubtful_kept)} of {kept} kept ones"
+        total = int((~self.rejection.problem.is_rejected).sum())
+        of_kept = f"{total - len(self.doubtful_kept)} of {total} kept ones"
         yield "worth keeping", f"{of_kept}: leaving any single one of them out costs more, proven"
         if len(self.doubtful_kept):
-            names = ", ".join(map(str, self.doubtful_kept[:SHOWN].tolist()))
+            names = ", ".join(f"{i}-{j}" for i, j in self.doubtful_pairs[:SHOWN].tolist())
             more = ", ..." if len(self.doubtful_kept) > SHOWN else ""
-            yield "", f"not proven of edges {names}{more}"
+            yield "", f"not proven of {names}{more}"
         noise = self.rejection.noise
         yield "level", f"{self.level:.3g}: probability that {noise} refutes a right one"
 
@@ -211,6 +212,7 @@ def outlier_report(
         tuple(sets),
         tuple(shared),
         of_kept,
+        pairs[of_kept],
         level,
         is_complete=stop.ended_by is None,
         interrupted=stop.interrupted,
@@ -226,12 +228,8 @@ def write_report(path: Path, edges: Sequence[RejectedEdge]) -> None:
         The file cannot be written.
     """
     names = [field.name for field in fields(RejectedEdge)]
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([*names, "refuted", "refuted_by_odometry"])
-    for edge in edges:
-        cells = [getattr(edge, name) for name in names]
-        flags = [edge.ambiguous, edge.is_refuted, edge.is_refuted_by_odometry]
-        cells[names.index("ambiguous")] = int(flags[0])
-        writer.writerow(["" if cell is None else cell for cell in [*cells, *map(int, flags[1:])]])
-    atomically(path, lambda temporary: temporary.write_text(text.getvalue(), encoding="utf-8"))
+    rows = (
+        [*(getattr(edge, name) for name in names), edge.is_refuted, edge.is_refuted_by_odometry]
+        for edge in edges
+    )
+    write_csv(path, [*names, "refuted", "refuted_by_odometry"], rows)

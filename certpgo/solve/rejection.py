@@ -12,7 +12,7 @@ from certpgo.certify.truncated_case import TruncatedCase
 from certpgo.certify.wording import meaning, reason_of
 from certpgo.graph import Estimate
 from certpgo.graph.display import Brief
-from certpgo.graph.phrases import bound_shown, cost_shown, counted
+from certpgo.graph.phrases import bound_shown, cost_shown
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.chi_squared import flagged_from, quantiles
 from certpgo.objective.information_problem import InformationProblem
@@ -83,20 +83,48 @@ class Rejection(Brief):
             "noise as stated" if self.scale == 1.0 else f"{self.scale:.3g} times the stated noise"
         )
 
-    def in_words(self) -> Iterator[tuple[str, str]]:
-        """The verdict and its numbers, as names and values."""
+    def covers(self, certificate: Certificate) -> bool:
+        """Whether the verdict stands for that about the kept measurements: both are CERTIFIED."""
+        return self.verdict == certificate.verdict == Verdict.CERTIFIED
+
+    @property
+    def whole(self) -> str:
+        """The truncated cost in words."""
+        count = len(self.edges)
+        of_rejected = "the rejected one" if count == 1 else f"each of {count} rejected ones"
+        return f"the kept, and {of_rejected} up to its price"
+
+    def in_words(self, kept: Certificate | None = None) -> Iterator[tuple[str, str]]:
+        """The verdict and its numbers, as names and values.
+
+        Parameters
+        ----------
+        kept : about the kept measurements, if `headline` has been said of both
+        """
         c, low, high = self.certificate, self.prices.min(), self.prices.max()
         each = f"{low:.4g}" if high < 1.0001 * low else f"{low:.4g} to {high:.4g}"
-        yield "rejections", self.sentence
-        each_of = counted(len(self.edges), "rejected one{s}")
-        whole = f"the kept, and each of {each_of} up to its price"
-        yield "truncated cost", f"{cost_shown(c.cost_upper)}  ({whole})"
+        if kept is None or not self.covers(kept):
+            yield "rejections", self.sentence
+        yield "truncated cost", f"{cost_shown(c.cost_upper)}  ({self.whole})"
         yield "", f"not below {bound_shown(c.lower_bound)}"
         rare = f"{1.0 - self.quantile:.3g}"
         yield (
             "price",
             f"{each}, which a correct one exceeds with probability {rare} (chi^2, {self.noise})",
         )
+
+
+def headline(certificate: Certificate, rejection: Rejection | None = None) -> str:
+    """What a verdict means, in sentences without the last stop.
+
+    That about rejections stands for that about the kept measurements where both are CERTIFIED.
+    """
+    if rejection is None:
+        return meaning(certificate)
+    if rejection.covers(certificate):
+        return meaning(rejection.certificate)
+    kept = f"{meaning(certificate)}. That is about the kept measurements"
+    return f"{kept}. Rejecting the others: {rejection.verdict}"
 
 
 def certify_rejection(

@@ -18,10 +18,11 @@ from certpgo.objective.choose_cost import Certifiable
 from certpgo.optimize.marginals import Marginals
 from certpgo.optimize.solution import Level, Solution
 from certpgo.optimize.unobservable import Undetermined, undetermined
+from certpgo.solve.accuracy_wording import fixed
 from certpgo.solve.assessment import CostlyEdge, costly_edges
 from certpgo.solve.fit import Fit, fit_of
 from certpgo.solve.outliers import Disagreement
-from certpgo.solve.rejection import Rejection
+from certpgo.solve.rejection import Rejection, headline
 from certpgo.solve.settings import SolveSettings
 
 #: Name of the caller's initial estimate.
@@ -114,7 +115,7 @@ class CertifiedSolution(Speaking):
 
     @property
     def _headline(self) -> str:
-        return self.certificate._headline
+        return f"{self.verdict}. {headline(self.certificate, self.rejection)}"
 
     def __repr__(self) -> str:
         kept = "" if self.solution.kept is None else f" of {self.solution.kept} kept measurements"
@@ -126,7 +127,7 @@ class CertifiedSolution(Speaking):
         if solution.kept is not None:
             yield "kept", f"{solution.kept} measurements; the rest disagreed with them"
         if self.rejection is not None:
-            yield from self.rejection.in_words()
+            yield from self.rejection.in_words(self.certificate)
         yield from self.certificate._proven()
         if self.fit is not None:
             yield "chi^2", self.fit.warning.removeprefix("chi^2 is ") or str(self.fit)
@@ -135,6 +136,8 @@ class CertifiedSolution(Speaking):
         if self.undetermined is not None:
             named = "node {}".format if self.instance is None else self.instance.named
             yield "undetermined", self.undetermined.in_words(named)
+        if self.instance is not None:
+            yield from fixed(self.instance)
         if found is not None:
             yield "outliers?", f"{found}: certpgo.solve_robustly(graph) rejects them"
         if self.verdict in (Verdict.CERTIFIED, Verdict.BOUNDED):

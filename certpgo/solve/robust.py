@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from certpgo.certify.certificate import of_instance
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.io.accept_paths import AnyPath, measured
 from certpgo.linalg.arrays import IntArray
@@ -21,6 +22,7 @@ from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.notebook import watched
 from certpgo.optimize.progress import Stop
+from certpgo.optimize.solution import Status
 from certpgo.solve.outliers import select
 from certpgo.solve.rejection import certify_rejection
 from certpgo.solve.result import CertifiedSolution
@@ -109,7 +111,9 @@ def solve_robustly(
             )
         rejection, note = None, f"{selection.note(problem)}; {found.solution.note}"
         rejected = np.flatnonzero(selection.rejected)
-        if len(rejected):
+        if len(rejected) and Status.INTERRUPTED in (ended, found.solution.status):
+            note = f"{note}; rejections are not certified: interrupted"
+        elif len(rejected):
             try:
                 rejection = certify_rejection(
                     posed,
@@ -130,8 +134,12 @@ def solve_robustly(
         note=note,
         weights=selection.weights,
     )
+    certificate = found.certificate
+    if source is not None:
+        certificate = of_instance(certificate, source, found.estimate)
     return replace(
         found,
+        certificate=certificate,
         solution=solution,
         start=selection.method,
         settings=chosen,

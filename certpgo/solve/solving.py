@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+from certpgo.certify.certificate import of_instance
 from certpgo.errors import InputError, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.io.accept_paths import AnyPath, estimated, measured
@@ -101,7 +102,10 @@ def solve(
     stored = _stored(source) if chosen.try_file_start else None
     with watched(monitor) as shown:
         found = search(problem, chosen, given, shown, on_disagreement or ignore, stored)
-    return replace(found, instance=source)
+    if source is None:
+        return found
+    certificate = of_instance(found.certificate, source, found.estimate)
+    return replace(found, instance=source, certificate=certificate)
 
 
 def _stored(source: Instance | None) -> Start | None:

@@ -46,9 +46,12 @@ class Origin:
     ----------
     graph, estimate : names as given; empty for a computed estimate that was not written
     reading : command-line options with which the graph was read
+    judging : those with which ``certify`` matched and judged the estimate
     proof : the proof file, if one was written
     method : the method that found the estimate, or empty
+    meaning : what the verdict means; by default that of the certificate
     remarks : sentences shown below the verdict
+    choice : what is proven about rejected measurements, as names and values
     partial : whether the verdict is only about the measurements that the method kept
     disagreeing : whether some measurements disagree with the rest
     settings : settings of the search that found the estimate, one text each
@@ -58,9 +61,12 @@ class Origin:
     graph: str
     estimate: str = ""
     reading: tuple[str, ...] = ()
+    judging: tuple[str, ...] = ()
     proof: str = ""
     method: str = ""
+    meaning: str = ""
     remarks: tuple[str, ...] = ()
+    choice: tuple[tuple[str, str], ...] = ()
     partial: bool = False
     disagreeing: bool = False
     settings: tuple[str, ...] = ()
@@ -97,12 +103,12 @@ def certificate_page(
         "certificate.html",
         verdict=certificate.verdict.value,
         graph=instance.name,
-        meaning=meaning(certificate),
-        reason=certificate.reason[:1].upper() + certificate.reason[1:],
+        meaning=origin.meaning or meaning(certificate),
+        reason=_reason(certificate, origin),
         remarks=[*_cost(problem), *_misfit(assessment), *origin.remarks],
-        figures=_figures(certificate),
+        figures=_figures(certificate, origin),
         advice=_advice(instance, origin, problem, certificate),
-        numbers=[*_head(instance, origin), *_facts(instance, assessment)],
+        numbers=[*_head(instance, origin), *origin.choice, *_facts(instance, assessment)],
         scene=_scene(instance, problem, estimate, cloud, rejected),
         angles=_angles(problem, estimate),
         edge_header=_EDGE_HEADER[: -1 if isinstance(problem, RotationProblem) else None],
@@ -134,6 +140,7 @@ def _advice(
         origin.graph,
         origin.estimate,
         reading=origin.reading,
+        judging=origin.judging,
         cost=problem.cost_name,
         searched=origin.method == "certified",
         disagreeing=origin.disagreeing,
@@ -181,11 +188,19 @@ def _angles(problem: Certifiable, estimate: Estimate) -> Bars | None:
     return histogram(np.degrees(problem.residual_angles(estimate)).tolist(), "degrees")
 
 
-def _figures(certificate: Certificate) -> list[tuple[str, str, str]]:
+def _reason(certificate: Certificate, origin: Origin) -> str:
+    reason = certificate.reason
+    if origin.partial:
+        return f"Of the kept measurements alone: {reason}"
+    return reason[:1].upper() + reason[1:]
+
+
+def _figures(certificate: Certificate, origin: Origin) -> list[tuple[str, str, str]]:
     """The three numbers of a verdict: their names, values, and what they mean."""
     gap, relative = certificate.gap, certificate.relative_gap
+    judged = "the kept measurements" if origin.partial else "this estimate"
     return [
-        ("cost", cost_shown(certificate.cost_upper), "F of this estimate"),
+        ("cost", cost_shown(certificate.cost_upper), f"F of {judged}"),
         ("bound", bound_shown(certificate.lower_bound), bound_claim(certificate)),
         (
             "gap",
@@ -348,7 +363,8 @@ def _recheck(
     if origin.partial:
         return "To choose the measurements and certify the estimate again:", [solving]
     lines_ = [] if origin.estimate else [f"{solving} -o {estimate}"]
-    certify = f"certpgo certify {quoted(origin.graph)} {quoted(estimate)} {options}".rstrip()
+    judging = " ".join((options, *map(quoted, origin.judging))).strip()
+    certify = f"certpgo certify {quoted(origin.graph)} {quoted(estimate)} {judging}".rstrip()
     tier = "" if certificate.tier.value == "standard" else f" --tier {certificate.tier.value}"
     if problem.unprovable:
         return "To certify the estimate again:", [*lines_, f"{certify}{tier}"]

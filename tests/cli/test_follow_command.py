@@ -65,6 +65,18 @@ def test_a_pipe_is_read_as_its_lines_come(certpgo, lines, monkeypatch):
     assert not report["interrupted"]
 
 
+@pytest.mark.parametrize("cost", ["g2o", "chordal"])
+def test_a_pipe_ends_with_the_chi_squared_of_the_file(certpgo, tmp_path, monkeypatch, cost):
+    path = tmp_path / "graph.g2o"  # correlated: F averages these matrices
+    ends = [(0, 1, 1.0), (1, 2, 1.1), (2, 3, 1.0), (3, 0, -3.0), (0, 2, 2.0)]
+    path.write_text("".join(f"EDGE_SE2 {i} {j} {x} 0 0.1 90 0 30 200 0 400\n" for i, j, x in ends))
+    file = certpgo("follow", path, "--cost", cost).out
+    pipe(monkeypatch, path.read_bytes())
+    piped = certpgo("follow", "-", "--every", 2, "--cost", cost).out
+    assert "; chi^2 " in file
+    assert file.partition("; chi^2 ")[2] == piped.partition("; chi^2 ")[2]
+
+
 def test_an_error_in_a_pipe_names_its_line(certpgo, lines, monkeypatch):
     text = [line for line in lines.read_bytes().splitlines() if line.startswith(b"EDGE")]
     text[44] = b"EDGE_SE3:QUAT 1 2 x"

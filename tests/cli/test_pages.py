@@ -82,7 +82,9 @@ def test_the_page_of_a_robust_method_is_of_what_it_kept(certpgo, square, tmp_pat
     out = tmp_path / "page.html"
     done = certpgo("solve", square, "--method", "graduated_non_convexity", "--html", out, "--json")
     kept = done.json["solution"]["kept"]
-    assert f"The verdict is about the {kept} of 4 measurements" in out.read_text()
+    assert (
+        f"The method kept {kept} of 4 measurements: the verdict is about these" in out.read_text()
+    )
 
 
 @pytest.mark.parametrize(
@@ -172,3 +174,18 @@ def test_a_page_of_distances_without_other_initial_values(certpgo, tmp_path):
     done = certpgo("certify", graph, graph, "--html", page)
     assert done.code == certpgo("certify", graph, graph).code == 3, done.err
     assert "before" not in scene_of(page.read_text())
+
+
+def test_commands_of_a_page_match_poses_as_the_user_did(certpgo, square, tmp_path):
+    out, times, estimate = (tmp_path / name for name in ("page.html", "times.txt", "e.tum"))
+    times.write_text("10.0\n11.0\n12.0\n13.0\n")
+    certpgo("solve", square, "-o", estimate, "--timestamps", times, "--html", out)
+    again = f"--timestamps {times} --proof estimate.cert"
+    assert f"{square.name} {estimate.name} {again}" in out.read_text()
+    how = ("--timestamps", times, "--max-difference", 0.5)
+    done = certpgo("certify", square, estimate, "--unit-weights", *how, "--html", out)
+    assert done.code == 3
+    again = f"--unit-weights --timestamps {times} --max-difference 0.5"
+    page = out.read_text()
+    assert f"{square.name} {estimate.name} {again} --best polished.g2o" in page
+    assert f"{square.name} {estimate.name} {again} --proof estimate.cert" in page

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from certpgo import Disagreement, PoseGraph, RotationGraph, certify
-from certpgo.io import write
+from certpgo import Disagreement, PoseGraph, RotationGraph, certify, solve_robustly
+from certpgo.io import read, write
 from certpgo.io.datasets import thesis
 from certpgo.io.datasets.synthetic import helix, winding_cycle
 from certpgo.solve.accuracy_wording import disagreeing
@@ -57,7 +57,7 @@ def test_solve_robust_names_what_it_rejects(certpgo, wrong):
     assert done.code == 0
     assert "rejected" in done.out
     assert "more" in done.out
-    assert "the verdict is about these, with their final weights" in flat(done.out)
+    assert "the cost, its bound and the gap are of these, with their" in flat(done.out)
     report = certpgo("solve", wrong, "--robust", "--json").json
     assert report["solution"]["method"] == "robust"
     assert report["solution"]["kept"] is not None
@@ -65,6 +65,35 @@ def test_solve_robust_names_what_it_rejects(certpgo, wrong):
     edges = certpgo("info", wrong, "--json").json["edges"]
     assert len(report["solution"]["rejected"]) == edges - report["solution"]["kept"]
     assert report["solution"]["rejected"][0].keys() == {"edge", "ids"}
+
+
+def test_text_and_page_state_one_gap_once(certpgo, wrong, tmp_path):
+    page = tmp_path / "page.html"
+    done = certpgo("solve", wrong, "--robust", "--html", page)
+    [headline] = [line for line in done.out.split("\n\n") if line.startswith("CERTIFIED")]
+    said = flat(headline).removeprefix("CERTIFIED. ")
+    assert "of the truncated cost) above the optimum" in said
+    assert flat(done.out).count("costs less; ") == 1
+    text = page.read_text()
+    assert f"<strong>CERTIFIED</strong>: {said}</p>" in text
+    assert "F of the kept measurements" in text
+    assert "truncated cost</dt>" in text or "truncated cost</th>" in text
+
+
+@pytest.mark.filterwarnings("ignore:.*all translations are zero")
+def test_an_interrupted_choice_has_one_verdict(wrong):
+    seen = []
+
+    def stop(iteration):
+        seen.append(iteration)
+        return len(seen) > 6
+
+    found = solve_robustly(read(wrong), monitor=stop)
+    assert found.solution.status.value == "interrupted"
+    assert len(found.rejected)
+    assert found.rejection is None
+    assert "CERTIFIED" not in str(found) or found.verdict == "CERTIFIED"
+    assert "rejections are not certified: interrupted" in found.solution.note
 
 
 @pytest.fixture
@@ -121,11 +150,16 @@ def test_robust_is_no_method(certpgo, wrong):
     assert "not with --method" in flat(done.err)
 
 
+def test_one_rejected_measurement_is_one(certpgo, doubtful):
+    said = flat(certpgo("solve", doubtful, "--robust").out)
+    assert "(the kept, and the rejected one up to its price)" in said
+
+
 def test_the_page_of_a_robust_answer_says_how_to_repeat_it(certpgo, doubtful, tmp_path):
     page = tmp_path / "page.html"
     certpgo("solve", doubtful, "--robust", "--html", page)
     text = flat(page.read_text())
-    assert "The verdict is about the 20 of 21 measurements" in text
+    assert "The method kept 20 of 21 measurements" in text
     assert "--robust" in text
 
 
@@ -223,6 +257,28 @@ def test_lists_of_no_rejected_measurements_are_written(certpgo, tmp_path):
     assert "none of the" in done.json["sentence"]
     [header] = csv.read_text().splitlines()
     assert header.startswith("edge,i,j,")
+
+
+def test_kept_measurements_that_are_not_proven_are_named_by_nodes(certpgo, tmp_path):
+    path = tmp_path / "far.g2o"
+    ends = [(10, 11, 0)] * 3 + [(11, 12, 0)] * 3 + [(10, 12, 3.1)]
+    path.write_text(
+        "".join(f"EDGE_SE2 {i} {j} {j - i} 0 {a} 100 0 0 100 0 400\n" for i, j, a in ends)
+    )
+    said = flat(certpgo("outliers", path, "--time-limit", 0).out)
+    assert "0 of 6 kept ones" in said
+    assert "not proven of 10-11, 10-11, 10-11, 11-12, 11-12, 11-12 level" in said
+
+
+def test_a_list_of_rejected_measurements_is_of_one_component(certpgo, wrong, tmp_path):
+    two, csv = tmp_path / "two.g2o", tmp_path / "rejected.csv"
+    csv.write_text("edge,i,j\n0,0,1\n")
+    text = "".join(f"EDGE_SE2 {i} {i + 1} 1 0 0 100 0 0 100 0 400\n" for i in (0, 1, 7, 8))
+    poses = "".join(f"VERTEX_SE2 {i} {i} 0 0\n" for i in (0, 1, 2, 7, 8, 9))
+    two.write_text(poses + text)
+    done = certpgo("certify", two, two, "--components", "each", "--rejected", csv)
+    assert done.code == 1
+    assert "--rejected lists measurements of one component: --components largest" in flat(done.err)
 
 
 def test_rejected_measurements_of_one_component_are_listed(certpgo, wrong, tmp_path):

@@ -13,6 +13,7 @@ from certpgo.graph.streaming import streamed
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import information_problem, problem_under
 from certpgo.objective.information_problem import surrogate
+from certpgo.solve.fit import fit_of
 
 #: Two rotations of sensors, as in rtabmap's exports; 0.149434741972 by scipy's least squares.
 OFFSET = """PARAMS_SE3OFFSET 0 0.2 0 0.5 0 0 0.7071067811865476 0.7071067811865476
@@ -113,6 +114,7 @@ def test_held_poses_are_where_they_are_and_the_answer_is_proven(tmp_path, d, kin
     instance = certpgo.read(path, quiet=True)
     answer = certpgo.solve(instance)
     assert answer.verdict.value == "CERTIFIED"
+    assert not answer.certificate.broken
     fixed = [*kinds.get("fixed", ())]
     if instance.world is not None:
         fixed.append(instance.world)
@@ -125,6 +127,13 @@ def test_held_poses_are_where_they_are_and_the_answer_is_proven(tmp_path, d, kin
         # The file's poses are not where the measurements alone would have them.
         free = certpgo.solve(certpgo.read(path, fixed=False, quiet=True))
         assert answer.cost > 1.001 * free.cost
+
+
+def test_an_answer_names_the_nodes_that_are_held(tmp_path):
+    path = written(tmp_path / "g.g2o", 2, np.random.default_rng(4), fixed=(0, 5))
+    for fixed, held in ((True, ""), (False, ", not held here")):
+        said = " ".join(str(certpgo.solve(certpgo.read(path, fixed=fixed, quiet=True))).split())
+        assert f" fixed 0, 5 by the file{held} next " in said
 
 
 def test_the_sensors_of_rtabmap(tmp_path):
@@ -253,6 +262,14 @@ def test_an_estimate_that_moves_held_poses_is_named(tmp_path, d, kinds):
         moved = certpgo.read_estimate(outside, held)
     assert displaced(held, kept) == ""
     assert " degrees and " in displaced(held, moved)
+    for cost, title in (("chordal", "chordal cost F"), ("g2o", "g2o's chi2 of ")):
+        found = certpgo.certify(held, moved, cost=cost)
+        assert (found.broken, certpgo.certify(held, kept, cost=cost).broken) == (True, False)
+        assert title in found.cost_in_words
+        assert "held nodes that are moved" in " ".join(str(found).split())
+    problem = problem_under(held, "chordal")
+    assert fit_of(held, problem, kept) is not None
+    assert fit_of(held, problem, moved) is None
 
 
 def test_constraints_are_no_measurements(tmp_path):

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from certpgo.errors import FormatError
-from certpgo.io.chunks import first_words, text_lines
+from certpgo.io.chunks import first_words, is_number, text_lines
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Chart, Format, LabelledPoses
 
@@ -35,15 +35,7 @@ def _recognises(path: Path, head: bytes) -> bool:
 
 def _is_image(words: list[bytes]) -> bool:
     """Whether these may be an image's words: nine numbers and a name that is not a number."""
-    return len(words) >= 10 and not _is_number(words[-1]) and all(map(_is_number, words[:9]))
-
-
-def _is_number(word: bytes) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
+    return len(words) >= 10 and not is_number(words[-1]) and all(map(is_number, words[:9]))
 
 
 class Image(NamedTuple):
@@ -102,7 +94,7 @@ def _images(path: Path) -> Iterator[tuple[int, bytes]]:
         yield number, line
         number, points = next(lines, (number + 1, b""))
         words = points.split()
-        if len(words) % 3 or (words and not (_is_number(words[0]) and _is_number(words[-1]))):
+        if len(words) % 3 or (words and not (is_number(words[0]) and is_number(words[-1]))):
             raise FormatError(path, number, f"{_POINTS} expected after each image's line")
 
 

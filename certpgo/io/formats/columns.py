@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.errors import FormatError, InputError
-from certpgo.io.chunks import floats_of_rows, lines_of_rows, parsed, text_lines
+from certpgo.io.chunks import floats_of_rows, is_number, lines_of_rows, parsed, text_lines
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Format, LabelledPoses
 from certpgo.io.nodes import refuse_duplicates
@@ -68,7 +68,7 @@ class _Layout:
             return cls(names, separator, first)
         rows = [line for line in lines if not line.startswith(b"#")]
         numbers = rows[0].split(b",") if rows else []
-        if len(numbers) < len(_EUROC) or not all(map(_is_number, numbers)):
+        if len(numbers) < len(_EUROC) or not all(map(is_number, numbers)):
             return None
         unnamed = ("",) * (len(numbers) - len(_EUROC))
         return cls((*_EUROC, *unnamed), b",")
@@ -106,14 +106,6 @@ def _named(word: str) -> str:
     if found := _COORDINATE.fullmatch(word):
         return f"q{found['turn']}" if found["turn"] else str(found["step"])
     return _NAMES.get(word, word)
-
-
-def _is_number(word: bytes) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
 
 
 def _recognises(path: Path, head: bytes) -> bool:

@@ -33,10 +33,10 @@ from certpgo.graph.edges import symmetric
 from certpgo.graph.information import Information
 from certpgo.graph.keys import NO_TIME, Keys, in_seconds
 from certpgo.io.build_graph import instance_from_lines, poses_from_lines
-from certpgo.io.chunks import without_comments
+from certpgo.io.chunks import is_number, without_comments
 from certpgo.io.dialect import Dialect, Kind, Tag, pose_texts, quaternion_poses
 from certpgo.io.format import Chart, Format
-from certpgo.io.lines import is_name, is_number
+from certpgo.io.lines import is_name
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
 DIALECT = Dialect(

@@ -1,0 +1,40 @@
+"""Tables as CSV."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from certpgo.io.writing import atomically
+
+Cell = str | float | None
+
+
+def write_csv(path: Path, names: Sequence[str], rows: Iterable[Iterable[Cell]]) -> None:
+    """Write rows below the names of their columns, in full precision; never half a file.
+
+    None and infinite numbers are empty cells, True is 1.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written.
+    """
+
+    def lines(temporary: Path) -> None:
+        with temporary.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(names)
+            writer.writerows(map(_shown, row) for row in rows)
+
+    atomically(path, lines)
+
+
+def _shown(cell: Cell) -> str | float:
+    if isinstance(cell, str):
+        return cell
+    if cell is None or not math.isfinite(cell):
+        return ""
+    return int(cell) if isinstance(cell, bool) else cell
