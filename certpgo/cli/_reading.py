@@ -110,7 +110,10 @@ class Reading:
     ] = True
     fixed: Annotated[
         bool,
-        _option("--fixed/--no-fixed", help="Hold or release nodes that the file fixes (FIX)."),
+        _option(
+            "--fixed/--no-fixed",
+            help="Hold or release nodes that the file fixes (FIX), of similarities the scale too.",
+        ),
     ] = True
     also: Annotated[
         list[str] | None,

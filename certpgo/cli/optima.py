@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -90,7 +91,7 @@ def command(
         raise InputError("--proof has an estimate of its own: not with --estimate")
     if estimate is not None and graph is None:
         raise InputError("--estimate needs a GRAPH")
-    _refuse_mixtures(graph, add, verify, exact, name=name, source=origin, proof=proof)
+    _refuse_mixtures(graph, add, verify, exact, cost, name=name, source=origin, proof=proof)
     held = folder_of(register)
     if verify:
         return _verify(held, reading, exact, json)
@@ -102,6 +103,8 @@ def command(
     start = None if estimate is None else _start(reading, estimate, instance)
     if not add:
         return _recognise(held, instance, cost, start, json)
+    if origin is None and not source.origin and register is None:
+        _refuse_unknown(held, instance)
     how = {"name": name or "", "source": origin or source.origin, "estimate": start, "proof": proof}
     done = _add(register, source.path(), instance, _costs(cost, instance, proof), exact, how)
     _tell(done, json)
@@ -109,7 +112,7 @@ def command(
 
 
 def _refuse_mixtures(
-    graph: str | None, add: bool, verify: bool, exact: bool, **options: object
+    graph: str | None, add: bool, verify: bool, exact: bool, cost: str | None, **options: object
 ) -> None:
     """Refuse combinations in which an option or the graph would be ignored."""
     if add and verify:
@@ -118,11 +121,27 @@ def _refuse_mixtures(
         raise InputError("--add needs a GRAPH")
     if verify and graph is not None:
         raise InputError("--verify checks the whole register: without GRAPH")
+    if verify and cost is not None:
+        raise InputError("--verify checks the optima of all costs: without --cost")
     if exact and not (add or verify):
         raise InputError("--exact needs --verify or --add")
     for option, value in options.items():
         if value is not None and not add:
             raise InputError(f"--{option} needs --add")
+    origin = options["source"]
+    if origin is not None and not re.fullmatch(r"[\w.-]+/[\w.-]+@[^\s:]+:\S+", str(origin)):
+        raise InputError(f"--source: OWNER/REPOSITORY@COMMIT:PATH expected, not {origin}")
+
+
+def _refuse_unknown(held: Register, instance: Instance) -> None:
+    """Refuse a new graph of the package's register that is from nowhere."""
+    from certpgo.optima import recognise
+
+    if not recognise(instance, held):
+        raise InputError(
+            f"{instance.name} is not in the register of public graphs: --source says where it is "
+            "from, and --register DIR keeps one of your own"
+        )
 
 
 def _start(reading: Reading, name: str, instance: Instance) -> Estimate:
@@ -188,7 +207,7 @@ def _recognise(
         )
         return 0
     if not found:
-        typer.echo(f"{instance.name}: not in the register (certpgo optima --add enters a graph)")
+        typer.echo(f"{instance.name}: not in the register of public graphs")
         return 0
     from certpgo.optima.wording import details
 

@@ -117,6 +117,8 @@ def command(
     for name, value in (("matches", matches), ("scales", scales)):
         if value is not None and not scale:
             raise InputError(f"--{name} needs --scale")
+    if out is not None and out.suffix != ".ply":
+        raise InputError(f"{out}: the points are written as .ply")
     outputs.refuse()
     outputs.refuse_overwriting(*scans, initial, matches)
     if scale:
@@ -278,8 +280,10 @@ class _Submaps(Result):
                 _write_cloud(outputs.scene, self.scans, estimate)
             if outputs.graph is not None:
                 write(outputs.graph, self.found.instance)
-            outputs.write(Estimate(estimate.rotations, estimate.translations))
-            if outputs.csv is not None:
+            if outputs.csv is None:
+                outputs.write(estimate)
+            else:
+                outputs.write(Estimate(estimate.rotations, estimate.translations))
                 names = [scan.name for scan in self.scans]
                 write_csv(outputs.csv, ["scan", "scale"], zip(names, self.scales, strict=True))
 

@@ -14,7 +14,7 @@ from certpgo.cli._interrupting import tells_unwritten
 from certpgo.cli._options import GraphName, Json, note_distances_uncounted
 from certpgo.cli._outputs import Outputs, Result, emit
 from certpgo.cli._reading import Reading, takes_reading
-from certpgo.cli._show import working
+from certpgo.cli._show import facts, working
 
 if TYPE_CHECKING:
     from certpgo.graph import Instance
@@ -104,6 +104,8 @@ class _Sparsified(Result):
 
     def show(self, outputs: Outputs) -> None:
         typer.echo(str(self.found))
+        if outputs.estimate is not None:
+            facts([("written", str(outputs.estimate))])
 
     def notices(self, outputs: Outputs) -> list[str]:
         return _verdict.warnings(self.found.fit)

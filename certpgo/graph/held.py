@@ -40,13 +40,15 @@ def with_held(instance: Instance, *, hold: bool = True) -> Instance:
 
     Parameters
     ----------
-    hold : else all nodes are estimated
+    hold : else all nodes are estimated; of similarities, the scale too whose unit is the map's
 
     Raises
     ------
     InputError
         There are distances.
     """
+    if isinstance(instance.graph, SimilarityGraph) and not hold:
+        return _without_unit(instance, instance.graph)
     fixed = np.unique(np.array(instance.fixed, dtype=np.intp))
     constrained = len(fixed) + (instance.world is not None) > 1 and len(fixed) > 0
     if not constrained or instance.stated is not None:
@@ -83,6 +85,17 @@ def with_held(instance: Instance, *, hold: bool = True) -> Instance:
         options={**instance.options, "fixed": HELD},
         notices=(*instance.notices, said),
     )
+
+
+def _without_unit(instance: Instance, graph: SimilarityGraph) -> Instance:
+    """The instance without the scale that is the unit; several that are known are measured."""
+    known = np.flatnonzero(~graph.free & ~graph.is_point)
+    if len(known) > 1:
+        said = f"{len(known)} scales are known, more than a unit: they are not released"
+        return replace(instance, notices=(*instance.notices, said))
+    said = "no scale is held: the unit is the root mean square of all"
+    free = replace(graph, free=~graph.is_point)
+    return replace(instance, graph=free, fixed=(), notices=(*instance.notices, said))
 
 
 def refuse_held(instance: Instance) -> None:

@@ -72,7 +72,8 @@ def _elements(values: Any, d: int) -> dict[int, FloatArray]:
         other = 5 - d
         if any(_element(values, key, other) is not None for key in keys[:1]):
             raise InputError(f"the values are {other}D, but the graph is {d}D")
-        raise InputError(f"{counted(len(keys), 'value{s}')}, but no {d}D pose or rotation")
+        said = f"{counted(len(keys), 'value{s}')}, but no {d}D pose or rotation"
+        raise InputError(f"{said}; certpgo.from_gtsam takes similarities, with their factors")
     return found
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from certpgo.errors import InputError, MissingDependency, kind_of
-from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.graph import Estimate, PoseGraph, RotationGraph, SimilarityGraph
 from certpgo.graph.information import InformationGraph
 from certpgo.io.gtsam_values import estimate_from_values
 from certpgo.linalg.arrays import FloatArray, IntArray
@@ -161,17 +161,18 @@ def _require_problem(problem: object) -> None:
 
 
 def to_gtsam(
-    problem: InformationProblem | SimilarityProblem, estimate: Estimate
+    problem: InformationProblem | SimilarityProblem | SimilarityGraph, estimate: Estimate
 ) -> tuple[Any, Any]:
     r"""The factor graph and values of a problem and an estimate, with keys 0 ... n-1.
 
     ``graph.error(values)`` is half the cost under ``"gtsam"``; no prior is added. Of similarities,
-    it is near half of F where residuals are small and scales near 1.
+    whose graph may be given in place of the problem, it is half the cost of logarithms, see
+    `certpgo.fit_logarithms`.
 
     Raises
     ------
     InputError
-        There are points or known scales among similarities.
+        It is neither; or there are points or known scales among similarities.
     MissingDependency
         GTSAM is not installed.
 
@@ -189,6 +190,8 @@ def to_gtsam(
     >>> abs(2 * graph.error(values) - best.cost) < 1e-9
     True
     """
+    if isinstance(problem, SimilarityGraph):
+        problem = SimilarityProblem(problem)
     if isinstance(problem, SimilarityProblem):
         similar: tuple[Any, Any] = gtsam_similarities.factors_and_values(
             _library(), problem, estimate

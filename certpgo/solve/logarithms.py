@@ -12,6 +12,7 @@ from certpgo.graph.display import Brief
 from certpgo.io.accept_paths import AnyPath, measured
 from certpgo.linalg.ball_arithmetic import U
 from certpgo.objective.logarithms import LogarithmProblem
+from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.optimize.levenberg_marquardt import minimise
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.progress import Progress
@@ -83,7 +84,7 @@ class LogarithmFit(Brief):
 
 
 def fit_logarithms(
-    graph: SimilarityGraph | Instance | AnyPath,
+    graph: SimilarityGraph | SimilarityProblem | Instance | AnyPath,
     settings: SolveSettings | None = None,
     *,
     initial: Estimate | None = None,
@@ -98,7 +99,8 @@ def fit_logarithms(
 
     Parameters
     ----------
-    graph : of poses, with unknown scales; or the instance that was read, or the path of its file
+    graph : of poses, with unknown scales; or its problem, the instance that was read, or its file's
+        path
     settings, options : of the search for the bound, as for `certpgo.solve`
     initial : where to begin, in place of that
 
@@ -118,7 +120,7 @@ def fit_logarithms(
     True
     """
     posed: Any = measured(graph)
-    own = posed.graph if isinstance(posed, Instance) else posed
+    own = posed.graph if isinstance(posed, Instance | SimilarityProblem) else posed
     if not isinstance(own, SimilarityGraph):
         raise InputError("the cost of logarithms is for a graph with unknown scales")
     problem = LogarithmProblem(own)

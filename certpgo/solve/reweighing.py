@@ -11,6 +11,7 @@ from certpgo.errors import InputError
 from certpgo.graph import Estimate, Instance, SimilarityGraph
 from certpgo.graph.display import Brief
 from certpgo.io.accept_paths import AnyPath, measured
+from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.settings import SolveSettings
 from certpgo.solve.solving import solve
@@ -50,7 +51,7 @@ class Reweighed(Brief):
 
 
 def reweigh(
-    graph: SimilarityGraph | Instance | AnyPath,
+    graph: SimilarityGraph | SimilarityProblem | Instance | AnyPath,
     settings: SolveSettings | None = None,
     *,
     rounds: int = ROUNDS,
@@ -66,7 +67,7 @@ def reweigh(
 
     Parameters
     ----------
-    graph : with unknown scales; or the instance that was read, or the path of its file
+    graph : with unknown scales; or its problem, the instance that was read, or its file's path
     rounds : largest number of solves
     settings, options : as for `certpgo.solve`
 
@@ -86,7 +87,7 @@ def reweigh(
     (True, 'CERTIFIED')
     """
     posed: Any = measured(graph)
-    own = posed.graph if isinstance(posed, Instance) else posed
+    own = posed.graph if isinstance(posed, Instance | SimilarityProblem) else posed
     if not isinstance(own, SimilarityGraph) or rounds < 1:
         raise InputError("re-weighting takes a graph with unknown scales, and a round at least")
     scales, count, settled = np.ones(own.num_nodes), 0, False

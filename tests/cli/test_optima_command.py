@@ -133,6 +133,9 @@ MIXTURES = {
     "--estimate needs a GRAPH": ("--estimate", "{g}"),
     "no such folder": ("--register", "nowhere"),
     "no such file or dataset": ("--add", "nowhere.g2o"),
+    "not in the register of public graphs: --source says": ("--add", "{g}"),
+    "OWNER/REPOSITORY@COMMIT:PATH expected": ("--add", "{g}", "--source", "here"),
+    "without --cost": ("--verify", "--cost", "g2o"),
     "of its own": ("--add", "{g}", "--proof", "x", "--estimate", "{g}"),
 }
 

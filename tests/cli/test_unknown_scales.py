@@ -7,6 +7,7 @@ import pytest
 
 import certpgo as library
 from certpgo import InputError, Instance
+from certpgo.graph.held import with_held
 from certpgo.io.datasets.monocular import in_one_unit, random_maps
 
 
@@ -89,6 +90,19 @@ def test_what_cannot_treat_scales_says_so(certpgo, essential, tmp_path, monkeypa
     [line] = [line for line in done.err.splitlines() if line.startswith("certpgo: ")]
     assert any(word in line for word in ("scale", "similarities")), line
     assert sorted(tmp_path.iterdir()) == before
+
+
+def test_no_fixed_releases_the_unit(certpgo, essential):
+    done = certpgo("solve", essential, "--no-fixed")
+    assert done.code == 0
+    assert "in the unit of the root mean square scale" in done.out
+    assert "no scale is held" in done.err
+    free = library.read(essential, fixed=False, quiet=True)
+    assert free.graph.in_mean_unit
+    two = replace(free, graph=replace(free.graph, free=np.arange(8) > 1))
+    kept = with_held(two, hold=False)
+    assert not kept.graph.free[:2].any()
+    assert "2 scales are known" in kept.notices[-1]
 
 
 def test_the_cost_of_logarithms_has_a_bound_near_its_scales(certpgo, essential, tmp_path):

@@ -50,6 +50,16 @@ def test_small_errors_near_scale_one_are_half_of_f(d):
     )
 
 
+def test_graphs_and_problems_serve_alike():
+    problem, truth = problem_and_truth(3, 0.02)
+    graph, values = certpgo.to_gtsam(problem.graph, truth)
+    back, _ = certpgo.from_gtsam(graph, values)
+    assert certpgo.fit_logarithms(back).cost == pytest.approx(
+        certpgo.fit_logarithms(problem.graph).cost, rel=1e-9
+    )
+    assert certpgo.reweigh(back, rounds=1).rounds == 1
+
+
 def test_priors_fix_the_frame_and_other_factors_are_refused():
     problem, truth = problem_and_truth(3, 0.1)
     graph, values = certpgo.to_gtsam(problem, truth)

@@ -156,6 +156,7 @@ def test_the_command_brings_scans_into_one_unit(files, tmp_path, capsys):
         (["--scale", "--matches", "m", "--method", "global_icp"], "global_icp takes scans in one"),
         (["--scale", "--matches", "m", "--graph", "g.g2o"], "only .npz files hold a graph without"),
         (["--scale", "--matches", "nowhere"], "nowhere: cannot be read"),
+        (["-o", "all.xyz"], "the points are written as .ply"),
     ],
 )
 def test_what_cannot_be_combined_is_refused(files, tmp_path, monkeypatch, capsys, options, said):

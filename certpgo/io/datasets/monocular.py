@@ -84,8 +84,8 @@ def drifting(
 
     Returns
     -------
-    The graph, with frame 0 as the unit and weights of these deviations, where kappa is that of the
-    scales, the looser ones; and the truth with the scales of the frames.
+    The graph, with all scales unknown and weights of these deviations in the unit of frame 0, where
+    kappa is that of the scales, the looser ones; and the truth with the scales of the frames.
     """
     n, d, R = truth.num_nodes, truth.d, truth.rotations
     t = np.asarray(truth.translations)
