@@ -4,8 +4,10 @@
 
 The depth of each frame, or each scan, is multiplied by a hidden factor between .5 and 2. Errors of
 factors are those of their logarithms, about their mean; those of positions are root mean squares
-after the best similarity. Data are looked for in the folders ``rgbd`` and ``scans`` of
-CERTPGO_DATA. What is computed of frames and pairs is kept in DIR.
+after the best similarity. Two checks say whether wrong factors are in the depths: how well the
+measured ratios agree on one factor for each frame, and the factors for which matched points meet
+at the frames' own poses, as far as these are exact. Data are looked for in the folders ``rgbd`` and
+``scans`` of CERTPGO_DATA. What is computed of frames and pairs is kept in DIR.
 """
 
 import argparse
@@ -19,7 +21,9 @@ from scipy.spatial import cKDTree
 
 import certpgo
 from certpgo.graph import Estimate
+from certpgo.linalg.arrays import FloatArray
 from certpgo.registration.depth_scales import with_factors
+from certpgo.registration.features import detect, match, place
 from certpgo.registration.procrustes import extended_procrustes
 from certpgo.registration.reconstruct import Reconstruction, ReconstructSettings
 from certpgo.registration.scans import Scan, read_initial, read_scan
@@ -29,6 +33,8 @@ from certpgo.registration.synthetic import synthetic_sequence
 DATA = Path(os.environ.get("CERTPGO_DATA", "."))
 #: Matches of two scans of the bunny, how many of them are wrong, and how near points are, metres.
 MATCHES, WRONG, NEAR = 300, 100, 0.0005
+#: Standard deviations of the sensor's noise within which keypoints agree with their pair's motion.
+GATE = 3.0
 
 
 def hidden_factors(n: int) -> np.ndarray:
@@ -51,15 +57,60 @@ def scale_errors(found: np.ndarray, hidden: np.ndarray) -> str:
 
 
 def ratio_errors(found: Reconstruction, hidden: np.ndarray) -> str:
-    """Errors of the logarithms of measured ratios, root mean squares, per cent."""
+    """Errors of the logarithms of measured ratios, root mean squares, per cent.
+
+    Those of steps and of loops, and what remains about the factors that fit them all best.
+    """
     graph, factors = found.instance.graph, np.log(found.factors * hidden[found.nodes])
     i, j = graph.edges.T
     off = 100.0 * (np.log(graph.scales) - factors[i] + factors[j])
-    steps = np.diff(found.nodes[graph.edges], axis=1)[:, 0] <= 2
+    off, i, j = (values[found.averaged.kept] for values in (off, i, j))
+    difference = np.eye(graph.num_nodes)[j] - np.eye(graph.num_nodes)[i]
+    rest = off - difference @ np.linalg.lstsq(difference, off)[0]
+    steps = np.abs(found.nodes[j] - found.nodes[i]) <= 2
     said = [
-        f"{np.sqrt(np.mean(off[chosen] ** 2)):.2f}" for chosen in (steps, ~steps) if chosen.any()
+        f"{np.sqrt(np.mean(off[chosen] ** 2)):.2f} ({np.sqrt(np.mean(rest[chosen] ** 2)):.2f})"
+        for chosen in (steps, ~steps)
+        if chosen.any()
     ]
-    return f"ratios of steps and loops off by {' and '.join(said)} %"
+    return f"kept ratios of steps and loops off by {' and '.join(said)} % (about the best factors)"
+
+
+def factors_at(truth: Estimate, found: Reconstruction) -> FloatArray:
+    """(n,) metres of the map's units in each frame, for which matched points meet at true poses.
+
+    The sum of |s_i R_i p + t_i - s_j R_j q - t_j|^2 over matches p, q of kept pairs is least.
+    """
+    frames, graph = found.frames, found.instance.graph
+    camera = frames.camera if found.colour is None else found.colour.camera
+    views = []
+    for k in found.nodes.tolist():
+        frame = frames.frame(k)
+        colour = {"colour": found.colour, "cutoff": np.inf}
+        views.append(place(*detect(frame), frame.depth, frames.camera, **colour))
+    H, g = np.zeros((len(views), len(views))), np.zeros(len(views))
+    for e in np.flatnonzero(found.averaged.kept).tolist():
+        i, j = graph.edges[e].tolist()
+        m, n = match(views[i], views[j])
+        p, q = views[i].points[m], views[j].points[n]
+        off = p - graph.scales[e] * q @ graph.rotation.rotations[e].T - graph.translations[e]
+        spread = sum(np.trace(camera.covariances(x), axis1=1, axis2=2) for x in (p, q))
+        near = (off**2).sum(axis=1) < GATE**2 * spread
+        a, b = p[near] @ truth.rotations[i].T, q[near] @ truth.rotations[j].T
+        shift = truth.translations[j] - truth.translations[i]
+        H[i, i] += (a * a).sum()
+        H[j, j] += (b * b).sum()
+        H[[i, j], [j, i]] -= (a * b).sum()
+        g[[i, j]] += a.sum(axis=0) @ shift, -b.sum(axis=0) @ shift
+    return np.linalg.solve(H, g)
+
+
+def own_factors(truth: Estimate, found: Reconstruction, hidden: np.ndarray) -> str:
+    """Factors at true poses over the hidden ones, in words, and how those found are like them."""
+    known = hidden[found.nodes]
+    own = factors_at(truth, found) * found.factors
+    alike = np.corrcoef(np.log(own * known), np.log(found.factors * known))[0, 1]
+    return f"at the true poses {scale_errors(own, known)}, correlation {alike:.2f}"
 
 
 def row(name: str, cache: str | None) -> str:
@@ -72,13 +123,14 @@ def row(name: str, cache: str | None) -> str:
     hidden = hidden_factors(len(frames))
     settings = ReconstructSettings(scales=True)
     found = certpgo.reconstruct(with_factors(frames, hidden), settings, cache=cache)
-    own = trajectory_error(found.estimate, frames.truth.subset(found.nodes))
+    truth = frames.truth.subset(found.nodes)
+    own = trajectory_error(found.estimate, truth)
     return (
         f"{name:14}true depth {errors[0]:.3f} mm, by keypoints alone {errors[1]:.3f} mm; hidden "
         f"factors {own:.3f} mm, {own / errors[0]:.2f} and {own / errors[1]:.2f} times; "
         f"{scale_errors(found.factors, hidden[found.nodes])}; "
-        f"{ratio_errors(found, hidden)}; {found.answer.verdict.value}, "
-        f"{len(found.nodes)} of {len(frames)} frames"
+        f"{ratio_errors(found, hidden)}; {own_factors(truth, found, hidden)}; "
+        f"{found.answer.verdict.value}, {len(found.nodes)} of {len(frames)} frames"
     )
 
 
