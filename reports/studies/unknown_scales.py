@@ -125,9 +125,12 @@ def row(name: str, cache: str | None) -> str:
     found = certpgo.reconstruct(with_factors(frames, hidden), settings, cache=cache)
     truth = frames.truth.subset(found.nodes)
     own = trajectory_error(found.estimate, truth)
+    again = certpgo.reconstruct(found.frames, colour=found.colour, cache=cache)
+    rigid = trajectory_error(again.estimate, frames.truth.subset(again.nodes))
     return (
         f"{name:14}true depth {errors[0]:.3f} mm, by keypoints alone {errors[1]:.3f} mm; hidden "
         f"factors {own:.3f} mm, {own / errors[0]:.2f} and {own / errors[1]:.2f} times; "
+        f"with the factors found, by clouds too {rigid:.3f} mm, {rigid / errors[0]:.2f} times; "
         f"{scale_errors(found.factors, hidden[found.nodes])}; "
         f"{ratio_errors(found, hidden)}; {own_factors(truth, found, hidden)}; "
         f"{found.answer.verdict.value}, {len(found.nodes)} of {len(frames)} frames"
