@@ -91,6 +91,14 @@ def command(
             "--factors", metavar="CSV", help="Write the factor of each frame's depth to this file."
         ),
     ] = None,
+    depth_factors: Annotated[
+        Path | None,
+        typer.Option(
+            "--depth-factors",
+            metavar="CSV",
+            help="Multiply depths by the factors that --factors wrote; other frames are left out.",
+        ),
+    ] = None,
     every: Annotated[int, typer.Option("--every", min=1, help="Use every K-th frame.")] = 1,
     cutoff: Annotated[
         float, typer.Option("--cutoff", metavar="M", help="Largest depth used, metres.")
@@ -141,6 +149,7 @@ def command(
     With --unknown-depth-scale, similarities of frames are measured by keypoints, and the verdict is
     about the cost F over similarities, with weights in the frames' own units.
     """
+    from certpgo.registration.depth_scales import with_factors_of
     from certpgo.registration.fuse import GRID
     from certpgo.registration.reconstruct import ReconstructSettings, reconstruct
     from certpgo.registration.stages import user_cache
@@ -164,12 +173,15 @@ def command(
         json=json,
     )
     outputs.refuse()
+    outputs.refuse_overwriting(depth_factors)
     if out is not None and out.suffix != ".ply":
         raise InputError(f"{out}: the scene is written as .ply")
     if mesh and out is None:
         raise InputError("--mesh needs --out")
     if of_graph is not None and (graph is not None or every > 1):
         raise InputError("--frames takes the poses of a graph: without --graph and --every")
+    if depth_factors is not None and (unknown_depth_scale or of_graph is not None):
+        raise InputError("--depth-factors says factors: not with --unknown-depth-scale or --frames")
     if unknown_depth_scale:
         _refuse_with_unknown_scale(of_graph, depth_scale, graph)
     elif factors is not None:
@@ -177,6 +189,8 @@ def command(
     frames = _frames(folder if of_graph is None else of_graph, wallpaper, camera, depth_scale)
     if every > 1:
         frames = frames.chosen(range(0, len(frames), every))
+    if depth_factors is not None:
+        frames = with_factors_of(depth_factors, frames)
     kept = None if no_cache or (synthetic and cache is None) else cache or user_cache()
     settings = ReconstructSettings(
         cutoff=cutoff,

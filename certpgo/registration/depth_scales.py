@@ -7,8 +7,11 @@ that differs from frame to frame. At first each frame gets the unit in which its
 
 from __future__ import annotations
 
+import csv
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -80,6 +83,42 @@ def with_factors(frames: FrameSequence, factors: FloatArray) -> ScaledSequence:
         source=frames,
         factors=np.asarray(factors, dtype=np.float64),
     )
+
+
+def with_factors_of(path: Path, frames: FrameSequence) -> ScaledSequence:
+    """The frames that a file of factors names, with their depths multiplied.
+
+    Raises
+    ------
+    FormatError
+        The file cannot be read, a line has no name and positive factor, or a frame is named twice.
+    """
+    found: dict[str, float] = {}
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = csv.DictReader(file)
+            for row in rows:
+                name, factor = row.get("name"), _positive(row.get("factor") or "")
+                if not name or name in found or factor is None:
+                    said = "columns name and factor expected: a frame once, and a positive number"
+                    raise FormatError(path, rows.line_num, said)
+                found[name] = factor
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        said = getattr(error, "strerror", None) or "no CSV file"
+        raise FormatError(path, None, f"cannot be read: {said}") from None
+    known = [k for k, name in enumerate(frames.names) if name in found]
+    if not known:
+        raise FormatError(path, None, f"names no frame of {frames.name}")
+    return with_factors(frames.chosen(known), np.array([found[frames.names[k]] for k in known]))
+
+
+def _positive(text: str) -> float | None:
+    """A positive number; None for any other text."""
+    try:
+        number = float(text)
+    except ValueError:
+        return None
+    return number if 0.0 < number < math.inf else None
 
 
 def of_one_median(frames: FrameSequence, progress: Progress = silent) -> ScaledSequence:

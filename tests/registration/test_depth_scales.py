@@ -5,10 +5,16 @@ import pytest
 
 import certpgo
 from certpgo.cli import main
+from certpgo.errors import FormatError
 from certpgo.graph import Estimate
 from certpgo.linalg import rotations as so
 from certpgo.registration.averaging import averaged_scales
-from certpgo.registration.depth_scales import agreed_scales, of_one_median, with_factors
+from certpgo.registration.depth_scales import (
+    agreed_scales,
+    of_one_median,
+    with_factors,
+    with_factors_of,
+)
 from certpgo.registration.pairs import FramePair, in_units_of
 from certpgo.registration.procrustes import extended_procrustes
 from certpgo.registration.reconstruct import ReconstructSettings
@@ -153,3 +159,24 @@ def test_what_cannot_be_combined_is_refused(tmp_path, monkeypatch, capsys, optio
     [line] = [row for row in capsys.readouterr().err.splitlines() if row.startswith("certpgo: ")]
     assert said in line
     assert not list(tmp_path.iterdir())
+
+
+def test_factors_of_a_file_are_of_the_frames_that_it_names(tmp_path):
+    frames, path = synthetic_sequence(3, size=(64, 48)), tmp_path / "factors.csv"
+    path.write_text(f"frame,name,factor\n2,{frames.names[2]},0.5\n0,{frames.names[0]},3\n")
+    found = with_factors_of(path, frames)
+    assert found.names == (frames.names[0], frames.names[2])
+    assert (found.frame(1).depth == 0.5 * frames.frame(2).depth).all()
+    for line, said in (
+        ("frame 1", ":2: columns name and factor expected"),
+        (f"0,{frames.names[0]},-1", "a positive number"),
+        (f"0,{frames.names[0]},nan", "a positive number"),
+        (f"0,{frames.names[0]},1\n0,{frames.names[0]},1", ":3: columns"),
+        ("0,other,1", "names no frame of"),
+        ("", "names no frame of"),
+    ):
+        path.write_text(f"frame,name,factor\n{line}\n")
+        with pytest.raises(FormatError, match=said):
+            with_factors_of(path, frames)
+    with pytest.raises(FormatError, match="cannot be read"):
+        with_factors_of(tmp_path / "nowhere.csv", frames)
