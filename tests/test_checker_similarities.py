@@ -112,6 +112,77 @@ def test_two_maps_by_hand(tmp_path, mean, least):
     assert said.lower <= exact.lower <= exact.upper <= said.upper
 
 
+def mapped(q, t, s, graph, mean=False):
+    """What both checkers say that poses (q, t, s) cost at most; the first has a known scale."""
+    bits = np.vectorize(lambda x: integer_checker.nearest(*x.as_integer_ratio()), otypes=[object])
+    i, j, measured, steps, scales = graph
+    q, t, s, steps, scales = (np.array(x, dtype=float) for x in (q, t, s, steps, scales))
+    free, ones = np.arange(len(s)) >= (not mean), np.ones(len(scales))
+    R = checker.rotations(np.array(measured, dtype=float))
+    own = checker.Graph(
+        len(s), np.array(i), np.array(j), R, steps, ones, ones, scales=scales, free=free
+    )
+    rows = zip(i, j, measured, bits(steps).tolist(), bits(scales), strict=True)
+    one = integer_checker.ONE
+    edges = [
+        integer_checker.Edge(
+            i, j, integer_checker.quaternion(bits(m).tolist()), tuple(u), one, one, "pose", x
+        )
+        for i, j, m, u, x in rows
+    ]
+    other = integer_checker.Graph(len(s), edges, set(), set(np.flatnonzero(free).tolist()))
+    turns = [integer_checker.quaternion(row) for row in bits(q).tolist()]
+    proof = integer_checker.Proof(turns, bits(t).tolist(), [], [], 0, 0, [], bits(s).tolist())
+    exact = integer_checker.upper_bound(other, proof, t.shape[1])
+    return checker.upper_bound(own, q, t, None, s), exact
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("size", [2.0**60, 2.0**81, 2.0**200])
+def test_roundings_count_as_often_as_scales_are_large(d, size):
+    # A measurement of the scale 3/2 that fits: nothing is left but what may be rounded.
+    one = ([1.0, 0.0] if d == 2 else [0.0, 0.0, 0.0, 1.0],)
+    step = np.array([1.0, -2.0, 4.0][:d])
+    s, t = [1.0, size, 1.5 * size], [0.0 * step, 0.0 * step, size * step]
+    found, exact = mapped(one * 3, t, s, ([1], [2], one, [step], [1.5]))
+    assert exact == 0
+    s_i, s_j, ulp = Fraction(size), Fraction(1.5 * size), Fraction(1, 2**160)
+    turns = ((2 * d + 1) * s_i * Fraction(3, 2) + s_j) * ulp + Fraction(1, 2**100)
+    moves = s_i * int(abs(step).sum()) * ulp + Fraction(1, 2**100)
+    most = d * d * turns**2 + d * moves**2
+    assert most < Fraction(found) <= most * (1 + Fraction(1, 2**51))
+
+
+@given(seeds, st.sampled_from([2, 3]), st.booleans())
+@settings(max_examples=20, deadline=None)
+def test_upper_bounds_hold_for_scales_of_any_size(seed, d, mean):
+    rng = rng_of(seed)
+
+    def turned(count):  # by angles down to units of the checker's rotations
+        q = np.eye(4)[[3] * count] if d == 3 else np.eye(2)[[0] * count]
+        apart = np.ldexp(rng.standard_normal(q.shape), rng.integers(-170, 2, q.shape))
+        return q + np.where(q == 0.0, apart, 0.0)
+
+    i, j = np.array([[0, 1], [1, 2], [2, 1], [1, 2]]).T
+    s = np.ldexp(rng.uniform(1.0, 2.0, 3), rng.choice([-60, 0, 60, 90]))
+    s[0], scales = 1.0 if not mean else s[0], s[j] / s[i]
+    t, steps = (np.ldexp(rng.standard_normal((k, d)), rng.integers(-60, 9)) for k in (3, 4))
+    q, measured = turned(3), turned(4)
+    found, exact = mapped(q, t, s, (i, j, measured, steps, scales), mean)
+    A = [np.array(proofs.exact_rotation(x)) * Fraction(k) for x, k in zip(q, s, strict=True)]
+    cost = Fraction(0)
+    for e, (a, b) in enumerate(zip(i, j, strict=True)):
+        S = np.array(proofs.exact_rotation(measured[e])) * Fraction(scales[e])
+        cost += ((A[b] - A[a] @ S) ** 2).sum()
+        apart = [Fraction(x) - Fraction(y) for x, y in zip(t[b], t[a], strict=True)]
+        cost += ((apart - A[a] @ [Fraction(x) for x in steps[e]]) ** 2).sum()
+    if mean:
+        cost *= 3 / sum(Fraction(x) ** 2 for x in s)
+    assert cost <= exact
+    assert cost <= Fraction(found)
+    assert exact <= cost * (1 + Fraction(1, 2**40)) + Fraction(1, 2**500)
+
+
 # --- What is proven is true
 
 
@@ -285,6 +356,30 @@ def test_both_read_the_numbers_that_the_package_reads(essential):
 
 
 @pytest.mark.parametrize(
+    ("begin", "unit"),
+    [
+        ("", 1),
+        ("FIX 9\n", 9),
+        ("FIX 12 9\n", 9),
+        ("FIX 12\r\nFIX +9 # 1\n", 9),
+        ("\ufeffFIX 9\n", 9),
+        ("# FIX 3\n", 1),
+    ],
+)
+def test_the_unit_is_the_least_fixed_node_for_all_readers(tmp_path, begin, unit):
+    ids, path = [1, 9, 12], tmp_path / "fixed.g2o"
+    edges = [f"EDGE_SIM3:EXPMAP {i} {j} 0.1 0 0 1 0 0 0.5\n" for i, j in ((12, 9), (9, 1))]
+    path.write_bytes((begin + "".join(edges)).encode())
+    own = certpgo.read(path, quiet=True, fixed=False)
+    assert np.flatnonzero(~own.graph.free).tolist() == [ids.index(unit)]
+    assert (
+        checker.read_graph(path.read_bytes(), CLAIM, None).free.tolist() == own.graph.free.tolist()
+    )
+    theirs = integer_checker.read_graph(path.read_bytes(), CLAIM, None)
+    assert theirs.free == set(np.flatnonzero(own.graph.free).tolist())
+
+
+@pytest.mark.parametrize(
     ("line", "expected"),
     [
         ("EDGE_SE3:QUAT 5 7 0 0 0 0 0 0 1", "EDGE_SIM3:EXPMAP expected"),
@@ -295,6 +390,7 @@ def test_both_read_the_numbers_that_the_package_reads(essential):
         ("EDGE_SIM3:EXPMAP 5 7 0 0 0 1e999 0 0 0", "finite"),
         ("EDGE_SIM3:EXPMAP 5 5 0 0 0 0 0 0 0", "measured from itself"),
         ("FIX five", "FIX"),
+        ("FIX 1_1", "FIX"),
     ],
 )
 @pytest.mark.parametrize("program", BOTH)
