@@ -139,18 +139,23 @@ def mapped(q, t, s, graph, mean=False):
 
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("size", [2.0**60, 2.0**81, 2.0**200])
-def test_roundings_count_as_often_as_scales_are_large(d, size):
-    # A measurement of the scale 3/2 that fits: nothing is left but what may be rounded.
-    one = ([1.0, 0.0] if d == 2 else [0.0, 0.0, 0.0, 1.0],)
-    step = np.array([1.0, -2.0, 4.0][:d])
-    s, t = [1.0, size, 1.5 * size], [0.0 * step, 0.0 * step, size * step]
-    found, exact = mapped(one * 3, t, s, ([1], [2], one, [step], [1.5]))
-    assert exact == 0
+@pytest.mark.parametrize("apart", [0, 1])
+def test_roundings_count_as_often_as_scales_are_large(d, size, apart):
+    # A measurement of the scale 3/2 that fits, or is off by a few units of 2^-160, both ways.
+    one, tiny = [0.0, 0.0, 0.0, 1.0], [0.0, 0.0, apart * 2.0**-158, 1.0]
+    if d == 2:
+        one, tiny = one[:1:-1], tiny[:1:-1]
+    step, off = np.array([1.0, -2.0, 4.0][:d]), apart * size * 2.0**-158
+    s, t = [1.0, size, 1.5 * size], [0.0 * step, [off, -off, off][:d], size * step]
+    found, exact = mapped([one, one, tiny], t, s, ([1], [2], [one], [step], [1.5]))
     s_i, s_j, ulp = Fraction(size), Fraction(1.5 * size), Fraction(1, 2**160)
-    turns = ((2 * d + 1) * s_i * Fraction(3, 2) + s_j) * ulp + Fraction(1, 2**100)
-    moves = s_i * int(abs(step).sum()) * ulp + Fraction(1, 2**100)
-    most = d * d * turns**2 + d * moves**2
+    rounded = ((2 * d + 1) * s_i * Fraction(3, 2) + s_j) * ulp
+    # Sines of -8 and almost 8 units, and cosines below one: rounded down to -8, 7 and -1.
+    turns = [apart * k * s_j * ulp + rounded for k in (8, 7, 1, 1, *[0] * (d * d - 4))]
+    moves = [s_i * int(abs(step).sum()) * ulp + Fraction(off)] * d
+    most = sum((math.floor(x * 2**100) + 1) ** 2 for x in (*turns, *moves)) * Fraction(1, 2**200)
     assert most < Fraction(found) <= most * (1 + Fraction(1, 2**51))
+    assert (0 < exact < Fraction(found)) if apart else exact == 0
 
 
 @given(seeds, st.sampled_from([2, 3]), st.booleans())
