@@ -377,9 +377,8 @@ def _similarity_edge(
         raise ValueError("EDGE_SIM3:EXPMAP expected, in a graph of similarities")
     words = _split(b"".join(words[1:]), (9, 37))
     q, t, scale = similarity(tuple(map(float, words[2:9])))
-    kappa, tau = 1.0, 1.0
-    if len(words) > 9 and None in (claim["kappa"], claim["tau"]):
-        kappa, tau = weigh(tuple(words[9:]))
+    weighed = len(words) > 9 and None in (claim["kappa"], claim["tau"])
+    kappa, tau = weigh(tuple(words[9:])) if weighed else (1.0, 1.0)
     return Edge(int(words[0]), int(words[1]), q, t, kappa, tau, scale=scale)
 
 

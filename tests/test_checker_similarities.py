@@ -188,6 +188,62 @@ def test_upper_bounds_hold_for_scales_of_any_size(seed, d, mean):
     assert exact <= cost * (1 + Fraction(1, 2**40)) + Fraction(1, 2**500)
 
 
+def test_the_matrix_of_a_tiny_scale_is_exact():
+    """|A_1 - s A_0|^2 + |t_1 - t_0|^2 in the plane, without the pinned row."""
+    one, s, zeros, none = np.array([[1.0, 0.0]]), 2.0**-120, np.zeros((2, 2)), np.zeros((2, 3))
+    graph = checker.Graph(
+        2, np.array([0]), np.array([1]), checker.rotations(one), zeros[:1], *2 * [np.ones(1)]
+    )
+    graph = graph._replace(scales=np.array([s]), free=np.array([False, True]))
+    proof = checker.Proof(one.repeat(2, axis=0), zeros, none, np.arange(2), np.zeros(6), 0, 0)
+    blocks, normal = checker.certificate_matrix(graph, proof), checker.magnitude(graph)
+    r, c = blocks.scales[:, :, None], blocks.scales[:, None, :]
+    diagonal = np.ldexp(blocks.high[0] + blocks.low[0], normal - r - c)
+    across = np.ldexp(blocks.high[1] + blocks.low[1], normal - r[:1] - c[1:])
+    assert diagonal.tolist() == [np.diag([1.0, s * s, s * s]).tolist(), np.eye(3).tolist()]
+    assert across.tolist() == [np.diag([0.0, -s, -s]).tolist()]
+    bits = integer_checker.nearest(*s.as_integer_ratio()), integer_checker.ONE
+    edge = integer_checker.Edge(0, 1, (0, 0, 0, 1), (0, 0), bits[1], bits[1], "pose", bits[0])
+    other = integer_checker.Proof([], zeros.tolist(), none.astype(int).tolist(), [], 0, 0, [], [])
+    A, [(p, q, N, D)], unit = integer_checker.certificate_matrix(
+        integer_checker.Graph(2, [edge], set(), {1}), other, 2, {0: -1, 1: 2}, {0: 0, 1: 3}
+    )
+    found = {rows: Fraction(x, 2**unit) for rows, x in A.items() if x}
+    assert found == {(0, 0): s * s, (1, 1): s * s, (2, 2): 1, (3, 3): 1, (4, 4): 1}
+    assert (p, q, [[Fraction(x, D << unit) for x in row] for row in N]) == (
+        0,
+        3,
+        [[-s, 0], [0, -s]],
+    )
+
+
+@pytest.mark.parametrize(
+    ("own", "allowed"),
+    [
+        ([1.0, 0.0, -1.0], True),
+        ([1.0, 0.0, 2.0**-53 - 1.0], True),
+        ([1.0, 0.0, -1.0 - 2.0**-52], False),
+        ([0.0, 0.0, 0.0], True),
+        ([-(2.0**-1074), 9.0, 0.0], False),
+    ],
+)
+def test_a_trace_at_an_unknown_scale_is_not_negative(own, allowed):
+    rows, one = [[0.5, 7.0, 1.5], own], np.ones(1)
+    graph = checker.Graph(2, np.array([0]), np.array([1]), None, np.zeros((1, 2)), one, one)
+    graph = graph._replace(scales=one, free=np.array([False, True]))
+    bits = [[integer_checker.nearest(*x.as_integer_ratio()) for x in row] for row in rows]
+    proof = integer_checker.Proof([], [], bits, [], 0, 0, [], [])
+    for program, asked in (
+        (checker, (graph, np.array(rows), np.zeros(0))),
+        (integer_checker, (integer_checker.Graph(2, [], set(), {1}), proof, 2)),
+    ):
+        if allowed:
+            assert float(program.lower_bound(*asked)) == pytest.approx(2.0)
+        else:
+            with pytest.raises(program.Refused, match="trace"):
+                program.lower_bound(*asked)
+
+
 # --- What is proven is true
 
 
