@@ -175,6 +175,7 @@ class Edge(NamedTuple):
 _NUMBER = rb"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"  # allowed in files
 _NUMBERS = re.compile(rb"[ \t]*(?:%b[ \t]+)*%b" % (_NUMBER, _NUMBER))
 _PLAIN = bytes(range(32, 127)) + b"\t\r\n"
+_MARK = b"\xef\xbb\xbf"  # may begin a file
 _IGNORED = re.compile(
     rb"VERTEX_(SE2|SE3:QUAT|XY|TRACKXYZ|POINT_XYZ)|FIX|PARAMS_(SE2OFFSET|SE3OFFSET|CAMERACALIB)"
     rb"|EDGE_(SE2_XY|BEARING_SE2_XY|SE3_TRACKXYZ|POINT_XYZ|PRIOR_SE2|PRIOR_SE2_XY|SE2_PRIOR"
@@ -290,7 +291,7 @@ def _edges(text: bytes, claim: dict[str, Any]) -> Iterator[Edge]:
     sensors: dict[int, bool] = {0: True}  # without parameters, 0 is the body itself
     more = _SIGHTINGS * claim.get("landmarks", False) + _PRIORS * claim.get("priors", False)
     similar = claim.get("kind") == "similarities"
-    for number, line in enumerate(text.removeprefix(b"\xef\xbb\xbf").split(b"\n"), 1):
+    for number, line in enumerate(text.removeprefix(_MARK).split(b"\n"), 1):
         said = line.split(b"#")[0]
         words = said.split(None, 1)
         if not words:
@@ -376,19 +377,18 @@ def _similarity_edge(
         raise ValueError("EDGE_SIM3:EXPMAP expected, in a graph of similarities")
     words = _split(b"".join(words[1:]), (9, 37))
     q, t, scale = similarity(tuple(map(float, words[2:9])))
-    kappa, tau = 1.0, 1.0
-    if len(words) > 9 and None in (claim["kappa"], claim["tau"]):
-        kappa, tau = weigh(tuple(words[9:]))
+    weighed = len(words) > 9 and None in (claim["kappa"], claim["tau"])
+    kappa, tau = weigh(tuple(words[9:])) if weighed else (1.0, 1.0)
     return Edge(int(words[0]), int(words[1]), q, t, kappa, tau, scale=scale)
 
 
 def _fixed(text: bytes) -> set[int]:
     """The ids on lines of nodes to be fixed, of which the smallest one has the scale 1."""
-    lines = (line.split(b"#")[0].split() for line in text.split(b"\n"))
-    try:
-        return {int(word) for words in lines if words[:1] == [b"FIX"] for word in words[1:]}
-    except ValueError:
-        raise Unreadable("FIX: ids expected") from None
+    lines = [line.split(b"#")[0].split() for line in text.removeprefix(_MARK).split(b"\n")]
+    words = [word for words in lines if words[:1] == [b"FIX"] for word in words[1:]]
+    if not all(re.fullmatch(rb"[+-]?[0-9]+", word) for word in words):
+        raise Unreadable("FIX: ids expected")
+    return {int(word) for word in words}
 
 
 #: The arrays of an archive that state its measurements, their types and shapes; others that may

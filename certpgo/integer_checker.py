@@ -276,6 +276,7 @@ _OTHERS = re.compile(
     r"|EDGE_(BEARING_SE2_XY|POINT_XYZ)|LANDMARK3"
 )
 _PLAIN = {9, *range(32, 127), *range(128, 256)}
+MARK = b"\xef\xbb\xbf"  # may begin a file
 
 
 def read_edges(text: bytes, claim: dict[str, Any]) -> Iterator[Edge]:
@@ -283,7 +284,7 @@ def read_edges(text: bytes, claim: dict[str, Any]) -> Iterator[Edge]:
     formats, sensors, used = set(), {0: True}, set()
     asked = {"pose": True, "prior": claim["priors"]}
     similar = claim.get("kind") == "similarities"
-    lines = text.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").split(b"\n")
+    lines = text.removeprefix(MARK).replace(b"\r\n", b"\n").split(b"\n")
     for number, line in enumerate(lines, 1):
         try:
             if not _PLAIN.issuperset(line) or not (said := line.split(b"#")[0]).isascii():
@@ -366,7 +367,7 @@ def similarity_edge(tag: str, words: list[str], claim: dict[str, Any]) -> Edge:
 
 def unit_node(text: bytes, ids: set[int]) -> int:
     """The node of scale 1: of those that a file fixes, or else of all, the smallest id."""
-    lines = [line.split(b"#")[0].split() for line in text.split(b"\n")]
+    lines = [line.split(b"#")[0].split() for line in text.removeprefix(MARK).split(b"\n")]
     fixed = [word for words in lines if words[:1] == [b"FIX"] for word in words[1:]]
     if not all(re.fullmatch(rb"[+-]?[0-9]+", word) for word in fixed):
         raise Unreadable("FIX: ids expected")

@@ -112,6 +112,138 @@ def test_two_maps_by_hand(tmp_path, mean, least):
     assert said.lower <= exact.lower <= exact.upper <= said.upper
 
 
+def mapped(q, t, s, graph, mean=False):
+    """What both checkers say that poses (q, t, s) cost at most; the first has a known scale."""
+    bits = np.vectorize(lambda x: integer_checker.nearest(*x.as_integer_ratio()), otypes=[object])
+    i, j, measured, steps, scales = graph
+    q, t, s, steps, scales = (np.array(x, dtype=float) for x in (q, t, s, steps, scales))
+    free, ones = np.arange(len(s)) >= (not mean), np.ones(len(scales))
+    R = checker.rotations(np.array(measured, dtype=float))
+    own = checker.Graph(
+        len(s), np.array(i), np.array(j), R, steps, ones, ones, scales=scales, free=free
+    )
+    rows = zip(i, j, measured, bits(steps).tolist(), bits(scales), strict=True)
+    one = integer_checker.ONE
+    edges = [
+        integer_checker.Edge(
+            i, j, integer_checker.quaternion(bits(m).tolist()), tuple(u), one, one, "pose", x
+        )
+        for i, j, m, u, x in rows
+    ]
+    other = integer_checker.Graph(len(s), edges, set(), set(np.flatnonzero(free).tolist()))
+    turns = [integer_checker.quaternion(row) for row in bits(q).tolist()]
+    proof = integer_checker.Proof(turns, bits(t).tolist(), [], [], 0, 0, [], bits(s).tolist())
+    exact = integer_checker.upper_bound(other, proof, t.shape[1])
+    return checker.upper_bound(own, q, t, None, s), exact
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("size", [2.0**60, 2.0**81, 2.0**200])
+@pytest.mark.parametrize("apart", [0, 1])
+def test_roundings_count_as_often_as_scales_are_large(d, size, apart):
+    # A measurement of the scale 3/2 that fits, or is off by a few units of 2^-160, both ways.
+    one, tiny = [0.0, 0.0, 0.0, 1.0], [0.0, 0.0, apart * 2.0**-158, 1.0]
+    if d == 2:
+        one, tiny = one[:1:-1], tiny[:1:-1]
+    step, off = np.array([1.0, -2.0, 4.0][:d]), apart * size * 2.0**-158
+    s, t = [1.0, size, 1.5 * size], [0.0 * step, [off, -off, off][:d], size * step]
+    found, exact = mapped([one, one, tiny], t, s, ([1], [2], [one], [step], [1.5]))
+    s_i, s_j, ulp = Fraction(size), Fraction(1.5 * size), Fraction(1, 2**160)
+    rounded = ((2 * d + 1) * s_i * Fraction(3, 2) + s_j) * ulp
+    # Sines of -8 and almost 8 units, and cosines below one: rounded down to -8, 7 and -1.
+    turns = [apart * k * s_j * ulp + rounded for k in (8, 7, 1, 1, *[0] * (d * d - 4))]
+    moves = [s_i * int(abs(step).sum()) * ulp + Fraction(off)] * d
+    most = sum((math.floor(x * 2**100) + 1) ** 2 for x in (*turns, *moves)) * Fraction(1, 2**200)
+    assert most < Fraction(found) <= most * (1 + Fraction(1, 2**51))
+    assert (0 < exact < Fraction(found)) if apart else exact == 0
+
+
+@given(seeds, st.sampled_from([2, 3]), st.booleans())
+@settings(max_examples=20, deadline=None)
+def test_upper_bounds_hold_for_scales_of_any_size(seed, d, mean):
+    rng = rng_of(seed)
+
+    def turned(count):  # by angles down to units of the checker's rotations
+        q = np.eye(4)[[3] * count] if d == 3 else np.eye(2)[[0] * count]
+        apart = np.ldexp(rng.standard_normal(q.shape), rng.integers(-170, 2, q.shape))
+        return q + np.where(q == 0.0, apart, 0.0)
+
+    i, j = np.array([[0, 1], [1, 2], [2, 1], [1, 2]]).T
+    s = np.ldexp(rng.uniform(1.0, 2.0, 3), rng.choice([-60, 0, 60, 90]))
+    s[0], scales = 1.0 if not mean else s[0], s[j] / s[i]
+    t, steps = (np.ldexp(rng.standard_normal((k, d)), rng.integers(-60, 9)) for k in (3, 4))
+    q, measured = turned(3), turned(4)
+    found, exact = mapped(q, t, s, (i, j, measured, steps, scales), mean)
+    A = [np.array(proofs.exact_rotation(x)) * Fraction(k) for x, k in zip(q, s, strict=True)]
+    cost = Fraction(0)
+    for e, (a, b) in enumerate(zip(i, j, strict=True)):
+        S = np.array(proofs.exact_rotation(measured[e])) * Fraction(scales[e])
+        cost += ((A[b] - A[a] @ S) ** 2).sum()
+        apart = [Fraction(x) - Fraction(y) for x, y in zip(t[b], t[a], strict=True)]
+        cost += ((apart - A[a] @ [Fraction(x) for x in steps[e]]) ** 2).sum()
+    if mean:
+        cost *= 3 / sum(Fraction(x) ** 2 for x in s)
+    assert cost <= exact
+    assert cost <= Fraction(found)
+    assert exact <= cost * (1 + Fraction(1, 2**40)) + Fraction(1, 2**500)
+
+
+def test_the_matrix_of_a_tiny_scale_is_exact():
+    """|A_1 - s A_0|^2 + |t_1 - t_0|^2 in the plane, without the pinned row."""
+    one, s, zeros, none = np.array([[1.0, 0.0]]), 2.0**-120, np.zeros((2, 2)), np.zeros((2, 3))
+    graph = checker.Graph(
+        2, np.array([0]), np.array([1]), checker.rotations(one), zeros[:1], *2 * [np.ones(1)]
+    )
+    graph = graph._replace(scales=np.array([s]), free=np.array([False, True]))
+    proof = checker.Proof(one.repeat(2, axis=0), zeros, none, np.arange(2), np.zeros(6), 0, 0)
+    blocks, normal = checker.certificate_matrix(graph, proof), checker.magnitude(graph)
+    r, c = blocks.scales[:, :, None], blocks.scales[:, None, :]
+    diagonal = np.ldexp(blocks.high[0] + blocks.low[0], normal - r - c)
+    across = np.ldexp(blocks.high[1] + blocks.low[1], normal - r[:1] - c[1:])
+    assert diagonal.tolist() == [np.diag([1.0, s * s, s * s]).tolist(), np.eye(3).tolist()]
+    assert across.tolist() == [np.diag([0.0, -s, -s]).tolist()]
+    bits = integer_checker.nearest(*s.as_integer_ratio()), integer_checker.ONE
+    edge = integer_checker.Edge(0, 1, (0, 0, 0, 1), (0, 0), bits[1], bits[1], "pose", bits[0])
+    other = integer_checker.Proof([], zeros.tolist(), none.astype(int).tolist(), [], 0, 0, [], [])
+    A, [(p, q, N, D)], unit = integer_checker.certificate_matrix(
+        integer_checker.Graph(2, [edge], set(), {1}), other, 2, {0: -1, 1: 2}, {0: 0, 1: 3}
+    )
+    found = {rows: Fraction(x, 2**unit) for rows, x in A.items() if x}
+    assert found == {(0, 0): s * s, (1, 1): s * s, (2, 2): 1, (3, 3): 1, (4, 4): 1}
+    assert (p, q, [[Fraction(x, D << unit) for x in row] for row in N]) == (
+        0,
+        3,
+        [[-s, 0], [0, -s]],
+    )
+
+
+@pytest.mark.parametrize(
+    ("own", "allowed"),
+    [
+        ([1.0, 0.0, -1.0], True),
+        ([1.0, 0.0, 2.0**-53 - 1.0], True),
+        ([1.0, 0.0, -1.0 - 2.0**-52], False),
+        ([0.0, 0.0, 0.0], True),
+        ([-(2.0**-1074), 9.0, 0.0], False),
+    ],
+)
+def test_a_trace_at_an_unknown_scale_is_not_negative(own, allowed):
+    rows, one = [[0.5, 7.0, 1.5], own], np.ones(1)
+    graph = checker.Graph(2, np.array([0]), np.array([1]), None, np.zeros((1, 2)), one, one)
+    graph = graph._replace(scales=one, free=np.array([False, True]))
+    bits = [[integer_checker.nearest(*x.as_integer_ratio()) for x in row] for row in rows]
+    proof = integer_checker.Proof([], [], bits, [], 0, 0, [], [])
+    for program, asked in (
+        (checker, (graph, np.array(rows), np.zeros(0))),
+        (integer_checker, (integer_checker.Graph(2, [], set(), {1}), proof, 2)),
+    ):
+        if allowed:
+            assert float(program.lower_bound(*asked)) == pytest.approx(2.0)
+        else:
+            with pytest.raises(program.Refused, match="trace"):
+                program.lower_bound(*asked)
+
+
 # --- What is proven is true
 
 
@@ -285,6 +417,30 @@ def test_both_read_the_numbers_that_the_package_reads(essential):
 
 
 @pytest.mark.parametrize(
+    ("begin", "unit"),
+    [
+        ("", 1),
+        ("FIX 9\n", 9),
+        ("FIX 12 9\n", 9),
+        ("FIX 12\r\nFIX +9 # 1\n", 9),
+        ("\ufeffFIX 9\n", 9),
+        ("# FIX 3\n", 1),
+    ],
+)
+def test_the_unit_is_the_least_fixed_node_for_all_readers(tmp_path, begin, unit):
+    ids, path = [1, 9, 12], tmp_path / "fixed.g2o"
+    edges = [f"EDGE_SIM3:EXPMAP {i} {j} 0.1 0 0 1 0 0 0.5\n" for i, j in ((12, 9), (9, 1))]
+    path.write_bytes((begin + "".join(edges)).encode())
+    own = certpgo.read(path, quiet=True, fixed=False)
+    assert np.flatnonzero(~own.graph.free).tolist() == [ids.index(unit)]
+    assert (
+        checker.read_graph(path.read_bytes(), CLAIM, None).free.tolist() == own.graph.free.tolist()
+    )
+    theirs = integer_checker.read_graph(path.read_bytes(), CLAIM, None)
+    assert theirs.free == set(np.flatnonzero(own.graph.free).tolist())
+
+
+@pytest.mark.parametrize(
     ("line", "expected"),
     [
         ("EDGE_SE3:QUAT 5 7 0 0 0 0 0 0 1", "EDGE_SIM3:EXPMAP expected"),
@@ -295,6 +451,7 @@ def test_both_read_the_numbers_that_the_package_reads(essential):
         ("EDGE_SIM3:EXPMAP 5 7 0 0 0 1e999 0 0 0", "finite"),
         ("EDGE_SIM3:EXPMAP 5 5 0 0 0 0 0 0 0", "measured from itself"),
         ("FIX five", "FIX"),
+        ("FIX 1_1", "FIX"),
     ],
 )
 @pytest.mark.parametrize("program", BOTH)

@@ -262,21 +262,23 @@ def _claim(
     source: Path, instance: Instance, cost: str | None = None
 ) -> tuple[dict[str, Any], checker.Graph]:
     """The subject of the proof (hashes, kind, reading options), and the graph the checker reads."""
-    if (stated := instance.options.get("weights_are", "information")) != "information":
+    similar = isinstance(instance.graph, SimilarityGraph)
+    # What an archive says of options is how its numbers came about: they are read as they are.
+    options = {} if similar and format_of(source).name == "npz" else instance.options
+    if (stated := options.get("weights_are", "information")) != "information":
         raise InputError(f"proof files are about numbers of information, not of {stated}")
-    if "also" in instance.options:
+    if "also" in options:
         raise InputError(
             f"{source}: a proof is about one file: certpgo convert with --also writes one of all"
         )
-    if instance.options.get("fixed") == HELD:
+    if options.get("fixed") == HELD:
         raise InputError(
             "the checker holds no nodes that a file fixes: certpgo solve --no-fixed releases them"
         )
     file = source / "EGs.txt" if source.is_dir() else source
     component = file.with_name("cc.txt")
     restricted = file.name == "EGs.txt" and component.is_file()
-    kappa, tau = _overridden(instance.options.get("weights", "file"))
-    similar = isinstance(instance.graph, SimilarityGraph)
+    kappa, tau = _overridden(options.get("weights", "file"))
     posed = "similarities" if similar else "poses"
     claim = {
         "format": "certpgo proof",
@@ -285,14 +287,12 @@ def _claim(
         "component_sha256": _sha256(component) if restricted else None,
         "kind": posed if isinstance(instance.graph, PoseGraph) else "rotations",
         "d": instance.graph.d,
-        "keep": instance.options.get("keep", "all"),
-        "rotation_information": instance.options.get("rotation_information", "tangent"),
+        "keep": options.get("keep", "all"),
+        "rotation_information": options.get("rotation_information", "tangent"),
         "kappa": kappa,
         "tau": tau,
         **({} if similar else _map_of(instance)),
     }
-    if similar and format_of(source).name == "npz":
-        claim |= {"keep": "all", "kappa": None, "tau": None, "rotation_information": "tangent"}
     if cost is not None:
         meant = "quaternion" if instance.graph.d == 3 else "tangent"
         claim |= {"version": 2, "cost": cost, "rotation_information": meant}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from certpgo.cli._outputs import Outputs, Result
@@ -13,6 +13,7 @@ from certpgo.cli._truth import KnownPoses
 if TYPE_CHECKING:
     from certpgo.graph import Instance
     from certpgo.solve.logarithms import LogarithmFit
+    from certpgo.solve.metrics import TrajectoryErrors
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,10 @@ class FittedLogarithms(Result):
     @property
     def _bound(self) -> float:
         return self.fit.lower_bound(self.within)
+
+    @property
+    def _accuracy(self) -> TrajectoryErrors | None:
+        return None if self.truth is None else self.truth.errors(self.fit.estimate)
 
     @property
     def standing(self) -> str:
@@ -46,7 +51,7 @@ class FittedLogarithms(Result):
         from certpgo.graph.phrases import cost_shown
         from certpgo.solve import accuracy_wording as wording
 
-        solution = self.fit.solution
+        solution, accuracy = self.fit.solution, self._accuracy
         yield "graph", self.part.name
         yield "cost", f"{cost_shown(self.fit.cost)}  (of logarithms; no certificate is about it)"
         yield (
@@ -55,14 +60,14 @@ class FittedLogarithms(Result):
             f"factor {self.within:g} of their root mean square)",
         )
         yield "ended", f"{solution.status.value}, {solution.iterations} steps"
-        if self.truth is not None:
-            yield from wording.accuracy(self.truth.errors(self.fit.estimate))
+        if accuracy is not None:
+            yield from wording.accuracy(accuracy)
         if outputs.estimate is not None:
             yield "written", str(outputs.estimate)
 
     def report(self, outputs: Outputs) -> dict[str, Any]:
         """The result for --json."""
-        solution = self.fit.solution
+        solution, accuracy = self.fit.solution, self._accuracy
         return {
             "graph": self.part.name,
             "objective": "logarithms",
@@ -71,5 +76,6 @@ class FittedLogarithms(Result):
             "scales_within": self.within,
             "status": solution.status.value,
             "iterations": solution.iterations,
+            "accuracy": None if accuracy is None else asdict(accuracy),
             "written": None if outputs.estimate is None else str(outputs.estimate),
         }

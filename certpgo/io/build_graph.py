@@ -61,7 +61,7 @@ def _instance(dialect: Dialect, path: Path, options: ReadOptions, content: Recor
     measured, priors = Rows.joined([rows["edge"], rows["sighting"]]), rows["prior"]
     _refuse_far(path, nodes.ids, measured)
     _refuse_far(path, nodes.ids, priors)
-    unit = nodes.fixed[0] if nodes.fixed else 0
+    unit = min(nodes.fixed, default=0)
     of_poses = dialect.named or nodes.points is not None or measured.translations.any()
     graph = _graph(nodes, measured, unit, with_translations=bool(of_poses or len(priors)))
     notices = _notices(content, nodes, graph, len(rows["sighting"]))

@@ -31,10 +31,13 @@ def as_information(
     Raises
     ------
     InputError
-        Numbers that are none, or too few or many; a covariance that is not positive definite.
+        Numbers that are none, or too few or many; a covariance that is not positive definite; or
+        a larger matrix, of similarities.
     """
     if weights_are == "information":
         return texts
+    if layout.count:
+        raise InputError(f"of similarities, numbers are read as information, not as {weights_are}")
     place, known = np.array(layout.positions), dict.fromkeys(texts, b"")
     first = [divmod(int(np.flatnonzero(place == k)[0]), len(place)) for k in range(layout.size)]
     for text in known:

@@ -14,12 +14,12 @@ from certpgo.linalg.ball_arithmetic import U
 from certpgo.objective.logarithms import LogarithmProblem
 from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.optimize.levenberg_marquardt import minimise
-from certpgo.optimize.monitor import Monitor, Stopwatch, silent
-from certpgo.optimize.progress import Progress
+from certpgo.optimize.monitor import Monitor, silent
+from certpgo.optimize.progress import Progress, Stop
 from certpgo.optimize.similarity_descent import separate_start
 from certpgo.optimize.solution import Solution
 from certpgo.solve.result import CertifiedSolution
-from certpgo.solve.settings import SolveSettings
+from certpgo.solve.settings import DEFAULT, SolveSettings
 from certpgo.solve.solving import solve
 
 #: Stationarity at which a descent ends, which differences of logarithms resolve, and steps.
@@ -101,7 +101,8 @@ def fit_logarithms(
     ----------
     graph : of poses, with unknown scales; or its problem, the instance that was read, or its file's
         path
-    settings, options : of the search for the bound, as for `certpgo.solve`
+    settings, options : of the search for the bound, as for `certpgo.solve`; the time limit is that
+        of the descent and of this search together
     initial : where to begin, in place of that
 
     Raises
@@ -123,14 +124,22 @@ def fit_logarithms(
     own = posed.graph if isinstance(posed, Instance | SimilarityProblem) else posed
     if not isinstance(own, SimilarityGraph):
         raise InputError("the cost of logarithms is for a graph with unknown scales")
-    problem = LogarithmProblem(own)
-    if initial is None:
-        initial = separate_start(problem.quadratic)
-    problem.check(initial)
-    progress = Progress(monitor, TOLERANCE, STEPS, Stopwatch())
-    end = minimise(problem.linearized(initial), progress)
-    estimate = problem.quadratic.estimate_of(end.point)
-    found = progress.solution(estimate, problem.cost(estimate))
+    problem, chosen = LogarithmProblem(own), (settings or DEFAULT).changed(options)
+    if initial is not None:
+        problem.check(initial)
+    stop = Stop(monitor, objective="the cost of logarithms")
+    with stop.within(chosen.time_limit):
+        begin = separate_start(problem.quadratic) if initial is None else initial
+        progress = Progress(stop, TOLERANCE, STEPS, stop.watch)
+        end = minimise(problem.linearized(begin), progress)
+        estimate, left = problem.quadratic.estimate_of(end.point), chosen.time_limit
+        if stop.ended_by is not None:
+            left = 0.0
+        elif left is not None:
+            left = max(stop.remaining, 0.0)
+        nearby = solve(problem.minorant(estimate), replace(chosen, time_limit=left))
     if isinstance(posed, Instance):
-        found = replace(found, estimate=replace(found.estimate, keys=posed.keys))
-    return LogarithmFit(found, solve(problem.minorant(found.estimate), settings, **options))
+        estimate = replace(estimate, keys=posed.keys)
+    found = progress.solution(estimate, problem.cost(estimate))
+    status, trace = stop.ended_by or found.status, tuple(stop.trace)
+    return LogarithmFit(replace(found, status=status, trace=trace), nearby)

@@ -69,7 +69,11 @@ TESTS = {
     ),
     "certpgo/certify/multipliers.py": ("certify/test_shifted*", "certify/test_dual*"),
     "certpgo/certify/units.py": ("certify/test_extremes*",),
-    "certpgo/integer_checker.py": ("test_integer_checker*", "certify/test_rejection_proof*"),
+    "certpgo/integer_checker.py": (
+        "test_integer_checker*",
+        "test_checker_similarities*",
+        "certify/test_rejection_proof*",
+    ),
     "certpgo/checker.py": (
         "test_checker*",
         "certify/test_proof*",

@@ -9,8 +9,9 @@
 a proven bound. Of some it solves the relaxation with Clarabel, an interior-point method, whose
 minimum no bound may exceed and every bound at a higher rank should reach. ``damage`` changes proof
 files of such graphs, and the graphs beneath them with the digest that the proof states, and asks
-both checkers: what one of them proves must be true of the optimum, whose bounds are known. ``map``
-counts the graphs whose relaxation is tight, by the noise of rotations and of scales.
+both checkers: what one of them proves must be true of the optimum, whose bounds are known; it also
+prints relative gaps of the proofs before that. ``map`` counts the graphs whose relaxation is tight,
+by the noise of rotations and of scales.
 ``logarithms`` looks for maps below bounds on the cost of logarithms, by descents that begin near
 the answer and by random ones with scales near its. All print a table, and attacks fail if anything
 false was found.
@@ -180,7 +181,7 @@ def tried(
 
 def damage(graphs: int, each: int, seed: int) -> list[str]:
     """What is false among the answers of both checkers, a line each; prints a table."""
-    said, false = Counter[tuple[str, str]](), []
+    said, false, gaps = Counter[tuple[str, str]](), [], []
     with tempfile.TemporaryDirectory() as folder:
         path, proof = Path(folder) / "map.npz", Path(folder) / "map.cert"
         for k in range(graphs):
@@ -194,6 +195,7 @@ def damage(graphs: int, each: int, seed: int) -> list[str]:
             except CertPGOError:
                 said["nothing", "no proof was found"] += 1
                 continue
+            gaps.append(bounds.relative_gap)
             with np.load(proof) as archive:
                 arrays = {name: archive[name].copy() for name in archive.files}
             for what, other in tried(rng, path, arrays, each):
@@ -211,6 +213,8 @@ def damage(graphs: int, each: int, seed: int) -> list[str]:
     for (what, how), count in sorted(said.items()):
         print(f"{what:30}{how:24}{count:7}")
     print(f"{'false':54}{len(false):7}")
+    low, middle, high = np.quantile(gaps, [0.0, 0.5, 1.0])
+    print(f"relative gaps of the {len(gaps)} proofs: {low:.2g} to {high:.2g}, median {middle:.2g}")
     return false
 
 

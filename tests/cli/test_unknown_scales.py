@@ -126,6 +126,53 @@ def test_the_cost_of_logarithms_has_a_bound_near_its_scales(certpgo, essential, 
     assert "at least 1" in certpgo("solve", essential, "--scales-within", "0.5").err
 
 
+def test_the_cost_of_logarithms_beside_the_truth_and_with_a_time_limit(
+    certpgo, essential, tmp_path
+):
+    out, asked = tmp_path / "solved.g2o", ("solve", essential, "--scales-within", "1.05")
+    assert certpgo(*asked, "-o", out).code == 0
+    found = certpgo(*asked, "--truth", out, "--initial", out, "--json").json
+    assert (found["iterations"], found["accuracy"]["poses"]) == (0, 8)
+    assert found["accuracy"]["ate_m"] < 1e-6
+    ended = certpgo(*asked, "--time-limit", "0", "--json").json
+    assert (ended["status"], ended["iterations"], ended["lower_bound"]) == ("time limit", 0, 0.0)
+    assert "the cost of logarithms\n" in certpgo(*asked, "--trace").err
+
+
+def test_each_component_has_its_own_unit(certpgo, essential, tmp_path):
+    lines = [line.split() for line in essential.read_text().splitlines()]
+    edges = [w for w in lines if w[0].startswith("EDGE")]
+    moved = [[w[0], *(str(int(k) + 50) for k in w[1:3]), *w[3:]] for w in edges]
+    path = tmp_path / "two.g2o"
+    path.write_text("".join(f"{' '.join(w)}\n" for w in [*edges, *moved]))
+    first, second = certpgo("solve", path, "--components", "each", "--json").json
+    assert first["cost"] > second["cost"]  # of the mean unit
+    both = certpgo("solve", path, "--components", "each", "--scales-within", "1.1", "--json").json
+    assert both[0]["cost"] == pytest.approx(both[1]["cost"], rel=1e-9)
+    refused = certpgo("solve", path, "--components", "each", "--proof", tmp_path / "p.cert")
+    assert (refused.code, "connected" in refused.err) == (1, True)
+
+
+def test_archives_are_proven_however_they_came_about(certpgo, essential, tmp_path):
+    text = essential.read_text().splitlines(keepends=True)
+    edges = [line for line in text if line.startswith("EDGE")]
+    first, second = tmp_path / "1.g2o", tmp_path / "2.g2o"
+    first.write_text("".join(line for line in text if line not in edges[4:]))
+    second.write_text("".join(edges[4:]))
+    joined, proof = tmp_path / "joined.npz", tmp_path / "p.cert"
+    options = "--also", second, "--keep", "last", "--unit-weights"
+    assert certpgo("convert", first, *options, joined).code == 0
+    assert certpgo("solve", joined, "--proof", proof).code == 0
+    assert "kappa of the file" in certpgo("check", joined, proof, "--exact").out
+    assert certpgo("check", essential, proof).code == 6
+
+
+def test_numbers_of_similarities_are_information(certpgo, essential):
+    for kind in ("covariance", "sqrt-information"):
+        done = certpgo("info", essential, "--weights-are", kind)
+        assert (done.code, f"not as {kind}" in done.err) == (1, True)
+
+
 def test_functions_refuse_too():
     graph, truth = random_maps(np.random.default_rng(0), 3)
     instance = Instance("map", graph, np.arange(8), truth=truth)

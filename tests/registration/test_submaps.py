@@ -141,7 +141,10 @@ def test_the_command_brings_scans_into_one_unit(files, tmp_path, capsys):
     assert np.abs(scales * FACTORS - 1.0).max() < 0.01
     points = read_surface(tmp_path / "all.ply").points.reshape(4, 60, 3)
     assert np.abs(points - points[0]).max() < 0.02
-    assert main(["solve", out["g.npz"]]) == 0
+    proof = str(tmp_path / "p.cert")
+    assert main(["solve", out["g.npz"], "--proof", proof]) == 0
+    assert main(["check", out["g.npz"], proof, "--exact"]) == 0
+    assert "4 scales unknown, in the unit of the root mean square" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

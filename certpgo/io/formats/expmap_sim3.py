@@ -128,8 +128,8 @@ def write_graph(path: Path, instance: Instance) -> None:
     if others or instance.world is not None or graph.is_partial:
         said = "g2o's similarities all have an unknown scale, and no points"
         raise InputError(f"{said}: .npz files hold others")
-    if instance.fixed and instance.fixed[0] != unit:
-        said = "whose scale is 1 is not the first one that is fixed"
+    if instance.fixed and min(instance.fixed) != unit:
+        said = "whose scale is 1 is not the one with the smallest id of those that are fixed"
         raise InputError(f"node {instance.ids[unit]} {said}: .npz files hold such graphs")
     lines = [] if instance.initial is None else vertex_lines(instance.ids, _scaled(instance))
     lines += [f"FIX {instance.ids[k]}\n" for k in instance.fixed or (unit,)]
