@@ -369,7 +369,7 @@ def forged(rng, given):
 
 
 @given(seeds, dimensions)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_forged_minorants_are_refused_or_true(seed, d):
     rng = rng_of(seed)
     edges = random_edges(rng, 4, d, far=False)

@@ -149,7 +149,7 @@ def test_derivatives_by_differences(seed, d, name):
 
 
 @given(seeds, dimensions, costs)
-@few
+@settings(max_examples=6)
 def test_bounds_are_below_what_descents_find(seed, d, name):
     """Under noise of the order of the graph, from the truth and from random poses."""
     problem, truth, rng = problem_at(seed, d, name, noise=0.5)

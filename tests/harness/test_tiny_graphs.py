@@ -7,7 +7,7 @@ import pytest
 pytest.importorskip("flint", reason="python-flint is not installed")
 
 
-@pytest.mark.parametrize("first", range(0, 250, 50))
+@pytest.mark.parametrize("first", [0, 200])
 def test_tiny_graphs_get_an_answer(first):
     from reports.studies.tiny_graphs import outcomes
 
