@@ -18,7 +18,7 @@ COMPARE := $(VENV)/.installed-baselines
 DEVELOP := $(VENV)/.installed-dev
 DOCS := $(VENV)/.installed-docs
 
-.PHONY: compare test gate formal paper docs linkcheck dist setup clean
+.PHONY: compare test types tests gate formal paper docs linkcheck dist setup clean
 
 compare: $(COMPARE)
 	@$(BIN)/certpgo compare
@@ -26,7 +26,12 @@ compare: $(COMPARE)
 test: $(DEVELOP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	@$(MAKE) --no-print-directory --jobs 2 types tests
+
+types:
 	$(BIN)/mypy
+
+tests:
 	@# Two workers share the cores: threads of BLAS would only wait for each other.
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2
 
