@@ -1,5 +1,6 @@
 """Commands on graphs with nodes of unknown scale: solve and certify; others refuse in a line."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -28,6 +29,16 @@ def test_an_essential_graph_is_solved_and_its_answer_certified(certpgo, essentia
     assert certpgo("certify", essential, out, "--json").json["verdict"] == "CERTIFIED"
     said = certpgo("info", essential).out
     assert "unknown of 7 nodes" in said
+
+
+def test_a_page_states_commands_that_work(certpgo, essential, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert certpgo("solve", essential.name, "--html", "page.html").code == 0
+    page = (tmp_path / "page.html").read_text()
+    stated = re.findall(r"certpgo ((?:solve|certify|check) essential\.g2o[^<\n]*)", page)
+    assert [command.split()[0] for command in stated] == ["solve", "certify", "check"]
+    for command in stated:
+        assert certpgo(*command.split()).code == 0, command
 
 
 def test_proofs_are_written_and_checked(certpgo, essential, tmp_path):
