@@ -344,16 +344,11 @@ def _refuse_part(
 
 
 def _disagreement(problem: Judged, found: Assessment) -> Disagreement | None:
-    """Measurements that disagree with the rest, by their residual angles and chordal cost.
-
-    None where no command rejects them: with distances or nodes of unknown scale.
-    """
-    from certpgo.graph import SimilarityGraph
+    """Measurements that disagree with the rest, by their residual angles and chordal cost."""
+    from certpgo.objective.similarity_problem import SimilarityProblem
     from certpgo.solve.outliers import disagreement
 
-    if problem.is_lifted or isinstance(problem.graph, SimilarityGraph):
-        return None
-    if found.certificate.rejected:
+    if problem.is_lifted or found.certificate.rejected or isinstance(problem, SimilarityProblem):
         return None
     return disagreement(problem.chordal, found.best, refit=not found.best_is_optimal)
 

@@ -77,12 +77,15 @@ def ends(instance: Instance, first: int, second: int) -> str:
 def accuracy(errors: TrajectoryErrors) -> Iterable[tuple[str, str]]:
     """Absolute and relative trajectory errors as names and values."""
     aligned, steps = "after alignment", "from each to the next"
+    unit = "m"
+    if errors.scaled:
+        aligned, unit = "after the best similarity", "of the truth's units"
     over = counted(errors.poses, "pose{s}")
     for name, metres, degrees, how in (
         ("ATE", errors.ate_m, errors.ate_deg, aligned),
         ("RPE", errors.rpe_m, errors.rpe_deg, steps),
     ):
-        of_positions = "" if metres is None else f"{metres:.6g} m, "
+        of_positions = "" if metres is None else f"{metres:.6g} {unit}, "
         yield name, f"{of_positions}{degrees:.6g} degrees  (root mean square, {over}, {how})"
 
 

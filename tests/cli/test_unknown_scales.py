@@ -41,6 +41,21 @@ def test_a_page_states_commands_that_work(certpgo, essential, tmp_path, monkeypa
         assert certpgo(*command.split()).code == 0, command
 
 
+def test_a_map_without_a_unit_is_compared_with_truth_after_a_similarity(certpgo, tmp_path):
+    graph, truth = random_maps(np.random.default_rng(0), 3)
+    path, scale = tmp_path / "map.npz", 20.0
+    library.write(path, replace(graph, free=~graph.is_point))
+    found = []
+    for factor in (1.0, scale):
+        t = tmp_path / f"{factor:g}.tum"
+        library.write(t, library.Estimate(truth.rotations, factor * truth.translations))
+        found.append(certpgo("solve", path, "--truth", t, "--json").json["accuracy"])
+        assert "after the best similarity" in certpgo("solve", path, "--truth", t).out
+    assert all(one["scaled"] for one in found)
+    for name in ("ate_m", "rpe_m"):
+        assert found[1][name] == pytest.approx(scale * found[0][name], rel=1e-6)
+
+
 def test_proofs_are_written_and_checked(certpgo, essential, tmp_path):
     proof, out = tmp_path / "p.cert", tmp_path / "out.g2o"
     assert certpgo("solve", essential, "-o", out, "--proof", proof).code == 0
