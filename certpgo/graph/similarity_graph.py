@@ -85,11 +85,11 @@ class SimilarityGraph(PoseGraph):
         return f"{super().size_in_words}, {counted(unknown, 'unknown scale{s}')}"
 
     def _facts(self) -> Iterator[tuple[str, str]]:
-        *measured, following = super()._facts()
-        yield from measured
+        *weights, connected, following = super()._facts()
+        yield from weights
         low, high = self.scales.min(), self.scales.max()
         yield "scales", f"relative scales {low:.4g} to {high:.4g}"
-        yield following
+        yield from (connected, following)
 
     def with_matrix_weights(self, W: FloatArray) -> PoseGraph:
         """Refused: weights of similarities are isotropic."""

@@ -29,6 +29,11 @@ def test_an_essential_graph_is_solved_and_its_answer_certified(certpgo, essentia
     assert certpgo("certify", essential, out, "--json").json["verdict"] == "CERTIFIED"
     said = certpgo("info", essential).out
     assert "unknown of 7 nodes" in said
+    assert "rotations alone, all weights 1" in said
+    assert "F over similarities (default)" in said
+    assert not {"residual-angle", "chordal", "m^2"} & set(said.replace(",", " ").split())
+    shown = str(library.read(essential, quiet=True)).splitlines()
+    assert [line.split()[0] for line in shown].count("connected") == 1
 
 
 def test_a_page_states_commands_that_work(certpgo, essential, tmp_path, monkeypatch):
@@ -127,9 +132,15 @@ def test_the_cost_of_logarithms_has_a_bound_near_its_scales(certpgo, essential, 
     assert out.read_text().count("VERTEX_SIM3:EXPMAP") == 8
     found = certpgo("solve", essential, "--scales-within", "1.05", "--json").json
     assert 0.8 * found["cost"] < found["lower_bound"] < found["cost"]
+    assert found["verdict"] is None
+    assert found["relative_gap"] == pytest.approx(1.0 - found["lower_bound"] / found["cost"])
+    assert "up to the rounding of measurements" in done.out
     for more, said in (
-        (("--html", tmp_path / "p.html"), "not --html"),
-        (("--cost", "chordal"), "not --cost"),
+        (
+            ("--html", tmp_path / "p.html"),
+            "certifies nothing that a page or proof could state: not with --html",
+        ),
+        (("--cost", "chordal"), "not with --cost"),
         (("--robust",), "--robust is not for"),
     ):
         refused = certpgo("solve", essential, "--scales-within", "1.05", *more)
