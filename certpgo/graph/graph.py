@@ -18,6 +18,7 @@ __all__ = [
     "RotationGraph",
     "SimilarityGraph",
     "has_matrix_weights",
+    "length_unit",
     "require_connected",
     "require_isotropic",
     "require_one_unit",
@@ -42,6 +43,11 @@ def has_matrix_weights(graph: Graph) -> bool:
     if isinstance(graph, PoseGraph):
         return graph.arms is not None or graph.rotation.is_general
     return graph.is_general
+
+
+def length_unit(graph: Graph) -> str:
+    """The unit of lengths, in words: metres, but with nodes of unknown scale the map's own."""
+    return "units" if isinstance(graph, SimilarityGraph) else "m"
 
 
 def require_one_unit(graph: Graph, it_does: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -56,6 +57,8 @@ class SimilarityGraph(PoseGraph):
 
     scales: FloatArray = field(default_factory=lambda: np.ones(0))
     free: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+
+    _area: ClassVar[str] = "square unit"
 
     def __post_init__(self) -> None:
         super().__post_init__()

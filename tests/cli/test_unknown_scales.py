@@ -25,6 +25,8 @@ def test_an_essential_graph_is_solved_and_its_answer_certified(certpgo, essentia
     assert done.code == 0
     assert done.out.startswith("CERTIFIED")
     assert "F over similarities, in the unit of the poses of known scale" in done.out
+    assert re.search(r"largest residual .* degrees, [\d.]+ units\n", done.out)
+    assert re.search(r"costliest edges .* [\d.e-]+ units\n", done.out)
     assert certpgo("certify", essential, out).code == 0
     assert certpgo("certify", essential, out, "--json").json["verdict"] == "CERTIFIED"
     said = certpgo("info", essential).out
