@@ -231,12 +231,15 @@ def bound_claim(certificate: Statement) -> str:
     return "probably no estimate costs less" if certificate.tier == "screen" else _CLAIM
 
 
-def numbers(certificate: Statement, metres: float | None = None) -> Iterable[tuple[str, str]]:
+def numbers(
+    certificate: Statement, metres: float | None = None, unit: str = "m"
+) -> Iterable[tuple[str, str]]:
     """Cost, bound, gap and tolerance as names and values.
 
     Parameters
     ----------
     metres : the largest translation residual, if it is known
+    unit : its unit
     """
     c = certificate
     yield "cost", f"{cost_shown(c.cost_upper)}  ({c.cost_in_words})"
@@ -247,7 +250,7 @@ def numbers(certificate: Statement, metres: float | None = None) -> Iterable[tup
     mostly = c.atol * c.scale > c.rtol * c.cost_upper
     of_weights = f"  (mostly {c.atol:.3g} of the total weight W)" if mostly else ""
     yield "tolerance", f"{c.tolerance:.3g}{of_weights}"
-    far = "" if metres is None else f", {metres:.4g} m"
+    far = "" if metres is None else f", {metres:.4g} {unit}"
     yield "largest residual", f"{math.degrees(c.max_residual_angle):.4g} degrees{far}"
     if c.refined_cost < c.cost_upper - c.tolerance:
         ended = "" if c.settled else "part of a "

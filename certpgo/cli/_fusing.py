@@ -74,8 +74,9 @@ def fused_at(
     Raises
     ------
     InputError
-        A node whose id is no number of a frame.
+        A node whose id is no number of a frame, or nodes of unknown scale.
     """
+    from certpgo.graph import SimilarityGraph
     from certpgo.io import read
     from certpgo.registration.averaging import averaged_graph
     from certpgo.registration.calibration import colour_camera
@@ -83,6 +84,11 @@ def fused_at(
     from certpgo.registration.stages import Cache
 
     instance = read(graph)
+    if isinstance(instance.graph, SimilarityGraph):
+        raise InputError(
+            f"{graph}: nodes of unknown scale, and --frames fuses depths of known scale: fuse the "
+            "frames with --unknown-depth-scale --out SCENE, or solve the graph with certpgo solve"
+        )
     last = len(frames) - 1
     outside = [node for node in instance.ids.tolist() if not 0 <= node <= last]
     if outside:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
@@ -34,6 +35,12 @@ class FittedLogarithms(Result):
         return None if self.truth is None else self.truth.errors(self.fit.estimate)
 
     @property
+    def _relative_gap(self) -> float | None:
+        """What separates cost and bound, over the cost; None where that is not a number."""
+        cost, bound = self.fit.cost, self._bound
+        return (cost - bound) / cost if cost > 0.0 and math.isfinite(bound) else None
+
+    @property
     def standing(self) -> str:
         """That Ctrl-C ended the descent or the search for the bound; else empty."""
         ended = {self.fit.solution.status.value, self.fit.nearby.solution.status.value}
@@ -48,6 +55,7 @@ class FittedLogarithms(Result):
         facts(self._said(outputs))
 
     def _said(self, outputs: Outputs) -> Iterator[tuple[str, str]]:
+        from certpgo.certify.wording import part
         from certpgo.graph.phrases import cost_shown
         from certpgo.solve import accuracy_wording as wording
 
@@ -56,9 +64,12 @@ class FittedLogarithms(Result):
         yield "cost", f"{cost_shown(self.fit.cost)}  (of logarithms; no certificate is about it)"
         yield (
             "at least",
-            f"{cost_shown(self._bound)}  (proven of maps whose scales, over these, are within a "
-            f"factor {self.within:g} of their root mean square)",
+            f"{cost_shown(self._bound)}  (proven, up to the rounding of measurements in the units "
+            f"of the nodes, of maps whose scales, over these, are within a factor {self.within:g} "
+            "of their root mean square)",
         )
+        if (share := self._relative_gap) is not None:
+            yield "between them", f"{part(share)} of the cost"
         yield "ended", f"{solution.status.value}, {solution.iterations} steps"
         if accuracy is not None:
             yield from wording.accuracy(accuracy)
@@ -70,9 +81,11 @@ class FittedLogarithms(Result):
         solution, accuracy = self.fit.solution, self._accuracy
         return {
             "graph": self.part.name,
-            "objective": "logarithms",
+            "objective": "cost of logarithms over similarities",
+            "verdict": None,
             "cost": self.fit.cost,
             "lower_bound": self._bound,
+            "relative_gap": self._relative_gap,
             "scales_within": self.within,
             "status": solution.status.value,
             "iterations": solution.iterations,

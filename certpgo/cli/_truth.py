@@ -43,10 +43,14 @@ TruthOffset = Annotated[
 
 @dataclass(frozen=True)
 class KnownPoses:
-    """Ground truth of some poses of a graph: ``nodes`` (k,), ascending, and their ``poses``."""
+    """Ground truth of some poses of a graph: ``nodes`` (k,), ascending, and their ``poses``.
+
+    Errors are after the best similarity if estimates are ``unscaled``: without any known scale.
+    """
 
     nodes: IntArray
     poses: Estimate
+    unscaled: bool = False
 
     @classmethod
     def of(
@@ -63,6 +67,7 @@ class KnownPoses:
         """
         import numpy as np
 
+        from certpgo.graph import SimilarityGraph
         from certpgo.io.estimates import matched_truth, truth_in_words
 
         if source is None:
@@ -73,7 +78,8 @@ class KnownPoses:
         nodes, poses, found = matched_truth(path, part, how, topic=reading.topic_of(source))
         notice(f"{path}: {truth_in_words(found, part)}")
         of_poses = np.isin(nodes, part.poses)
-        return cls(nodes[of_poses], poses.subset(np.flatnonzero(of_poses)))
+        unscaled = isinstance(part.graph, SimilarityGraph) and part.graph.in_mean_unit
+        return cls(nodes[of_poses], poses.subset(np.flatnonzero(of_poses)), unscaled)
 
     def errors(self, estimate: Estimate) -> TrajectoryErrors:
         """The errors of an estimate of the graph, in the order of node ids."""
@@ -82,4 +88,4 @@ class KnownPoses:
         known = estimate.subset(self.nodes)
         if self.poses.translations is None:
             known = known.with_translations(None)
-        return trajectory_errors(known, self.poses)
+        return trajectory_errors(known, self.poses, scaled=self.unscaled)

@@ -60,12 +60,14 @@ def show(
     """
     from certpgo.certify.certificate import CHORDAL
     from certpgo.certify.wording import limits, numbers, stated_objective, trusts
+    from certpgo.graph.graph import length_unit
     from certpgo.solve import accuracy_wording as wording
 
     chordal = certificate.objective == CHORDAL
+    farthest = None if assessment is None else assessment.farthest
     facts(
         [
-            *numbers(certificate, None if assessment is None else assessment.farthest),
+            *numbers(certificate, farthest, length_unit(part.graph)),
             *limits(certificate),
             *([] if fit is None else [("chi^2", str(fit))]),
             *wording.redundancy(part),

@@ -345,9 +345,10 @@ def _refuse_part(
 
 def _disagreement(problem: Judged, found: Assessment) -> Disagreement | None:
     """Measurements that disagree with the rest, by their residual angles and chordal cost."""
+    from certpgo.objective.similarity_problem import SimilarityProblem
     from certpgo.solve.outliers import disagreement
 
-    if problem.is_lifted or found.certificate.rejected:
+    if problem.is_lifted or found.certificate.rejected or isinstance(problem, SimilarityProblem):
         return None
     return disagreement(problem.chordal, found.best, refit=not found.best_is_optimal)
 

@@ -27,6 +27,7 @@ def command(
     reading: Reading,
 ) -> None:
     """Describe a graph: counts, connectivity, weights, eigenvalues, symmetry and notices."""
+    from certpgo.graph import SimilarityGraph
     from certpgo.solve import diagnostics
 
     graph, reading = reading.of_all(graphs)
@@ -46,10 +47,12 @@ def command(
         document({**_as_json(instance, found, spectra, engine), **more})
         return
     facts(_lines(instance, found, engine, left_open))
+    scaled = isinstance(instance.graph, SimilarityGraph)
     for name, by_weights in spectra.items():
         for weights, spectrum in by_weights.items():
-            typer.echo(f"\n{name}, {_WEIGHTS[weights]}")
-            facts(_spectrum_lines(spectrum))
+            rotations = ", rotations alone" if scaled else ""
+            typer.echo(f"\n{name}{rotations}, {_WEIGHTS[weights]}")
+            facts(_spectrum_lines(spectrum, scaled))
         if (symmetry := symmetries[name]) is not None:
             facts(_symmetry_lines(symmetry))
     if not all(spectra.values()):
@@ -116,6 +119,7 @@ def _lines(
     gaps = "" if found.consecutive else " with gaps"
     yield "nodes", f"{found.nodes}, ids {found.first_id} to {found.last_id}{gaps}"
     yield "edges", f"{found.edges}, {found.parallel_edges} of them parallel to an earlier edge"
+    scaled = isinstance(instance.graph, SimilarityGraph)
     if isinstance(instance.graph, SimilarityGraph):
         unknown = counted(int(instance.graph.free.sum()), "node{s}")
         yield "scales", f"unknown of {unknown}: certpgo solve and certify know them, in the cost F"
@@ -130,10 +134,17 @@ def _lines(
         yield "undetermined", left_open
     yield "kappa", f"{_range(found.kappa)} (rotational weights)"
     if found.tau is not None:
-        yield "tau", f"{_range(found.tau)} per m^2 (translational weights)"
+        unit = "square unit" if scaled else "m^2"
+        yield "tau", f"{_range(found.tau)} per {unit} (translational weights)"
     yield "read as", reading_sentence(instance.options)
     own, *others = costs_of(instance)
-    yield "costs", ", ".join([f"{own} (default)", *others])
+    if scaled:
+        yield (
+            "costs",
+            "F over similarities (default), of logarithms (certpgo solve --scales-within)",
+        )
+    else:
+        yield "costs", ", ".join([f"{own} (default)", *others])
     if instance.world is not None:
         yield "world", f"node {instance.ids[instance.world]}, which priors are measured from"
     yield "initial values", "in the file" if instance.initial is not None else "none"
@@ -150,7 +161,8 @@ def _range(ends: tuple[float, float]) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def _spectrum_lines(spectrum: Spectrum) -> Iterable[tuple[str, str]]:
+def _spectrum_lines(spectrum: Spectrum, scaled: bool) -> Iterable[tuple[str, str]]:
+    """The eigenvalues; of a graph with unknown scales without the bound on residual angles."""
     values = "  ".join(f"{value:.6g}" for value in spectrum.smallest)
     yield "smallest eigenvalues", f"{values}  (0 for perfect measurements)"
     yield "connectivity", f"{spectrum.fiedler:.6g}  (second eigenvalue of the graph Laplacian)"
@@ -158,6 +170,8 @@ def _spectrum_lines(spectrum: Spectrum) -> Iterable[tuple[str, str]]:
         "inconsistency",
         f"{spectrum.inconsistency:.3g}  (smallest eigenvalue over connectivity)",
     )
+    if scaled:
+        return
     yield (
         "residual-angle bound",
         f"{math.degrees(spectrum.alpha_max):.4g} degrees by the largest degree, "

@@ -315,7 +315,7 @@ def _refuse_with_unknown_scale(
 def _objective(found: Reconstruction | Fused) -> str:
     """The name of the certified cost."""
     if _factors(found) is not None:
-        return "similarity"
+        return found.averaged.answer.certificate.objective
     return "F" if found.averaged.instance.information is None else "g2o"
 
 

@@ -329,7 +329,7 @@ class _Submaps(Result):
             "reason": certificate.reason,
             "cost": found.solution.cost,
             "lower_bound": certificate.lower_bound,
-            "objective": "similarity",
+            "objective": found.solution.certificate.objective,
             "registration": {
                 "scans": names,
                 "scales": self.scales,

@@ -239,9 +239,14 @@ def _refuse_with_logarithms(
         raise InputError(f"{instance.name}: --scales-within is for nodes of unknown scale")
     if not 1.0 <= within < math.inf:
         raise InputError(f"--scales-within takes a factor of at least 1, not {within:g}")
-    for name, value in {**given, "no-file-start": not stored}.items():
-        if value:
-            raise InputError(f"--scales-within has a cost and a start of its own: not --{name}")
+    if given["cost"]:
+        raise InputError("--scales-within has a cost of its own: not with --cost")
+    if not stored:
+        raise InputError("--scales-within has a start of its own: not with --no-file-start")
+    for name in ("html", "proof"):
+        if given[name]:
+            said = "certifies nothing that a page or proof could state"
+            raise InputError(f"--scales-within {said}: not with --{name}")
 
 
 def _judging(timestamps: str | None, max_difference: float) -> dict[str, Any]:

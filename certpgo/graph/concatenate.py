@@ -35,7 +35,7 @@ def joined(
         They are of different dimensions or kinds, or only some have couplings.
     """
     for graph in graphs:
-        require_one_unit(graph, "joint graphs")
+        require_one_unit(graph, "a joint graph does")
     require_one_make(map(make_of, graphs))
     rotations = [graph.rotation for graph in graphs]
     rotation = RotationGraph(

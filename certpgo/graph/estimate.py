@@ -104,9 +104,11 @@ class Estimate(Speaking):
     def _facts(self) -> Iterator[tuple[str, str]]:
         t = self.translations
         if t is not None and len(t):
-            yield "extent", " x ".join(f"{length:.4g}" for length in np.ptp(t, axis=0)) + " m"
+            unit = "m" if self.scales is None else "units"
+            extent = " x ".join(f"{length:.4g}" for length in np.ptp(t, axis=0))
+            yield "extent", f"{extent} {unit}"
             steps = np.linalg.norm(np.diff(t, axis=0), axis=1)
-            yield "path", f"{steps.sum():.4g} m through all nodes in their order"
+            yield "path", f"{steps.sum():.4g} {unit} through all nodes in their order"
         if self.scales is not None and len(self.scales):
             yield "scales", f"{self.scales.min():.4g} to {self.scales.max():.4g}"
         yield from self.keys.facts()

@@ -18,6 +18,7 @@ __all__ = [
     "RotationGraph",
     "SimilarityGraph",
     "has_matrix_weights",
+    "length_unit",
     "require_connected",
     "require_isotropic",
     "require_one_unit",
@@ -44,10 +45,15 @@ def has_matrix_weights(graph: Graph) -> bool:
     return graph.is_general
 
 
-def require_one_unit(graph: Graph, what: str) -> None:
-    """Refuse a graph with nodes of unknown scale by an InputError, which says for what."""
+def length_unit(graph: Graph) -> str:
+    """The unit of lengths, in words: metres, but with nodes of unknown scale the map's own."""
+    return "units" if isinstance(graph, SimilarityGraph) else "m"
+
+
+def require_one_unit(graph: Graph, it_does: str) -> None:
+    """Refuse a graph with nodes of unknown scale by an InputError: ``it_does`` not take them."""
     if isinstance(graph, SimilarityGraph):
-        raise InputError(f"{what} of nodes of unknown scale (similarities) are not known here")
+        raise InputError(f"{it_does} not take nodes of unknown scale (similarities)")
 
 
 def require_isotropic(graph: Graph) -> None:

@@ -70,9 +70,11 @@ def size_in_words(poses: int, points: int, edges: int, d: int, *, kind: str = "p
     return f"{counted(poses, f'{kind[:-1]}{{s}}')}{of_points}, {counted(edges, 'edge{s}')}, {d}D"
 
 
-def ranges_of_weights(kappa: FloatArray, tau: FloatArray | None) -> Iterator[tuple[str, str]]:
+def ranges_of_weights(
+    kappa: FloatArray, tau: FloatArray | None, area: str = "m^2"
+) -> Iterator[tuple[str, str]]:
     """The ranges of the concentrations (m,); those of edges without are left out."""
-    units = (("kappa", kappa, "(rotational weights)"), ("tau", tau, "per m^2 (translational)"))
+    units = (("kappa", kappa, "(rotational weights)"), ("tau", tau, f"per {area} (translational)"))
     for name, weights, unit in units:
         if weights is not None and len(known := weights[weights > 0.0]):
             low, high = f"{known.min():.6g}", f"{known.max():.6g}"

@@ -77,6 +77,9 @@ class PoseGraph(Speaking):
     assumed: BoolArray | None = None
     absolute: BoolArray | None = None
 
+    #: The unit of 1 / tau.
+    _area: ClassVar[str] = "m^2"
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "translations", frozen_floats(self.translations))
         object.__setattr__(self, "tau", frozen_floats(self.tau))
@@ -164,7 +167,7 @@ class PoseGraph(Speaking):
         return f"{type(self).__name__}: {self.size_in_words}"
 
     def _facts(self) -> Iterator[tuple[str, str]]:
-        yield from ranges_of_weights(self.rotation.kappa, self.tau)
+        yield from ranges_of_weights(self.rotation.kappa, self.tau, self._area)
         if self.arms is not None or self.rotation.is_general:
             yield "", "these are means: edges have matrix weights"
         if self.is_partial:

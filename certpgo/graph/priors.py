@@ -73,7 +73,7 @@ def with_priors(
     >>> print(answer.verdict.value, bool(error.max() < 0.1))
     CERTIFIED True
     """
-    require_one_unit(graph, "priors")
+    require_one_unit(graph, "priors do")
     if has_matrix_weights(graph):
         raise InputError("priors are added before matrix weights, couplings or arms")
     nodes = np.asarray(nodes)
@@ -153,7 +153,7 @@ def with_directions(
     >>> print(answer.verdict.value, bool(np.abs(tilt).max() < 0.02))
     CERTIFIED True
     """
-    require_one_unit(graph, "directions")
+    require_one_unit(graph, "directions do")
     nodes, d, rotation = np.asarray(nodes), graph.d, graph.rotation
     k = len(nodes)
     g, h = _unit(np.asarray(seen, dtype=np.float64)), np.eye(d)[-1]

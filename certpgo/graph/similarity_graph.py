@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -57,6 +58,8 @@ class SimilarityGraph(PoseGraph):
     scales: FloatArray = field(default_factory=lambda: np.ones(0))
     free: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))
 
+    _area: ClassVar[str] = "square unit"
+
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.arms is not None or self.rotation.is_general:
@@ -85,11 +88,11 @@ class SimilarityGraph(PoseGraph):
         return f"{super().size_in_words}, {counted(unknown, 'unknown scale{s}')}"
 
     def _facts(self) -> Iterator[tuple[str, str]]:
-        *measured, following = super()._facts()
-        yield from measured
+        *weights, connected, following = super()._facts()
+        yield from weights
         low, high = self.scales.min(), self.scales.max()
         yield "scales", f"relative scales {low:.4g} to {high:.4g}"
-        yield following
+        yield from (connected, following)
 
     def with_matrix_weights(self, W: FloatArray) -> PoseGraph:
         """Refused: weights of similarities are isotropic."""

@@ -59,7 +59,7 @@ def streamed(
     for first in range(0, len(order), size):
         edges = order[first : first + size]
         nodes = np.unique(graph.edges[edges])
-        require_one_unit(graph, "streams")
+        require_one_unit(graph, "certpgo follow does")
         part = graph.with_edges(edges).subgraph(nodes)
         if isinstance(measured, Instance):
             one = _part(measured, part, edges, nodes)

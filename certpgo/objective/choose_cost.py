@@ -15,7 +15,7 @@ from certpgo.objective.costs import CHORDAL, COSTS
 from certpgo.objective.edge_cost import EdgeCost
 from certpgo.objective.information_problem import InformationProblem, Surrogate, surrogate
 from certpgo.objective.position_costs import WithPositions
-from certpgo.objective.problem import ALONE, Problem, problem_of
+from certpgo.objective.problem import SCALED, Problem, problem_of
 from certpgo.objective.range_problem import RangeProblem
 from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.objective.truncated_problem import TruncatedProblem
@@ -106,7 +106,7 @@ def problem_under(
         )
     if isinstance(_graph_of(posed), SimilarityGraph):
         said = f"{posed.source or posed.name}: " if isinstance(posed, Instance) else ""
-        raise InputError(f"{said}similarities {ALONE}")
+        raise InputError(f"{said}{SCALED}")
     if isinstance(posed, Instance):
         cost = own_cost(posed) if cost is None else cost
         if isinstance(posed.graph, PoseGraph) and posed.graph.is_partial:

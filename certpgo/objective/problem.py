@@ -27,8 +27,11 @@ from certpgo.objective import operators
 from certpgo.objective.base import AnyPoint, Objective, require_graph
 from certpgo.objective.rotation_problem import RotationProblem, RotationsOfPoses
 
-#: What unknown scales are for.
-ALONE = "(nodes of unknown scale) are for certpgo.solve and certify alone, in the cost F"
+#: Why unknown scales are refused, and what takes them.
+SCALED = (
+    "nodes of unknown scale (similarities) are not taken here, but by certpgo.solve, certify, "
+    "prove, reweigh and fit_logarithms"
+)
 
 __all__ = ["PoseProblem", "Problem", "RotationProblem", "problem_of"]
 
@@ -76,7 +79,7 @@ class PoseProblem(Objective):
     def __post_init__(self) -> None:
         require_graph(self, PoseGraph, "a RotationGraph has no translations: RotationProblem(g)")
         if isinstance(self.graph, SimilarityGraph) and not self.takes_scales:
-            raise InputError(f"similarities {ALONE}")
+            raise InputError(SCALED)
         require_connected(self.graph)
         if self.graph.is_partial:
             require_determined(self.graph)

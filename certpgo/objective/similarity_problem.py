@@ -65,7 +65,6 @@ class SimilarityProblem(PoseProblem):
         """What the cost is."""
         return f"{SIMILAR}, in the unit of {IN_MEAN if self.in_mean_unit else IN_KNOWN}"
 
-    cost_name = "similarity"
     takes_scales = True
 
     @cached_property

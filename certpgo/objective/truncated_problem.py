@@ -321,7 +321,7 @@ def rejecting(
     if not isinstance(problem, PoseProblem | RotationProblem | InformationProblem):
         raise InputError("rejections are certified without distances alone")
     if isinstance(problem, PoseProblem) and problem.takes_scales:
-        raise InputError("rejections of nodes of unknown scale (similarities) are not known here")
+        raise InputError("rejections are certified without nodes of unknown scale alone")
     m = problem.graph.num_edges
     chosen = np.asarray(rejected)
     if chosen.ndim != 1 or chosen.dtype.kind not in "iu" or len(np.unique(chosen)) != len(chosen):

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from certpgo.certify.certificate import CHORDAL, Certificate
 from certpgo.certify.wording import part
 from certpgo.graph import Instance
+from certpgo.graph.graph import length_unit
 from certpgo.graph.phrases import counted, few
 from certpgo.linalg.arrays import IntArray
 from certpgo.solve.assessment import Assessment
@@ -77,12 +78,15 @@ def ends(instance: Instance, first: int, second: int) -> str:
 def accuracy(errors: TrajectoryErrors) -> Iterable[tuple[str, str]]:
     """Absolute and relative trajectory errors as names and values."""
     aligned, steps = "after alignment", "from each to the next"
+    unit = "m"
+    if errors.scaled:
+        aligned, unit = "after the best similarity", "of the truth's units"
     over = counted(errors.poses, "pose{s}")
     for name, metres, degrees, how in (
         ("ATE", errors.ate_m, errors.ate_deg, aligned),
         ("RPE", errors.rpe_m, errors.rpe_deg, steps),
     ):
-        of_positions = "" if metres is None else f"{metres:.6g} m, "
+        of_positions = "" if metres is None else f"{metres:.6g} {unit}, "
         yield name, f"{of_positions}{degrees:.6g} degrees  (root mean square, {over}, {how})"
 
 
@@ -98,13 +102,16 @@ def distances(a: Assessment, instance: Instance) -> Iterable[tuple[str, str]]:
     c, d = a.certificate, a.distance
     if not a.excess > c.tolerance:
         return
+    unit = length_unit(instance.graph)
     which = "the optimum" if a.best_is_optimal else "the best estimate found"
-    metres = (
-        "" if d.mean_m is None else f", {d.mean_m:.3g} m on average and {d.worst_m:.3g} m at most"
+    lengths = (
+        ""
+        if d.mean_m is None
+        else f", {d.mean_m:.3g} {unit} on average and {d.worst_m:.3g} {unit} at most"
     )
     degrees = f"{d.mean_deg:.3g} degrees on average and {d.worst_deg:.3g} degrees at most"
     poses = " (landmarks are left out)" if instance.graph.is_point.any() else ""
-    yield "distance", f"to {which}: {degrees}{metres}{poses}"
+    yield "distance", f"to {which}: {degrees}{lengths}{poses}"
     # A cost that is nearly all lost would be 100 % less.
     shown = math.isfinite(c.cost_upper) and a.excess < 0.995 * c.cost_upper
     share = f" ({part(a.excess / c.cost_upper)})" if shown else ""
@@ -112,11 +119,12 @@ def distances(a: Assessment, instance: Instance) -> Iterable[tuple[str, str]]:
 
 
 def _edges(a: Assessment, instance: Instance) -> Iterable[tuple[str, str]]:
+    unit = length_unit(instance.graph)
     for k, edge in enumerate(a.edges[:EDGES]):
         share = f"{ends(instance, *edge.ids)}: {100.0 * edge.share:.3g} % of the cost"
         degrees = [] if edge.angle is None else [f"{math.degrees(edge.angle):.4g} degrees"]
-        metres = [] if edge.metres is None else [f"{edge.metres:.3g} m"]
-        residual = ", ".join([*degrees, *metres])
+        lengths = [] if edge.metres is None else [f"{edge.metres:.3g} {unit}"]
+        residual = ", ".join([*degrees, *lengths])
         yield "" if k else "costliest edges", f"{share}, residual {residual}"
 
 

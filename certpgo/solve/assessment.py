@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from certpgo.certify import Certificate, certify
 from certpgo.errors import CertPGOError, InputError, InputNotice
-from certpgo.graph import Estimate, Graph, Instance, PoseGraph
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph, SimilarityGraph
 from certpgo.io.accept_paths import AnyPath, measured
 from certpgo.io.digits import Digits, Writing
 from certpgo.io.gtsam_values import estimate_from_values
@@ -28,7 +28,9 @@ EDGES = 5
 
 @dataclass(frozen=True)
 class Distance:
-    """Distance between two estimates, each measure after its best rigid alignment.
+    """Distance between two estimates, each measure after its best alignment.
+
+    That is a rigid motion, or a similarity where no scale is known.
 
     Attributes
     ----------
@@ -150,7 +152,9 @@ def assess(
         best_cost=cost,
         best_is_optimal=c.is_optimal(cost),
         excess=c.cost_upper - cost if math.isfinite(c.cost_upper) else math.inf,
-        distance=distance(estimate.subset(nodes), best.subset(nodes)),
+        distance=distance(
+            estimate.subset(nodes), best.subset(nodes), scaled=_is_without_scale(problem)
+        ),
         edges=costly_edges(
             problem, estimate, np.arange(problem.n) if ids is None else ids, pairs=pairs
         ),
@@ -160,12 +164,17 @@ def assess(
     )
 
 
-def distance(estimate: Estimate, other: Estimate) -> Distance:
-    """The distance between two estimates, each in any frame."""
+def _is_without_scale(problem: Judged) -> bool:
+    graph = problem.graph
+    return isinstance(graph, SimilarityGraph) and graph.in_mean_unit
+
+
+def distance(estimate: Estimate, other: Estimate, *, scaled: bool = False) -> Distance:
+    """The distance between two estimates, each in any frame; if ``scaled``, in any unit."""
     turn = metrics.angular_errors(estimate, other)
     if estimate.translations is None or other.translations is None:
         return Distance(turn.mean_deg, turn.worst_deg)
-    move = metrics.position_errors(estimate, other)
+    move = metrics.position_errors(estimate, other, scaled=scaled)
     return Distance(turn.mean_deg, turn.worst_deg, move.mean, move.worst)
 
 

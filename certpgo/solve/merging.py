@@ -230,7 +230,7 @@ def _as_instance(one: Instance | Graph) -> Instance:
     instance = one
     if not isinstance(instance, Instance):
         instance = Instance("map", instance, np.arange(instance.num_nodes))
-    require_one_unit(instance.graph, "merged maps")
+    require_one_unit(instance.graph, "certpgo merge does")
     return instance
 
 

@@ -68,7 +68,7 @@ class AngularErrors:
 
 @dataclass(frozen=True)
 class PositionErrors:
-    """Distances between positions after the best rigid motion, metres."""
+    """Distances between positions after the best rigid motion or similarity, metres."""
 
     mean: float
     rmse: float
@@ -84,6 +84,7 @@ class TrajectoryErrors:
     poses : number of poses that were compared
     ate_m, ate_deg : absolute errors of positions and rotations, after alignment of positions
     rpe_m, rpe_deg : errors of the steps from each pose to the next, in the frame of the first
+    scaled : whether alignment was by a similarity, so that lengths are in the truth's unit
     """
 
     poses: int
@@ -91,6 +92,7 @@ class TrajectoryErrors:
     ate_deg: float
     rpe_m: float | None
     rpe_deg: float
+    scaled: bool = False
 
 
 def align(estimate: Estimate, truth: Estimate, *, norm: Literal["l2", "l1"] = "l2") -> FloatArray:
@@ -135,22 +137,25 @@ def angular_errors(
     )
 
 
-def trajectory_errors(estimate: Estimate, truth: Estimate) -> TrajectoryErrors:
+def trajectory_errors(
+    estimate: Estimate, truth: Estimate, *, scaled: bool = False
+) -> TrajectoryErrors:
     """Absolute and relative errors of a trajectory, as evo gives them.
 
-    The estimate is first aligned by `align_positions`, without a change of scale; by its rotations
-    (`align`) where it has no translations, or positions on a line, which leave the turn open.
+    The estimate is first aligned by `align_positions`; by its rotations (`align`) where it has no
+    translations, or positions on a line, which leave the turn open.
 
     Parameters
     ----------
     estimate, truth : the same k poses or rotations, in the order of the trajectory
+    scaled : whether alignment changes the scale, too, as that of the estimate means nothing
 
     Raises
     ------
     InputError
         The numbers of poses differ, or only one of them has translations.
     """
-    moved = _aligned(estimate, truth)
+    moved = _aligned(estimate, truth, scaled)
     step, true_step = _steps(moved), _steps(truth)
     return TrajectoryErrors(
         truth.num_nodes,
@@ -158,17 +163,31 @@ def trajectory_errors(estimate: Estimate, truth: Estimate) -> TrajectoryErrors:
         _rms_degrees(moved, truth),
         _rms_metres(step, true_step),
         _rms_degrees(step, true_step),
+        scaled,
     )
 
 
-def _aligned(estimate: Estimate, truth: Estimate) -> Estimate:
+def _aligned(estimate: Estimate, truth: Estimate, scaled: bool) -> Estimate:
     if estimate.translations is None and truth.translations is None:
         return estimate.moved(align(estimate, truth))
     given, true = _translations(estimate), _translations(truth)
     if not (_is_on_a_line(given) or _is_on_a_line(true)):
-        return align_positions(estimate, truth)
-    S = align(estimate, truth)
-    return estimate.moved(S, (true - given @ S.T).mean(axis=0))
+        return align_positions(estimate, truth, scaled=scaled)
+    return _onto(truth, estimate, align(estimate, truth), scaled)
+
+
+def _onto(truth: Estimate, estimate: Estimate, S: FloatArray, scaled: bool) -> Estimate:
+    """The estimate turned by S, and then scaled, if asked, and shifted to the true positions."""
+    given, true = map(_translations, (estimate, truth))
+    centre, origin = given.mean(axis=0), true.mean(axis=0)
+    moved = estimate.moved(S, origin - S @ centre)
+    if not scaled:
+        return moved
+    x, y = true - origin, _translations(moved) - origin
+    square = float((y * y).sum())
+    s = max(float((x * y).sum()) / square, 0.0) if square > 0.0 else 1.0
+    scales = None if moved.scales is None else s * moved.scales
+    return Estimate.trusted(moved.rotations, origin + s * y, moved.keys, scales)
 
 
 def _steps(trajectory: Estimate) -> Estimate:
@@ -215,10 +234,10 @@ def f_gt(estimate: Estimate, truth: Estimate) -> float:
     return total + float((errors**2).sum())
 
 
-def align_positions(estimate: Estimate, truth: Estimate) -> Estimate:
+def align_positions(estimate: Estimate, truth: Estimate, *, scaled: bool = False) -> Estimate:
     """The estimate moved to minimise the sum of squared distances to the true positions.
 
-    Horn's closed form.
+    Horn's closed form; with a scale that is as good as can be if ``scaled`` (Umeyama 1991).
 
     Raises
     ------
@@ -232,15 +251,15 @@ def align_positions(estimate: Estimate, truth: Estimate) -> Estimate:
     given, true = map(_translations, (estimate, truth))
     centre, origin = given.mean(axis=0), true.mean(axis=0)
     S = so.project(((true - origin).T @ (given - centre))[None])[0]
-    return estimate.moved(S, origin - S @ centre)
+    return _onto(truth, estimate, S, scaled)
 
 
-def position_errors(estimate: Estimate, truth: Estimate) -> PositionErrors:
+def position_errors(estimate: Estimate, truth: Estimate, *, scaled: bool = False) -> PositionErrors:
     """Mean, root mean square and worst distance to the true positions, metres.
 
     After `align_positions`, with the same errors raised.
     """
-    moved = align_positions(estimate, truth)
+    moved = align_positions(estimate, truth, scaled=scaled)
     distances = np.linalg.norm(_translations(moved) - _translations(truth), axis=1)
     return PositionErrors(
         mean=float(distances.mean()),

@@ -36,7 +36,7 @@ def labels_of(measurements: object, nodes: Sequence[Label] | None) -> Sequence[L
         own = range(measurements.num_nodes)
     if not isinstance(graph, PoseGraph | RotationGraph):
         raise InputError(f"a session takes graphs and instances, not {kind_of(measurements)}")
-    require_one_unit(graph, "sessions")
+    require_one_unit(graph, "a session does")
     names = list(own if nodes is None else nodes)
     if world is not None and len(names) == len(own):
         names[world] = WORLD

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from certpgo.certify import Certificate, Tier, Verdict
 from certpgo.certify.obstacle import LimitedBy
-from certpgo.graph import Instance
+from certpgo.graph import Instance, SimilarityGraph
 from certpgo.objective.choose_cost import own_cost
 from certpgo.objective.costs import CHORDAL, COSTS
 from certpgo.optimize.solution import Status
@@ -34,6 +34,7 @@ class _Given(NamedTuple):
     stopped: bool
     disagreeing: bool
     has_ranges: bool
+    has_scales: bool
     judged_by: str
     judging: tuple[str, ...]
 
@@ -42,6 +43,11 @@ class _Given(NamedTuple):
         """Whether there are proofs about this cost."""
         known = self.judged_by == CHORDAL or COSTS[self.judged_by].provable
         return known and not self.has_ranges
+
+    @property
+    def is_of_poses(self) -> bool:
+        """Whether it has neither distances nor unknown scales, which are not rejected."""
+        return not (self.has_ranges or self.has_scales)
 
     @property
     def _named(self) -> str:
@@ -102,6 +108,7 @@ def advice(
         stopped=obstacle.ended_early,
         disagreeing=disagreeing,
         has_ranges=instance.ranges is not None,
+        has_scales=isinstance(instance.graph, SimilarityGraph),
         judged_by=cost,
         judging=tuple(judging),
     )
@@ -128,7 +135,7 @@ def cost_options(instance: Instance, cost: str) -> tuple[str, ...]:
 
 
 def _after_certified(given: _Given) -> Iterator[Step]:
-    if given.disagreeing:
+    if given.is_of_poses and given.disagreeing:
         yield (
             "This is the best estimate of all measurements, of which some disagree with the rest. "
             "If they may be wrong, reject them.",
@@ -158,14 +165,14 @@ def _after_bounded(certificate: Certificate, given: _Given) -> Iterator[Step]:
         )
         return
     yield from _with_less_rounding(certificate, given)
-    if not given.has_ranges and given.disagreeing:
+    if given.is_of_poses and given.disagreeing:
         yield _REJECT, given.reject()
     final = certificate.obstacle.is_final
     if not given.searched and not final:
         yield _FURTHER, given.search_on()
     elif given.stopped and not final:
         yield "The search was stopped early. Search longer.", given.solve("--time-limit", "600")
-    if not given.has_ranges and not given.disagreeing:
+    if given.is_of_poses and not given.disagreeing:
         yield _REJECT, given.reject()
     by_itself = given.searched and not given.stopped
     stays = _SOLVED if final else _ENDED if by_itself else "If the gap stays, it"
@@ -201,5 +208,5 @@ def _after_undecided(certificate: Certificate, given: _Given) -> Iterator[Step]:
         yield "The cost is not finite: look at the weights.", given.look("info")
     if not given.searched:
         yield "Let the certified search begin elsewhere.", given.solve()
-    if given.judged_by == CHORDAL and not given.has_ranges:
+    if given.judged_by == CHORDAL and given.is_of_poses:
         yield "Weaker bounds may still hold.", given.look("bounds")

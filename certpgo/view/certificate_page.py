@@ -12,7 +12,8 @@ import numpy as np
 from certpgo.certify.certificate import Certificate
 from certpgo.certify.wording import bound_claim, meaning, numbers, part, stated_objective, trusts
 from certpgo.errors import CertPGOError, NumericalError
-from certpgo.graph import Estimate, Instance, PoseGraph
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph
+from certpgo.graph.graph import length_unit
 from certpgo.graph.phrases import bound_shown, cost_shown, counted, gap_shown
 from certpgo.io.surfaces import Surface
 from certpgo.linalg.arrays import IntArray
@@ -111,7 +112,7 @@ def certificate_page(
         numbers=[*_head(instance, origin), *origin.choice, *_facts(instance, assessment)],
         scene=_scene(instance, problem, estimate, cloud, rejected),
         angles=_angles(problem, estimate),
-        edge_header=_EDGE_HEADER[: -1 if isinstance(problem, RotationProblem) else None],
+        edge_header=_edge_header(instance.graph),
         edges=[_edge(edge, instance) for edge in assessment.edges],
         bounds=[
             (rung.title, rung.shown, rung.says, rung.needs)
@@ -210,7 +211,7 @@ def _figures(certificate: Certificate, origin: Origin) -> list[tuple[str, str, s
     ]
 
 
-_EDGE_HEADER = ("edge", "nodes", "term of F", "share of F", "residual, degrees", "residual, m")
+_EDGE_HEADER = ("edge", "nodes", "term of F", "share of F", "residual, degrees")
 
 
 def _cost(problem: Certifiable) -> Iterable[str]:
@@ -250,7 +251,7 @@ def _head(instance: Instance, origin: Origin) -> Iterable[tuple[str, str]]:
 
 def _facts(instance: Instance, assessment: Assessment) -> Iterable[tuple[str, str]]:
     certificate = assessment.certificate
-    yield from numbers(certificate, assessment.farthest)
+    yield from numbers(certificate, assessment.farthest, length_unit(instance.graph))
     if assessment.fit is not None:
         yield "chi^2", str(assessment.fit)
     yield from distances(assessment, instance)
@@ -259,6 +260,11 @@ def _facts(instance: Instance, assessment: Assessment) -> Iterable[tuple[str, st
     yield "objective", stated_objective(instance.options, certificate)
     yield from provenance(instance, certificate)
     yield from (("notice", sentence) for sentence in instance.notices)
+
+
+def _edge_header(graph: Graph) -> tuple[str, ...]:
+    of_poses = isinstance(graph, PoseGraph)
+    return (*_EDGE_HEADER, f"residual, {length_unit(graph)}") if of_poses else _EDGE_HEADER
 
 
 def _edge(edge: CostlyEdge, instance: Instance) -> tuple[str, ...]:

@@ -7,7 +7,8 @@ from strategies import dimensions, pose_graph, rng_of, seeds
 
 from certpgo import Estimate, InputError
 from certpgo.linalg import rotations as so
-from certpgo.solve.metrics import trajectory_errors
+from certpgo.registration.procrustes import extended_procrustes
+from certpgo.solve.metrics import align_positions, trajectory_errors
 
 
 def turned(degrees):
@@ -68,3 +69,34 @@ def test_truth_with_metres_needs_an_estimate_with_metres():
     truth = Estimate(np.array([np.eye(2)] * 3), np.arange(6.0).reshape(3, 2))
     with pytest.raises(InputError, match="no translations"):
         trajectory_errors(truth.with_translations(None), truth)
+
+
+@given(seeds, dimensions)
+def test_the_unit_of_a_map_without_one_does_not_matter(seed, d):
+    rng = rng_of(seed)
+    _, R, t = pose_graph(rng, 7, d)
+    truth = Estimate(R, t)
+    off = Estimate(R, t + 0.1 * rng.standard_normal(t.shape))
+    one = trajectory_errors(off, truth, scaled=True)
+    other = trajectory_errors(off.with_translations(0.01 * off.translations), truth, scaled=True)
+    for name in ("ate_m", "ate_deg", "rpe_m", "rpe_deg"):
+        assert getattr(one, name) == pytest.approx(getattr(other, name), rel=1e-7, abs=1e-7)
+    assert one.ate_m <= trajectory_errors(off, truth).ate_m + 1e-12
+    _, _, s = extended_procrustes(truth.translations[None], off.translations[None])
+    fitted = align_positions(off, truth, scaled=True).translations
+    spread, before = (
+        np.ptp(fitted, axis=0),
+        np.ptp(align_positions(off, truth).translations, axis=0),
+    )
+    np.testing.assert_allclose(spread, s[0] * before, rtol=1e-9)
+
+
+def test_a_straight_map_is_scaled_too():
+    t = np.outer(np.arange(5.0), [1.0, 0.0, 0.0])
+    truth = Estimate(np.array([np.eye(3)] * 5), t)
+    turned_map = truth.moved(so.exp(np.array([0.3, -0.2, 0.9])))
+    found = trajectory_errors(
+        turned_map.with_translations(7.0 * turned_map.translations), truth, scaled=True
+    )
+    assert found.ate_m == pytest.approx(0.0, abs=1e-12)
+    assert found.rpe_m == pytest.approx(0.0, abs=1e-12)

@@ -1,5 +1,6 @@
 """Commands on graphs with nodes of unknown scale: solve and certify; others refuse in a line."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -25,10 +26,42 @@ def test_an_essential_graph_is_solved_and_its_answer_certified(certpgo, essentia
     assert done.code == 0
     assert done.out.startswith("CERTIFIED")
     assert "F over similarities, in the unit of the poses of known scale" in done.out
+    assert re.search(r"largest residual .* degrees, [\d.]+ units\n", done.out)
+    assert re.search(r"costliest edges .* [\d.e-]+ units\n", done.out)
     assert certpgo("certify", essential, out).code == 0
     assert certpgo("certify", essential, out, "--json").json["verdict"] == "CERTIFIED"
     said = certpgo("info", essential).out
     assert "unknown of 7 nodes" in said
+    assert "rotations alone, all weights 1" in said
+    assert "F over similarities (default)" in said
+    assert not {"residual-angle", "chordal", "m^2"} & set(said.replace(",", " ").split())
+    shown = str(library.read(essential, quiet=True)).splitlines()
+    assert [line.split()[0] for line in shown].count("connected") == 1
+
+
+def test_a_page_states_commands_that_work(certpgo, essential, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert certpgo("solve", essential.name, "--html", "page.html").code == 0
+    page = (tmp_path / "page.html").read_text()
+    stated = re.findall(r"certpgo ((?:solve|certify|check) essential\.g2o[^<\n]*)", page)
+    assert [command.split()[0] for command in stated] == ["solve", "certify", "check"]
+    for command in stated:
+        assert certpgo(*command.split()).code == 0, command
+
+
+def test_a_map_without_a_unit_is_compared_with_truth_after_a_similarity(certpgo, tmp_path):
+    graph, truth = random_maps(np.random.default_rng(0), 3)
+    path, scale = tmp_path / "map.npz", 20.0
+    library.write(path, replace(graph, free=~graph.is_point))
+    found = []
+    for factor in (1.0, scale):
+        t = tmp_path / f"{factor:g}.tum"
+        library.write(t, library.Estimate(truth.rotations, factor * truth.translations))
+        found.append(certpgo("solve", path, "--truth", t, "--json").json["accuracy"])
+        assert "after the best similarity" in certpgo("solve", path, "--truth", t).out
+    assert all(one["scaled"] for one in found)
+    for name in ("ate_m", "rpe_m"):
+        assert found[1][name] == pytest.approx(scale * found[0][name], rel=1e-6)
 
 
 def test_proofs_are_written_and_checked(certpgo, essential, tmp_path):
@@ -115,9 +148,15 @@ def test_the_cost_of_logarithms_has_a_bound_near_its_scales(certpgo, essential, 
     assert out.read_text().count("VERTEX_SIM3:EXPMAP") == 8
     found = certpgo("solve", essential, "--scales-within", "1.05", "--json").json
     assert 0.8 * found["cost"] < found["lower_bound"] < found["cost"]
+    assert found["verdict"] is None
+    assert found["relative_gap"] == pytest.approx(1.0 - found["lower_bound"] / found["cost"])
+    assert "up to the rounding of measurements" in done.out
     for more, said in (
-        (("--html", tmp_path / "p.html"), "not --html"),
-        (("--cost", "chordal"), "not --cost"),
+        (
+            ("--html", tmp_path / "p.html"),
+            "certifies nothing that a page or proof could state: not with --html",
+        ),
+        (("--cost", "chordal"), "not with --cost"),
         (("--robust",), "--robust is not for"),
     ):
         refused = certpgo("solve", essential, "--scales-within", "1.05", *more)
