@@ -72,10 +72,10 @@ def bits(numbers: Iterable[int]) -> int:
 
 def measurements(graph: checker.Graph, poses: bool) -> Iterator[str]:
     """A line for each edge: nodes, translation, quaternion, kappa and tau."""
-    for i, j, q, t, kappa, tau, _ in graph.edges:
-        step, turn = ("; ".join(map(hexadecimal, numbers)) for numbers in (t, near_one(q)))
-        weights = f"{hexadecimal(kappa)} {hexadecimal(tau * poses)}"
-        yield f"Edge {i} {j} [{step}] [{turn}] {weights}"
+    for edge in graph.edges:
+        step, turn = ("; ".join(map(hexadecimal, x)) for x in (edge.t, near_one(edge.q)))
+        weights = f"{hexadecimal(edge.kappa)} {hexadecimal(edge.tau * poses)}"
+        yield f"Edge {edge.i} {edge.j} [{step}] [{turn}] {weights}"
 
 
 def hints(
@@ -114,6 +114,8 @@ def theorem(name: str, path: Path, proof_path: Path, precision: int = BITS) -> s
         raise checker.Refused(f"{path} is not the file that was proven about: its SHA-256 differs")
     graph = checker.read_graph(text, claim, checker.component(path, claim["component_sha256"]))
     proof, d, poses = checker.read_proof(files, claim, graph), claim["d"], claim["kind"] == "poses"
+    if graph.free is not None:
+        raise checker.Refused("the theorem is about poses of known scale, not about similarities")
     if proof.rejected:
         raise checker.Refused("the theorem is about a cost in which no measurement is rejected")
     fields, bound = hints(graph, proof, d, precision)

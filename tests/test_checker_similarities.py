@@ -431,7 +431,7 @@ def test_the_unit_is_the_least_fixed_node_for_all_readers(tmp_path, begin, unit)
     ids, path = [1, 9, 12], tmp_path / "fixed.g2o"
     edges = [f"EDGE_SIM3:EXPMAP {i} {j} 0.1 0 0 1 0 0 0.5\n" for i, j in ((12, 9), (9, 1))]
     path.write_bytes((begin + "".join(edges)).encode())
-    own = certpgo.read(path, quiet=True, fixed=False)
+    own = certpgo.read(path, quiet=True)
     assert np.flatnonzero(~own.graph.free).tolist() == [ids.index(unit)]
     assert (
         checker.read_graph(path.read_bytes(), CLAIM, None).free.tolist() == own.graph.free.tolist()

@@ -7,11 +7,14 @@ import sys
 from fractions import Fraction
 from pathlib import Path
 
+import numpy as np
 import proofs
 import pytest
 from strategies import point_graph, pose_graph, rng_of, rotation_graph
 
+import certpgo
 from certpgo import integer_checker as exact
+from certpgo.io.datasets.monocular import random_maps
 
 FORMAL = Path(__file__).parents[1] / "formal"
 THEORY = ("Statement", "Definite", "Check", "Bound")
@@ -55,6 +58,17 @@ def made(folder, name, graph):
     """The text of a theorem, and what the integer checker proves."""
     path, proof = proofs.proven(folder, graph, name)
     return certificate.theorem(name, path, proof), exact.check(path, proof), path
+
+
+def test_similarities_are_refused(tmp_path):
+    graph, _ = random_maps(np.random.default_rng(0), 3, turn=0.02)
+    path, proof = tmp_path / "maps.npz", tmp_path / "maps.cert"
+    certpgo.write(path, certpgo.Instance("maps", graph, np.arange(8)))
+    instance = certpgo.read(path, quiet=True)
+    answer = certpgo.solve(instance, tier="proof")
+    certpgo.write_proof(proof, path, instance, answer.estimate, answer.certificate)
+    with pytest.raises(exact.Refused, match="not about similarities"):
+        certificate.theorem("Maps", path, proof)
 
 
 def axioms(said):

@@ -7,6 +7,9 @@ import pytest
 from reports.harness.speed import bench
 from reports.harness.speed.measuring import Comparison, Group, Lap
 
+#: Sections that start many processes, or read large files.
+SLOW = ("processes", "reading")
+
 
 def group(subject, *timers):
     """Steps called a and b, with these timers."""
@@ -19,13 +22,15 @@ def group(subject, *timers):
 
 
 @pytest.mark.gtsam
-def test_the_quick_sample_measures_every_section(certpgo, tmp_path):
-    done = certpgo("bench", "speed", "--quick", "--out", tmp_path)
+def test_the_quick_sample_measures_sections(certpgo, tmp_path):
+    chosen = [name for name in bench.SECTIONS if name not in SLOW]
+    options = [word for name in chosen for word in ("--section", name)]
+    done = certpgo("bench", "speed", "--quick", *options, "--out", tmp_path)
     assert done.code == 0, done.err
     assert "ratios with a goal" in done.out
     assert "written to" in done.err
     page = (tmp_path / "speed.md").read_text(encoding="utf-8")
-    for section in bench.SECTIONS:
+    for section in chosen:
         assert f"## {section.capitalize()}" in page
     assert "CERTIFIED" in page
     assert (tmp_path / "speed.csv").read_text().startswith("section,")
