@@ -25,6 +25,7 @@ NAMES = scan.table_names()
 #: Methods that take too long for a test, by table.
 SLOW = {
     "moreira2020_table5_4": {"low rank and sparse"},
+    "moreira2020_table5_7_ratios": {"EIG-SE(3)", "chordal (ours)"},
     "robust_pose_graphs": {
         "graduated non-convexity, from the certified optimum",
         "certified optimum, not robust",

@@ -7,10 +7,9 @@ import pytest
 pytest.importorskip("flint", reason="python-flint is not installed")
 
 
-@pytest.mark.parametrize("first", [0, 200])
-def test_tiny_graphs_get_an_answer(first):
+def test_tiny_graphs_get_an_answer():
     from reports.studies.tiny_graphs import outcomes
 
-    found = sum((outcomes(seed) for seed in range(first, first + 50)), Counter())
+    found = sum((outcomes(seed) for seed in range(200, 250)), Counter())
     assert [outcome for outcome in found if "FAILED" in outcome] == []
     assert found["solve: CERTIFIED"] + found["solve: BOUNDED"] >= 45
