@@ -26,7 +26,7 @@ import numpy as np
 
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, SimilarityGraph
-from certpgo.graph.relaxed_point import Lift, translations_of
+from certpgo.graph.relaxed_point import translations_of
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.similarities import Similarities, log_derivatives
@@ -97,10 +97,10 @@ def logarithmic_mean(sigma: FloatArray) -> FloatArray:
 class LogarithmModel(SimilarityModel):
     """The cost of logarithms near an estimate: a `QuadraticModel` of Gauss and Newton."""
 
-    def __init__(self, problem: SimilarityProblem, point: Lift) -> None:
-        super().__init__(problem, point)
-        self.edge_costs: FloatArray = (self._precisions * self._errors**2).sum(axis=1)
-        self.cost = float(self.edge_costs.sum())
+    @cached_property
+    def edge_costs(self) -> FloatArray:
+        """(m,) terms of the cost."""
+        return np.asarray((self._precisions * self._errors**2).sum(axis=1))
 
     @cached_property
     def _precisions(self) -> FloatArray:

@@ -30,10 +30,14 @@ class SimilarityModel:
 
     def __init__(self, problem: Any, point: Lift) -> None:
         self.problem, self.point = problem, problem.blocks(point)
-        point = self.point
-        self.cost = float(problem.edge_costs(point).sum())
-        self.rank = point.rotations.shape[1]
+        self.rank = self.point.rotations.shape[1]
         self.layout = problem.layout(self.rank)
+        self.cost = float(self.edge_costs.sum())
+
+    @cached_property
+    def edge_costs(self) -> FloatArray:
+        """(m,) terms of the cost."""
+        return np.asarray(self.problem.edge_costs(self.point))
 
     @cached_property
     def gauge(self) -> FloatArray:
