@@ -12,7 +12,9 @@ from certpgo.cli._show import facts
 from certpgo.cli._truth import KnownPoses
 
 if TYPE_CHECKING:
-    from certpgo.graph import Instance
+    from certpgo import SolveSettings
+    from certpgo.graph import Estimate, Instance
+    from certpgo.optimize.monitor import Monitor
     from certpgo.solve.logarithms import LogarithmFit
     from certpgo.solve.metrics import TrajectoryErrors
 
@@ -92,3 +94,18 @@ class FittedLogarithms(Result):
             "accuracy": None if accuracy is None else asdict(accuracy),
             "written": None if outputs.estimate is None else str(outputs.estimate),
         }
+
+
+def fitted(
+    part: Instance,
+    initial: Estimate | None,
+    settings: SolveSettings,
+    monitor: Monitor,
+    within: float,
+    truth: KnownPoses | None,
+) -> FittedLogarithms:
+    """The result of the descent on the cost of logarithms."""
+    from certpgo import fit_logarithms
+
+    fit = fit_logarithms(part, settings, initial=initial, monitor=monitor)
+    return FittedLogarithms(None, part, fit, within, truth)

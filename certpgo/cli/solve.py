@@ -14,7 +14,7 @@ import typer
 
 from certpgo.cli._help import SEARCH
 from certpgo.cli._interrupting import ends_at_once, tells_unwritten
-from certpgo.cli._logarithms import FittedLogarithms
+from certpgo.cli._logarithms import fitted
 from certpgo.cli._next import Asked
 from certpgo.cli._options import (
     CostOption,
@@ -166,7 +166,7 @@ def command(
     --method, the first Ctrl-C aborts. With --robust, the verdict is about the kept measurements,
     and a second one about rejecting the others.
     """
-    from certpgo import SolveSettings, fit_logarithms
+    from certpgo import SolveSettings
     from certpgo.io.matching import Matching
     from certpgo.io.timestamps import file_of_times, timed
 
@@ -213,8 +213,7 @@ def command(
             if solver is None or method is None:
                 limits = SolveSettings(time_limit, max_rank, tier=tier, try_file_start=stored)
                 if scales_within is not None:
-                    fit = fit_logarithms(part, limits, initial=begin, monitor=monitor)
-                    return FittedLogarithms(None, part, fit, scales_within, known)
+                    return fitted(part, begin, limits, monitor, scales_within, known)
                 search = partial(_rejecting, quantile=quantile) if robust else _certified
                 found = search(part, begin, limits, monitor, asked)
             else:
