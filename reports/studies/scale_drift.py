@@ -23,7 +23,7 @@ from certpgo.graph import SimilarityGraph
 from certpgo.io import datasets
 from certpgo.io.datasets.monocular import drifting, in_one_unit
 from certpgo.objective.similarity_problem import SimilarityProblem
-from certpgo.registration.procrustes import extended_procrustes
+from certpgo.solve.metrics import position_errors
 
 ROW = "{:>6}{:>6}{:>10}{:>10}{:>10}{:>10}{:>13}{:>12}{:>22}{:>22}{:>28}"
 #: Seconds for each search.
@@ -43,10 +43,9 @@ def trajectory(every: int) -> tuple[Estimate, np.ndarray]:
     return Estimate(R, t), loops
 
 
-def error(found: np.ndarray, truth: np.ndarray) -> float:
-    """Root mean square of distances (n, 3) after the best similarity, metres."""
-    R, t, s = extended_procrustes(truth[None], found[None])
-    return float(np.sqrt(((s * found @ R[0].T + t - truth) ** 2).sum(axis=1).mean()))
+def error(found: Estimate, truth: Estimate) -> float:
+    """Root mean square of positions after the best similarity, metres."""
+    return position_errors(found, truth, scaled=True).rmse
 
 
 def odometry(graph: SimilarityGraph) -> Estimate:
@@ -93,17 +92,14 @@ def main() -> None:
             start = odometry(graph)
             flat = certpgo.solve(in_one_unit(graph), time_limit=LIMIT).estimate
             anchored = certpgo.solve(held, time_limit=LIMIT).estimate
-            errors = [
-                error(found.translations, truth.translations)
-                for found in (start, flat, answer.estimate, anchored)
-            ]
+            errors = [error(found, truth) for found in (start, flat, answer.estimate, anchored)]
             theirs = []
             for begin in (start, answer.estimate):
                 found, cost = by_gtsam(SimilarityProblem(graph), begin)
-                theirs.append(f"{error(found.translations, truth.translations):.2f} m, {cost:.1f}")
+                theirs.append(f"{error(found, truth):.2f} m, {cost:.1f}")
             fit = certpgo.fit_logarithms(graph, time_limit=LIMIT)
             gap = 1.0 - fit.lower_bound(1.0) / fit.cost
-            off = error(fit.estimate.translations, truth.translations)
+            off = error(fit.estimate, truth)
             theirs.append(f"{off:.2f} m, {fit.cost / 2.0:.1f}, {gap:.1%}")
             shown = (f"{x:.2f}" for x in errors)
             print(

@@ -24,11 +24,11 @@ from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
 from certpgo.registration.depth_scales import with_factors
 from certpgo.registration.features import detect, match, place
-from certpgo.registration.procrustes import extended_procrustes
 from certpgo.registration.reconstruct import Reconstruction, ReconstructSettings
 from certpgo.registration.scans import Scan, read_initial, read_scan
 from certpgo.registration.submaps import ScanMatches, register_submaps
 from certpgo.registration.synthetic import synthetic_sequence
+from certpgo.solve.metrics import position_errors
 
 DATA = Path(os.environ.get("CERTPGO_DATA", "."))
 #: Matches of two scans of the bunny, how many of them are wrong, and how near points are, metres.
@@ -44,9 +44,7 @@ def hidden_factors(n: int) -> np.ndarray:
 
 def trajectory_error(estimate: Estimate, truth: Estimate) -> float:
     """Root mean square of positions after the best similarity, millimetres."""
-    t, true = estimate.translations, truth.translations
-    [R], [shift], [s] = extended_procrustes(true[None], t[None])
-    return float(1e3 * np.sqrt(((s * t @ R.T + shift - true) ** 2).sum(axis=1).mean()))
+    return 1e3 * position_errors(estimate, truth, scaled=True).rmse
 
 
 def scale_errors(found: np.ndarray, hidden: np.ndarray) -> str:
