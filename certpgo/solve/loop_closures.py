@@ -30,7 +30,7 @@ def with_rotations(graph: Instance | Graph) -> tuple[Instance, Rotations]:
     instance = graph
     if not isinstance(instance, Instance):
         instance = Instance("graph", instance, np.arange(instance.num_nodes))
-    require_one_unit(instance.graph, "certpgo suggest does")
+    require_one_unit(instance.graph, "a choice of loop closures does")
     require_connected(instance.measurements)
     edges = np.flatnonzero(instance.measurements.are(Kind.BETWEEN, Kind.ROTATION))
     nodes = np.unique(instance.graph.edges[edges])
