@@ -159,6 +159,12 @@ def refuse_with_scales(instance: Instance, **options: Any) -> None:
             raise InputError(f"{instance.name}: --{name} is not for nodes of unknown scale")
 
 
+def refuse_known_scale(graph: Path | None) -> None:
+    """Refuse a file that cannot hold a graph without any known scale, as an output."""
+    if graph is not None and graph.suffix != ".npz":
+        raise InputError(f"{graph}: only .npz files hold a graph without any known scale")
+
+
 def note_distances_uncounted(instance: Instance) -> None:
     """Print a notice that connectivity does not count distances, if there are any."""
     from certpgo.graph.phrases import counted

@@ -14,7 +14,7 @@ import typer
 from certpgo.cli import _verdict
 from certpgo.cli._fusing import NAMED, Fused, fused_at, write_reconstruction, write_scene
 from certpgo.cli._interrupting import tells_unwritten
-from certpgo.cli._options import HtmlOut, Json
+from certpgo.cli._options import HtmlOut, Json, refuse_known_scale
 from certpgo.cli._outputs import Outputs, Result, emit
 from certpgo.cli._show import facts, notice, noticing, working
 from certpgo.errors import InputError
@@ -308,8 +308,7 @@ def _refuse_with_unknown_scale(
         )
     if depth_scale is not None:
         raise InputError("--depth-scale says what --unknown-depth-scale is to find: give one")
-    if graph is not None and graph.suffix != ".npz":
-        raise InputError(f"{graph}: only .npz files hold a graph without any known scale")
+    refuse_known_scale(graph)
 
 
 def _objective(found: Reconstruction | Fused) -> str:

@@ -11,7 +11,7 @@ import typer
 
 from certpgo.cli import _verdict
 from certpgo.cli._interrupting import tells_unwritten
-from certpgo.cli._options import Json
+from certpgo.cli._options import Json, refuse_known_scale
 from certpgo.cli._outputs import Outputs, Result, emit
 from certpgo.cli._show import facts, working
 from certpgo.errors import InputError, SpecError
@@ -238,8 +238,7 @@ def _refuse_with_scale(graph: Path | None, method: str, **of_poses: object) -> N
         raise InputError("global_icp takes scans in one unit: not with --scale")
     if method != "pose_graph":
         raise SpecError.unknown("method", method, ("pose_graph", "global_icp"))
-    if graph is not None and graph.suffix != ".npz":
-        raise InputError(f"{graph}: only .npz files hold a graph without any known scale")
+    refuse_known_scale(graph)
 
 
 def _scaled(scans: list[Path], matches: Path | None, outputs: Outputs) -> int:
