@@ -67,7 +67,7 @@ class KnownPoses:
         """
         import numpy as np
 
-        from certpgo.graph import SimilarityGraph
+        from certpgo.graph.graph import has_no_unit
         from certpgo.io.estimates import matched_truth, truth_in_words
 
         if source is None:
@@ -78,8 +78,8 @@ class KnownPoses:
         nodes, poses, found = matched_truth(path, part, how, topic=reading.topic_of(source))
         notice(f"{path}: {truth_in_words(found, part)}")
         of_poses = np.isin(nodes, part.poses)
-        unscaled = isinstance(part.graph, SimilarityGraph) and part.graph.in_mean_unit
-        return cls(nodes[of_poses], poses.subset(np.flatnonzero(of_poses)), unscaled)
+        known = poses.subset(np.flatnonzero(of_poses))
+        return cls(nodes[of_poses], known, has_no_unit(part.graph))
 
     def errors(self, estimate: Estimate) -> TrajectoryErrors:
         """The errors of an estimate of the graph, in the order of node ids."""

@@ -18,6 +18,7 @@ __all__ = [
     "RotationGraph",
     "SimilarityGraph",
     "has_matrix_weights",
+    "has_no_unit",
     "length_unit",
     "require_connected",
     "require_isotropic",
@@ -43,6 +44,11 @@ def has_matrix_weights(graph: Graph) -> bool:
     if isinstance(graph, PoseGraph):
         return graph.arms is not None or graph.rotation.is_general
     return graph.is_general
+
+
+def has_no_unit(graph: object) -> bool:
+    """Whether a graph has nodes of unknown scale alone, so that its map has no unit of length."""
+    return isinstance(graph, SimilarityGraph) and graph.in_mean_unit
 
 
 def length_unit(graph: Graph) -> str:

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 
 from certpgo.certify import Certificate, certify
 from certpgo.errors import CertPGOError, InputError, InputNotice
-from certpgo.graph import Estimate, Graph, Instance, PoseGraph, SimilarityGraph
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph
+from certpgo.graph.graph import has_no_unit
 from certpgo.io.accept_paths import AnyPath, measured
 from certpgo.io.digits import Digits, Writing
 from certpgo.io.gtsam_values import estimate_from_values
@@ -153,7 +154,7 @@ def assess(
         best_is_optimal=c.is_optimal(cost),
         excess=c.cost_upper - cost if math.isfinite(c.cost_upper) else math.inf,
         distance=distance(
-            estimate.subset(nodes), best.subset(nodes), scaled=_is_without_scale(problem)
+            estimate.subset(nodes), best.subset(nodes), scaled=has_no_unit(problem.graph)
         ),
         edges=costly_edges(
             problem, estimate, np.arange(problem.n) if ids is None else ids, pairs=pairs
@@ -162,11 +163,6 @@ def assess(
         farthest=_farthest(problem, estimate),
         fit=fit,
     )
-
-
-def _is_without_scale(problem: Judged) -> bool:
-    graph = problem.graph
-    return isinstance(graph, SimilarityGraph) and graph.in_mean_unit
 
 
 def distance(estimate: Estimate, other: Estimate, *, scaled: bool = False) -> Distance:
