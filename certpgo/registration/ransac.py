@@ -15,7 +15,7 @@ import numpy as np
 from certpgo.errors import SpecError
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray
-from certpgo.registration.procrustes import extended_procrustes, procrustes
+from certpgo.linalg.procrustes import extended_procrustes, procrustes
 
 #: Steps of refinement at most, and the step, in standard deviations, at which it ends.
 STEPS, SETTLED = 10, 1e-3

@@ -11,6 +11,7 @@ from certpgo.errors import InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
+from certpgo.linalg.procrustes import dilation, procrustes
 from certpgo.objective import operators
 
 #: Share of the largest extent below which positions are on a line.
@@ -184,8 +185,8 @@ def _onto(truth: Estimate, estimate: Estimate, S: FloatArray, scaled: bool) -> E
     if not scaled:
         return moved
     x, y = true - origin, _translations(moved) - origin
-    square = float((y * y).sum())
-    s = max(float((x * y).sum()) / square, 0.0) if square > 0.0 else 1.0
+    [s] = dilation(x[None], y[None], np.eye(truth.d)[None])
+    s = 1.0 if np.isnan(s) else max(s, 0.0)
     scales = None if moved.scales is None else s * moved.scales
     return Estimate.trusted(moved.rotations, origin + s * y, moved.keys, scales)
 
@@ -248,9 +249,7 @@ def align_positions(estimate: Estimate, truth: Estimate, *, scaled: bool = False
         raise InputError(
             f"the estimate has {estimate.num_nodes} nodes, the ground truth {truth.num_nodes}"
         )
-    given, true = map(_translations, (estimate, truth))
-    centre, origin = given.mean(axis=0), true.mean(axis=0)
-    S = so.project(((true - origin).T @ (given - centre))[None])[0]
+    [S], _ = procrustes(_translations(truth)[None], _translations(estimate)[None])
     return _onto(truth, estimate, S, scaled)
 
 

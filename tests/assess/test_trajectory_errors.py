@@ -7,7 +7,7 @@ from strategies import dimensions, pose_graph, rng_of, seeds
 
 from certpgo import Estimate, InputError
 from certpgo.linalg import rotations as so
-from certpgo.registration.procrustes import extended_procrustes
+from certpgo.linalg.procrustes import extended_procrustes
 from certpgo.solve.metrics import align_positions, trajectory_errors
 
 

@@ -8,6 +8,7 @@ from certpgo.cli import main
 from certpgo.errors import FormatError
 from certpgo.graph import Estimate
 from certpgo.linalg import rotations as so
+from certpgo.linalg.procrustes import extended_procrustes
 from certpgo.registration.averaging import averaged_scales
 from certpgo.registration.depth_scales import (
     agreed_scales,
@@ -16,7 +17,6 @@ from certpgo.registration.depth_scales import (
     with_factors_of,
 )
 from certpgo.registration.pairs import FramePair, in_units_of
-from certpgo.registration.procrustes import extended_procrustes
 from certpgo.registration.reconstruct import ReconstructSettings
 from certpgo.registration.synthetic import synthetic_sequence
 

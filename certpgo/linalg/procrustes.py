@@ -17,13 +17,14 @@ from certpgo.linalg.similarities import Similarities
 
 
 def procrustes(target: FloatArray, source: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Motions (b, d, d), (b, d) that best take points (b, k, d) to others, k at least d."""
-    R, t, _ = _fitted(target, source, dilated=False)
-    return R, t
+    """Motions (b, d, d), (b, d) that best take points (b, k, d) to others."""
+    (p, x), (q, y) = _centred(target), _centred(source)
+    R = so.project(np.swapaxes(x, 1, 2) @ y)
+    return R, p - (R @ q[:, :, None])[:, :, 0]
 
 
 def extended_procrustes(target: FloatArray, source: FloatArray) -> Similarities:
-    """Similarities that best take points (b, k, d) to others, k at least d.
+    """Similarities that best take points (b, k, d) to others.
 
     Points of two monocular maps, each in its own unit, give an edge of a
     `certpgo.SimilarityGraph`: with those of node i as target and those of j as source, R_ij, t_ij
@@ -34,23 +35,27 @@ def extended_procrustes(target: FloatArray, source: FloatArray) -> Similarities:
     Umeyama's example, whose best fit without a rotation would be a reflection:
 
     >>> import numpy as np
-    >>> from certpgo.registration.procrustes import extended_procrustes
+    >>> from certpgo.linalg.procrustes import extended_procrustes
     >>> source = np.array([[[0.0, 0.0], [1.0, 0.0], [0.0, 2.0]]])
     >>> target = np.array([[[0.0, 0.0], [-1.0, 0.0], [0.0, 2.0]]])
     >>> R, t, s = extended_procrustes(target, source)
     >>> R[0].round(3).tolist(), t[0].round(3).tolist(), float(s[0].round(3))
     ([[0.832, 0.555], [-0.555, 0.832]], [-0.8, 0.4], 0.721)
     """
-    return _fitted(target, source, dilated=True)
-
-
-def _fitted(target: FloatArray, source: FloatArray, *, dilated: bool) -> Similarities:
-    p, q = target.mean(axis=1), source.mean(axis=1)
-    x, y = target - p[:, None], source - q[:, None]
-    moment = np.swapaxes(x, 1, 2) @ y
-    R = so.project(moment)
-    s = np.ones(len(R))
-    if dilated:
-        # The sum of |x - s R y|^2 is least where s |y|^2 = tr(R^T x y^T).
-        s = np.einsum("bij,bij->b", R, moment) / np.einsum("bki,bki->b", y, y)
+    (p, x), (q, y) = _centred(target), _centred(source)
+    R = so.project(np.swapaxes(x, 1, 2) @ y)
+    s = dilation(x, y, R)
     return Similarities(R, p - s[:, None] * (R @ q[:, :, None])[:, :, 0], s)
+
+
+def dilation(x: FloatArray, y: FloatArray, R: FloatArray) -> FloatArray:
+    """(b,) scales s of least sum |x - s R y|^2, of centred points (b, k, d) and rotations."""
+    aligned = np.einsum("bki,bij,bkj->b", x, R, y)
+    square = np.einsum("bki,bki->b", y, y)
+    return np.divide(aligned, square, out=np.full(len(R), np.nan), where=square > 0.0)
+
+
+def _centred(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Means (b, d) of points (b, k, d), and their differences from them."""
+    mean = points.mean(axis=1)
+    return mean, points - mean[:, None]

@@ -5,7 +5,7 @@ import pytest
 
 import certpgo
 from certpgo.linalg import rotations as so
-from certpgo.registration.procrustes import extended_procrustes, procrustes
+from certpgo.linalg.procrustes import extended_procrustes, procrustes
 
 
 def matched(seed, b, k, d, noise):
