@@ -52,7 +52,8 @@ def dilation(x: FloatArray, y: FloatArray, R: FloatArray) -> FloatArray:
     """(b,) scales s of least sum |x - s R y|^2, of centred points (b, k, d) and rotations."""
     aligned = np.einsum("bki,bij,bkj->b", x, R, y)
     square = np.einsum("bki,bki->b", y, y)
-    return np.divide(aligned, square, out=np.full(len(R), np.nan), where=square > 0.0)
+    s: FloatArray = np.divide(aligned, square, out=np.full(len(R), np.nan), where=square > 0.0)
+    return s
 
 
 def _centred(points: FloatArray) -> tuple[FloatArray, FloatArray]:

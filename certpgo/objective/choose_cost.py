@@ -144,14 +144,15 @@ def _graph_of(
 
 
 def similarity_problem(
-    posed: Graph | Instance | InformationProblem | RangeProblem, cost: str | None = None
+    posed: Graph | Instance | InformationProblem | RangeProblem | SimilarityProblem,
+    cost: str | None = None,
 ) -> SimilarityProblem:
     """The problem of a graph with nodes of unknown scale, or of an instance with one.
 
     Raises
     ------
     InputError
-        It has distances too; or a cost of another program.
+        No scale is unknown; it has distances too; or a cost of another program.
     """
     source = f"{posed.source or posed.name}: " if isinstance(posed, Instance) else ""
     if isinstance(posed, Instance) and posed.ranges is not None:
@@ -160,6 +161,8 @@ def similarity_problem(
         said = "with nodes of unknown scale the cost is F (--cost chordal) or, of certpgo solve "
         said += "--scales-within, that of logarithms"
         raise InputError(f"{source}{said}")
+    if isinstance(posed, SimilarityProblem):
+        return posed
     graph = _graph_of(posed)
     if not isinstance(graph, SimilarityGraph):
         raise InputError(f"{source}no nodes of unknown scale")

@@ -11,6 +11,7 @@ from certpgo.graph import Estimate, Instance, SimilarityGraph
 from certpgo.graph.display import Brief
 from certpgo.io.accept_paths import AnyPath, measured
 from certpgo.linalg.ball_arithmetic import U
+from certpgo.objective.choose_cost import similarity_problem
 from certpgo.objective.logarithms import LogarithmProblem
 from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.optimize.levenberg_marquardt import minimise
@@ -108,7 +109,7 @@ def fit_logarithms(
     Raises
     ------
     InputError
-        No scale is unknown, or there are points; or as `certpgo.solve`.
+        No scale is unknown, or there are points or distances; or as `certpgo.solve`.
 
     Examples
     --------
@@ -121,10 +122,8 @@ def fit_logarithms(
     True
     """
     posed: Any = measured(graph)
-    own = posed.graph if isinstance(posed, Instance | SimilarityProblem) else posed
-    if not isinstance(own, SimilarityGraph):
-        raise InputError("the cost of logarithms is for a graph with unknown scales")
-    problem, chosen = LogarithmProblem(own), (settings or DEFAULT).changed(options)
+    problem = LogarithmProblem(similarity_problem(posed).graph)
+    chosen = (settings or DEFAULT).changed(options)
     if initial is not None:
         problem.check(initial)
     stop = Stop(monitor, objective="the cost of logarithms")

@@ -11,6 +11,7 @@ from certpgo.errors import InputError
 from certpgo.graph import Estimate, Instance, SimilarityGraph
 from certpgo.graph.display import Brief
 from certpgo.io.accept_paths import AnyPath, measured
+from certpgo.objective.choose_cost import similarity_problem
 from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.settings import SolveSettings
@@ -74,7 +75,7 @@ def reweigh(
     Raises
     ------
     InputError
-        No scale is unknown; or as `certpgo.solve`.
+        No scale is unknown, there are distances, or no round; or as `certpgo.solve`.
 
     Examples
     --------
@@ -87,9 +88,9 @@ def reweigh(
     (True, 'CERTIFIED')
     """
     posed: Any = measured(graph)
-    own = posed.graph if isinstance(posed, Instance | SimilarityProblem) else posed
-    if not isinstance(own, SimilarityGraph) or rounds < 1:
-        raise InputError("re-weighting takes a graph with unknown scales, and a round at least")
+    own = similarity_problem(posed).graph
+    if rounds < 1:
+        raise InputError(f"re-weighting takes 1 round at least, not {rounds}")
     scales, count, settled = np.ones(own.num_nodes), 0, False
     while count < rounds and not settled:
         count += 1

@@ -71,7 +71,12 @@ def test_proofs_are_written_and_checked(certpgo, essential, tmp_path):
     done = certpgo("check", essential, proof)
     assert (done.code, done.out[:6]) == (0, "PROVED")
     assert "7 scales unknown, in the unit of the poses of known scale" in done.out
-    assert certpgo("check", essential, proof, "--exact").out == done.out
+    exact = certpgo("check", essential, proof, "--exact").out
+    # Upper bounds in integers and in doubles differ by a last digit on some machines.
+    numbers = re.compile(r"<= ([0-9.e+-]+)")
+    assert numbers.sub("<=", exact) == numbers.sub("<=", done.out)
+    ours, theirs = (list(map(float, numbers.findall(said))) for said in (exact, done.out))
+    assert ours == pytest.approx(theirs, rel=1e-12)
     assert certpgo("prove", essential, "--json").json[str(essential)]["proved"]
     whole = tmp_path / "whole.npz"
     assert certpgo("convert", essential, whole).code == 0

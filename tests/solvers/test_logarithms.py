@@ -11,6 +11,7 @@ from strategies import dimensions, rng_of, seeds
 
 import certpgo
 from certpgo import Estimate, InputError, RotationGraph, SimilarityGraph, fit_logarithms
+from certpgo.graph.ranges import Ranges
 from certpgo.io.datasets.monocular import random_maps
 from certpgo.linalg import rotations as so
 from certpgo.objective.logarithms import LogarithmProblem, logarithmic_mean
@@ -126,9 +127,18 @@ def test_an_instance_keeps_its_ids():
     assert fit_logarithms(instance).estimate.keys.ids.tolist() == list(range(0, 80, 10))
 
 
+@pytest.mark.parametrize("search", [certpgo.solve, certpgo.reweigh, fit_logarithms])
+def test_distances_are_refused_not_dropped(search):
+    graph, _ = maps(0, 3)
+    ranges = Ranges(8, [[0, 1]], np.ones(1), np.ones(1))
+    instance = certpgo.Instance("map", graph, np.arange(8), ranges=ranges)
+    with pytest.raises(InputError, match="map: distances are not for nodes of unknown scale"):
+        search(instance)
+
+
 def test_other_graphs_and_factors_are_refused():
     graph, _ = maps(0, 3)
-    with pytest.raises(InputError, match="unknown scales"):
+    with pytest.raises(InputError, match="unknown scale"):
         fit_logarithms(graph.rotation)
     with pytest.raises(InputError, match="without points"):
         fit_logarithms(random_maps(np.random.default_rng(0), points=1)[0])

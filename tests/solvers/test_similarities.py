@@ -374,7 +374,7 @@ def test_weights_of_the_frames_do_not_depend_on_their_units():
 
 def test_graphs_without_unknown_scales_are_not_reweighed():
     graph, _ = random_maps(np.random.default_rng(0))
-    with pytest.raises(InputError, match="re-weighting takes a graph with unknown scales"):
+    with pytest.raises(InputError, match="no nodes of unknown scale"):
         reweigh(graph.rotation)
 
 
