@@ -29,6 +29,7 @@ class Colour(StrEnum):
 
     DEGREES = "degrees"
     METRES = "metres"
+    UNITS = "units"
     ROTATION = "rotation-weight"
     TRANSLATION = "translation-weight"
 

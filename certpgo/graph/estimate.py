@@ -138,13 +138,19 @@ class Estimate(Speaking):
         keys.require(self.num_nodes)
         return Estimate.trusted(self.rotations, self.translations, keys, self.scales)
 
-    def moved(self, rotation: FloatArray, translation: FloatArray | None = None) -> Estimate:
-        """The estimate in another world frame: S R_i and S t_i + s (``rotation`` S is (d, d))."""
+    def moved(
+        self, rotation: FloatArray, translation: FloatArray | None = None, scale: float = 1.0
+    ) -> Estimate:
+        """The estimate in another world frame: S R_i and a S t_i + s (``rotation`` S is (d, d)).
+
+        Unknown scales s_i become a s_i, for a positive ``scale`` a.
+        """
+        scales = None if self.scales is None else scale * self.scales
         if self.translations is None:
-            return Estimate(rotation @ self.rotations, keys=self.keys, scales=self.scales)
+            return Estimate(rotation @ self.rotations, keys=self.keys, scales=scales)
         offset = np.zeros(self.d) if translation is None else np.asarray(translation)
-        moved = self.translations @ rotation.T + offset
-        return Estimate(rotation @ self.rotations, moved, self.keys, self.scales)
+        moved = scale * self.translations @ rotation.T + offset
+        return Estimate(rotation @ self.rotations, moved, self.keys, scales)
 
     def anchored(self, node: int, like: Estimate | None = None) -> Estimate:
         """The estimate moved so that ``node`` is the identity at the origin, or as in ``like``."""

@@ -16,15 +16,8 @@ from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.similarities import Similarities
 
 
-def procrustes(target: FloatArray, source: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Motions (b, d, d), (b, d) that best take points (b, k, d) to others."""
-    (p, x), (q, y) = _centred(target), _centred(source)
-    R = so.project(np.swapaxes(x, 1, 2) @ y)
-    return R, p - (R @ q[:, :, None])[:, :, 0]
-
-
-def extended_procrustes(target: FloatArray, source: FloatArray) -> Similarities:
-    """Similarities that best take points (b, k, d) to others.
+def procrustes(target: FloatArray, source: FloatArray, *, scaled: bool = False) -> Similarities:
+    """Motions that best take points (b, k, d) to others; if ``scaled``, similarities.
 
     Points of two monocular maps, each in its own unit, give an edge of a
     `certpgo.SimilarityGraph`: with those of node i as target and those of j as source, R_ij, t_ij
@@ -35,16 +28,16 @@ def extended_procrustes(target: FloatArray, source: FloatArray) -> Similarities:
     Umeyama's example, whose best fit without a rotation would be a reflection:
 
     >>> import numpy as np
-    >>> from certpgo.linalg.procrustes import extended_procrustes
+    >>> from certpgo.linalg.procrustes import procrustes
     >>> source = np.array([[[0.0, 0.0], [1.0, 0.0], [0.0, 2.0]]])
     >>> target = np.array([[[0.0, 0.0], [-1.0, 0.0], [0.0, 2.0]]])
-    >>> R, t, s = extended_procrustes(target, source)
+    >>> R, t, s = procrustes(target, source, scaled=True)
     >>> R[0].round(3).tolist(), t[0].round(3).tolist(), float(s[0].round(3))
     ([[0.832, 0.555], [-0.555, 0.832]], [-0.8, 0.4], 0.721)
     """
     (p, x), (q, y) = _centred(target), _centred(source)
     R = so.project(np.swapaxes(x, 1, 2) @ y)
-    s = dilation(x, y, R)
+    s = dilation(x, y, R) if scaled else np.ones(len(R))
     return Similarities(R, p - s[:, None] * (R @ q[:, :, None])[:, :, 0], s)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from certpgo.errors import SpecError
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray
-from certpgo.linalg.procrustes import extended_procrustes, procrustes
+from certpgo.linalg.procrustes import procrustes
 
 #: Steps of refinement at most, and the step, in standard deviations, at which it ends.
 STEPS, SETTLED = 10, 1e-3
@@ -167,11 +167,7 @@ def _search(
         triples = triples[_alike(target[triples], source[triples], variances[:, triples], scaled)]
         if not len(triples):
             continue
-        if scaled:
-            R, t, s = extended_procrustes(target[triples], source[triples])
-        else:
-            R, t = procrustes(target[triples], source[triples])
-            s = np.ones(len(triples))
+        R, t, s = procrustes(target[triples], source[triples], scaled=scaled)
         off = s[:, None, None] * (R @ q) + t[:, :, None] - p
         limit = settings.gate**2 * 3.0 * _added(variances[:, judges], s[:, None])
         if settings.threshold_m2 is not None:

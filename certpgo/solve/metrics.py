@@ -181,14 +181,11 @@ def _onto(truth: Estimate, estimate: Estimate, S: FloatArray, scaled: bool) -> E
     """The estimate turned by S, and then scaled, if asked, and shifted to the true positions."""
     given, true = map(_translations, (estimate, truth))
     centre, origin = given.mean(axis=0), true.mean(axis=0)
-    moved = estimate.moved(S, origin - S @ centre)
-    if not scaled:
-        return moved
-    x, y = true - origin, _translations(moved) - origin
-    [s] = dilation(x[None], y[None], np.eye(truth.d)[None])
-    s = 1.0 if np.isnan(s) else max(s, 0.0)
-    scales = None if moved.scales is None else s * moved.scales
-    return Estimate.trusted(moved.rotations, origin + s * y, moved.keys, scales)
+    s = 1.0
+    if scaled:
+        [fitted] = dilation((true - origin)[None], (given - centre)[None], S[None])
+        s = 1.0 if np.isnan(fitted) else max(float(fitted), np.finfo(float).tiny)
+    return estimate.moved(S, origin - s * S @ centre, s)
 
 
 def _steps(trajectory: Estimate) -> Estimate:
@@ -249,7 +246,7 @@ def align_positions(estimate: Estimate, truth: Estimate, *, scaled: bool = False
         raise InputError(
             f"the estimate has {estimate.num_nodes} nodes, the ground truth {truth.num_nodes}"
         )
-    [S], _ = procrustes(_translations(truth)[None], _translations(estimate)[None])
+    [S], _, _ = procrustes(_translations(truth)[None], _translations(estimate)[None])
     return _onto(truth, estimate, S, scaled)
 
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from certpgo.errors import FormatError, InputError, NoMeasurements, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph, SimilarityGraph
+from certpgo.graph.graph import has_no_unit, length_unit
 from certpgo.io.datasets.source import Source, resolve
 from certpgo.io.estimates import (
     is_in_order,
@@ -35,7 +36,7 @@ from certpgo.optimize.solution import Solution
 from certpgo.solve.result import CertifiedSolution
 from certpgo.view.layout import Arrangement, layout
 from certpgo.view.placements import aligned, placement, residuals, weights
-from certpgo.view.scene import IN_METRES, Placement, Scene, drawn_edges
+from certpgo.view.scene import IN_METRES, IN_UNITS, Placement, Scene, drawn_edges
 from certpgo.view.tracks import scene_of_trajectories
 
 #: What there is to look at: a path, the name of a dataset, what that was resolved to, or an object.
@@ -196,7 +197,9 @@ def _of_graph(
     last = estimates[-1][1]
     drawn = []
     for name, estimate in estimates:
-        moved = estimate if estimate is last else aligned(estimate, last, poses, poses)
+        moved = estimate
+        if estimate is not last:
+            moved = aligned(estimate, last, poses, poses, scaled=has_no_unit(graph))
         drawn.append(_placed(instance, name, moved, places))
     return Scene(
         instance.name,
@@ -210,10 +213,15 @@ def _of_graph(
         _truth(instance, truth, found.how.of_truth(found.truth_offset), last, places),
         weights(instance),
         tuple(found.surfaces),
-        IN_METRES if places is None else places.sentence,
+        _positions(graph) if places is None else places.sentence,
         places is None,
+        length_unit(graph),
         found.verdict,
     )
+
+
+def _positions(graph: Graph) -> str:
+    return IN_METRES if length_unit(graph) == "m" else IN_UNITS
 
 
 def _read(path: Path, instance: Instance, how: Matching) -> Estimate:
@@ -308,7 +316,8 @@ def _truth(
     kept = np.flatnonzero(known != instance.world)
     nodes, truth = known[kept], truth.subset(kept)
     common = np.flatnonzero(np.isin(nodes, instance.poses))
-    moved = aligned(truth, instance.in_world(answer), common, nodes[common])
+    like, scaled = instance.in_world(answer), has_no_unit(instance.graph)
+    moved = aligned(truth, like, common, nodes[common], scaled=scaled)
     order = np.argsort(instance.ids[nodes], kind="stable")
     where = None if places is None else places.places
     return placement("truth", nodes[order], moved.subset(order), where)

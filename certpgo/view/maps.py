@@ -61,7 +61,7 @@ def trajectory(
 ) -> Axes:
     """Draw a trajectory through poses in their order, over the loop closures of an answer.
 
-    Planar poses are drawn on x and y, metres; others as seen on the plane they lie nearest to, with
+    Planar poses are drawn on x and y; others as seen on the plane they lie nearest to, with
     a scale bar.
 
     Parameters
@@ -175,11 +175,11 @@ def draw(scene: Scene, ax: Axes, *, unit: str = "", dark: bool = False, **line: 
         drawn.add_poses(answer, **{"linewidth": 1.0, **line})
     ax.set_aspect("equal", adjustable="datalim")
     if scene.metric and scene.d == 2:
-        ax.set(xlabel="x, m", ylabel="y, m")
+        ax.set(xlabel=f"x, {scene.length_unit}", ylabel=f"y, {scene.length_unit}")
         return ax
     ax.set_axis_off()
     if scene.metric:
-        scale_bar(ax, drawn.seen(drawn.shown))
+        scale_bar(ax, drawn.seen(drawn.shown), scene.length_unit)
     return ax
 
 
@@ -245,8 +245,8 @@ class _Map:
         self.ax.plot(*at.T, **{"label": placement.name, **line})
 
 
-def scale_bar(ax: Axes, at: FloatArray) -> None:
-    """A bar below positions (n, 2), whose length is 1, 2 or 5 times a power of ten, metres.
+def scale_bar(ax: Axes, at: FloatArray, unit: str = "m") -> None:
+    """A bar below positions (n, 2), whose length is 1, 2 or 5 times a power of ten.
 
     It is about a fifth of their extent.
 
@@ -265,6 +265,8 @@ def scale_bar(ax: Axes, at: FloatArray) -> None:
         return
     length = round_below(extent / 5.0)
     x, y = float(corner[0]), float(corner[1]) - 0.06 * extent
-    words = ax.text(x + 0.5 * length, y, f"{length:g} m\n", ha="center", va="center", fontsize=7)
+    words = ax.text(
+        x + 0.5 * length, y, f"{length:g} {unit}\n", ha="center", va="center", fontsize=7
+    )
     ink = words.get_color()  # black, or light on a dark background
     ax.plot([x, x + length], [y, y], color=ink, linewidth=1.5, solid_capstyle="butt")

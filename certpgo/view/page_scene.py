@@ -49,9 +49,10 @@ def page_scene(
     each is a ``loop`` closure (between nodes whose ids are not consecutive); ``measures``, each
     with ``unit``, ``values`` (e,), `NOT_MEASURED` for what an edge does not measure, and the
     ``top`` of its colours; ``ends``, the first and the last pose if positions are measured;
-    ``frusta`` (s, 2, 2 or 3); ``metric``, whether lengths are metres; ``flat``, whether all is in a
-    plane; ``sentences`` on what is shown. Where there is another estimate, ``before`` with its
-    name, points, values and frusta; where the truth is known, ``truth``, its steps (s, 2, 2 or 3).
+    ``frusta`` (s, 2, 2 or 3); ``metric``, whether positions were estimated; ``length``, their unit;
+    ``flat``, whether all is in a plane; ``sentences`` on what is shown. Where there is another
+    estimate, ``before`` with its name, points, values and frusta; where the truth is known,
+    ``truth``, its steps (s, 2, 2 or 3).
     Where there are landmarks or a world or distances, ``landmarks`` (k,) flags, and ``kinds`` (e,)
     of edges: the ends of a `PRIOR` are both the measured node. Where there are clouds or meshes,
     ``cloud``, a sample of their points (p, 3) with ``colours`` (p,); of rejected measurements,
@@ -120,6 +121,7 @@ def page_scene(
         "ends": np.flatnonzero(np.isin(nodes, poses[[0, -1]])).tolist() if scene.metric else [],
         "frusta": _frusta(scene, answer, rounding),
         "metric": scene.metric,
+        "length": scene.length_unit,
         "flat": scene.is_flat,
         "sentences": sentences,
     }

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from certpgo.graph import Estimate, Instance, PoseGraph
+from certpgo.graph.graph import length_unit
 from certpgo.graph.ranges import Ranges
 from certpgo.io.exact import quaternion
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.linalg.procrustes import procrustes
 from certpgo.solve import metrics
 from certpgo.view.scene import NOT_MEASURED, Measure, Placement
 
@@ -38,7 +40,7 @@ def in_space(estimate: Estimate) -> Estimate:
 
 
 def residuals(instance: Instance, estimate: Estimate) -> tuple[Measure, ...]:
-    """Residual angles, degrees, and lengths, metres, of edges, then of distances.
+    """Residual angles, degrees, and lengths, in the map's unit, of edges, then of distances.
 
     Unlike those of a problem, they need no connected graph.
     """
@@ -60,7 +62,8 @@ def residuals(instance: Instance, estimate: Estimate) -> tuple[Measure, ...]:
         lengths = np.linalg.norm(t[j] - t[i] - steps, axis=1)
         lengths = np.where(graph.measures_translation, lengths, NOT_MEASURED)
         errors = None if ranges is None else np.abs(ranges.distances - ranges.lengths(t))
-        found.append(Measure("metres", _followed(lengths, ranges, errors)))
+        unit = "metres" if length_unit(graph) == "m" else length_unit(graph)
+        found.append(Measure(unit, _followed(lengths, ranges, errors)))
     return tuple(found)
 
 
@@ -92,12 +95,20 @@ def _followed(
     return np.concatenate([values, none if of_ranges is None else of_ranges])
 
 
-def aligned(estimate: Estimate, like: Estimate, common: IntArray, in_like: IntArray) -> Estimate:
+def aligned(
+    estimate: Estimate,
+    like: Estimate,
+    common: IntArray,
+    in_like: IntArray,
+    *,
+    scaled: bool = False,
+) -> Estimate:
     """An estimate moved to where it is nearest to another.
 
     Parameters
     ----------
     common, in_like : (c,) nodes of the one and of the other that are the same poses
+    scaled : whether the scale changes, too, as that of the estimate means nothing
     """
     given, target = estimate.subset(common), like.subset(in_like)
     if not len(common):
@@ -106,9 +117,8 @@ def aligned(estimate: Estimate, like: Estimate, common: IntArray, in_like: IntAr
     if t is None or goal is None:
         return estimate.moved(metrics.align(given, target))
     if _is_wide(t) and _is_wide(goal):
-        there = metrics.align_positions(given, target)
-        S = there.rotations[0] @ given.rotations[0].T
-        return estimate.moved(S, there.translations[0] - S @ t[0])  # type: ignore[index]
+        [R], [shift], [s] = procrustes(goal[None], t[None], scaled=scaled)
+        return estimate.moved(R, shift, s)
     S = metrics.align(given, target)
     return estimate.moved(S, goal.mean(axis=0) - S @ t.mean(axis=0))
 

@@ -22,8 +22,9 @@ TOP = 0.98
 FRUSTUM, LEAST, MOST = 0.4, 0.01, 0.05
 #: Poses drawn at most for each estimate.
 POSES = 600
-#: What positions are that were estimated.
+#: What positions are that were estimated, in metres and in a map's own unit.
 IN_METRES = "Nodes are drawn at their positions, in metres."
+IN_UNITS = "Nodes are drawn at their positions, in the map's unit of length."
 
 #: Corners and lines of a camera, which looks along z, and of an arrow along x.
 _CAMERA = np.array([[0, 0, 0], [-0.7, -0.5, 1], [0.7, -0.5, 1], [0.7, 0.5, 1], [-0.7, 0.5, 1]])
@@ -90,7 +91,7 @@ class Placement:
     ----------
     name : of the estimate
     nodes : (k,) nodes of the scene, in the order of their ids
-    positions : (k, 3) in the world, metres, or the layout's; planar ones have z = 0
+    positions : (k, 3) in the world or the layout; planar ones have z = 0
     rotations : (k, 3, 3) world <- body; planar ones turn about z
     measures : residuals of the scene's edges; none for a trajectory alone, or a truth
     """
@@ -152,9 +153,10 @@ class Scene:
     placements : of each estimate, the answer last
     truth : the truth's, aligned with the answer; None if it is not known
     weights : of edges, where they differ
-    surfaces : clouds and meshes by name, in the answer's frame, metres
+    surfaces : clouds and meshes by name, in the answer's frame and unit
     sentence : what positions are
-    metric : whether lengths are metres
+    metric : whether positions were estimated, not arranged
+    length_unit : ``"m"`` or ``"units"``
     verdict : of the last placement, if a certificate came with it, and what it is about
     """
 
@@ -171,6 +173,7 @@ class Scene:
     surfaces: tuple[tuple[str, Surface], ...] = ()
     sentence: str = IN_METRES
     metric: bool = True
+    length_unit: str = "m"
     verdict: str = ""
 
     def are(self, *kinds: Kind) -> BoolArray:

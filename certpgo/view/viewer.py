@@ -284,7 +284,8 @@ class Drawing:
         )
         self._lines("/scale/bar", self._placed(ends)[None], grey, 3.0)
         place = self._placed(ends[1])
-        self._server.scene.add_label("/scale/length", f"{length:g} m", position=place)
+        label = f"{length:g} {scene.length_unit}"
+        self._server.scene.add_label("/scale/length", label, position=place)
         turn = quaternion.to_write(scene.frame.axes[None])[0][[3, 0, 1, 2]]
         reach = self._scale * 0.5 * length
         self._server.scene.add_frame(

@@ -7,7 +7,7 @@ from strategies import dimensions, pose_graph, rng_of, seeds
 
 from certpgo import Estimate, InputError
 from certpgo.linalg import rotations as so
-from certpgo.linalg.procrustes import extended_procrustes
+from certpgo.linalg.procrustes import procrustes
 from certpgo.solve.metrics import align_positions, trajectory_errors
 
 
@@ -82,7 +82,7 @@ def test_the_unit_of_a_map_without_one_does_not_matter(seed, d):
     for name in ("ate_m", "ate_deg", "rpe_m", "rpe_deg"):
         assert getattr(one, name) == pytest.approx(getattr(other, name), rel=1e-7, abs=1e-7)
     assert one.ate_m <= trajectory_errors(off, truth).ate_m + 1e-12
-    _, _, s = extended_procrustes(truth.translations[None], off.translations[None])
+    _, _, s = procrustes(truth.translations[None], off.translations[None], scaled=True)
     fitted = align_positions(off, truth, scaled=True).translations
     spread, before = (
         np.ptp(fitted, axis=0),

@@ -8,7 +8,7 @@ from certpgo.cli import main
 from certpgo.errors import FormatError
 from certpgo.graph import Estimate
 from certpgo.linalg import rotations as so
-from certpgo.linalg.procrustes import extended_procrustes
+from certpgo.linalg.procrustes import procrustes
 from certpgo.registration.averaging import averaged_scales
 from certpgo.registration.depth_scales import (
     agreed_scales,
@@ -96,7 +96,7 @@ def test_factors_and_trajectory_are_recovered(frames, found):
     assert found.answer.certificate.objective.startswith("F over similarities")
     assert np.abs(np.log(even(found.factors * HIDDEN))).max() < 0.005
     t, truth = found.estimate.translations, frames.truth.translations
-    [R], [shift], [s] = extended_procrustes(truth[None], t[None])
+    [R], [shift], [s] = procrustes(truth[None], t[None], scaled=True)
     assert np.sqrt(((s * t @ R.T + shift - truth) ** 2).sum(axis=1).mean()) < 0.003
     medians = [
         np.median(depth[depth > 0]) for depth in (found.frames.frame(k).depth for k in range(6))

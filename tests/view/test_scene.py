@@ -12,13 +12,14 @@ from certpgo.graph import Estimate, Instance, RotationGraph
 from certpgo.graph.keys import Keys
 from certpgo.graph.kinds import Kind
 from certpgo.io.datasets import synthetic
+from certpgo.io.datasets.monocular import random_maps
 from certpgo.io.surfaces import Surface, read_surface
 from certpgo.linalg import rotations as so
 from certpgo.objective.problem import problem_of
 from certpgo.view.layout import layout
 from certpgo.view.load_scene import scene_of
 from certpgo.view.placements import aligned
-from certpgo.view.scene import NOT_MEASURED, Measure, colours, frame_of
+from certpgo.view.scene import IN_UNITS, NOT_MEASURED, Measure, colours, frame_of
 
 RNG = np.random.default_rng(0)
 FIELD = """\
@@ -52,6 +53,16 @@ def test_residuals_are_those_of_the_problem(grid):
     lengths = np.linalg.norm(problem.translation_residuals(grid.truth), axis=1)
     assert metres.values == pytest.approx(lengths)
     assert scene.units == ["degrees", "metres"]
+
+
+def test_a_map_without_a_unit_is_drawn_in_its_own_and_the_truth_with_it():
+    graph, truth = random_maps(np.random.default_rng(1), turn=0.0, scale=0.0, move=0.0)
+    graph = replace(graph, free=np.ones(graph.num_nodes, dtype=bool))
+    instance = Instance("maps", graph, np.arange(graph.num_nodes))
+    scene = scene_of(instance, moved(truth), truth=truth.moved(np.eye(3), scale=10.0))
+    assert scene.truth.positions == pytest.approx(scene.placements[-1].positions, abs=1e-9)
+    assert scene.units[:2] == ["degrees", "units"]
+    assert (scene.length_unit, scene.sentence) == ("units", IN_UNITS)
 
 
 def test_a_moved_estimate_is_the_same_scene_moved(helix):

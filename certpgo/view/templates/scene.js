@@ -329,7 +329,7 @@ const Scene = (function () {
       context.lineTo(x + scale * length, y - 5);
       context.stroke();
       context.font = "12px system-ui, sans-serif";
-      context.fillText(length + " m", x + scale * length + 6, y + 1);
+      context.fillText(length + " " + data.length, x + scale * length + 6, y + 1);
       if (!data.frame) return;
       const [ox, oy] = [40, height - 36];
       data.frame.axes[0].forEach((_, k) => {
