@@ -11,7 +11,9 @@ from certpgo.errors import InputNotice
 from certpgo.io import datasets
 from certpgo.optimize import progress
 
-settings.register_profile("ci", derandomize=True, deadline=None)
+# `pytest --hypothesis-profile=campaign` draws other examples in each run, and ten times as many.
+settings.register_profile("ci", derandomize=True, deadline=None, max_examples=50)
+settings.register_profile("campaign", deadline=None, max_examples=500)
 settings.load_profile("ci")
 
 # Shells let their background jobs ignore Ctrl-C, which some tests send.

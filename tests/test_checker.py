@@ -25,7 +25,7 @@ from certpgo.io.exact import circle, information, quaternion
 
 U = 2.0**-53
 #: How many proofs are damaged, in their arrays and in the container; more on demand.
-MUTATIONS = int(os.environ.get("CERTPGO_MUTATIONS", "400"))
+MUTATIONS = int(os.environ.get("CERTPGO_MUTATIONS", "200"))
 FLIPS = max(1000, MUTATIONS // 10)
 
 
@@ -195,7 +195,7 @@ def test_proves_public_optima(name, rotations, tmp_path, dataset, dataset_path):
     assert proof.stat().st_size <= 140 * instance.graph.num_nodes + 2000
 
 
-@pytest.mark.parametrize("name", ["kitti_00", "ais2klinik"])
+@pytest.mark.parametrize("name", ["kitti_00"])
 def test_proves_long_loops(name, tmp_path, dataset, dataset_path):
     instance = dataset(name)
     answer = certpgo.solve(instance.graph)

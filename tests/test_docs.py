@@ -134,7 +134,7 @@ def test_the_site_is_built_without_a_warning(tmp_path):
         pytest.importorskip(package, reason="the docs extra is not installed")
     options = ["-q", "-W", "--keep-going", "-n", "-D", "nb_execution_mode=off"]
     # The site's own theme copies all contents into each page, which takes as long again.
-    options += ["-D", "html_theme=basic"]
+    options += ["-D", "html_theme=basic", "-D", "autodoc_preserve_defaults=0"]
     done = subprocess.run(
         [sys.executable, "-m", "sphinx", *options, "-d", tmp_path / "trees", DOCS, tmp_path],
         capture_output=True,

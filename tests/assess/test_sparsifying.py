@@ -45,7 +45,7 @@ def dense(problem, fractions):
     return np.linalg.eigvalsh(L)[1]
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("count", [1, 4, 10])
 def test_no_choice_exceeds_the_bound(seed, count):
     problem, loops = small(seed)

@@ -7,8 +7,8 @@ import pytest
 from reports.harness.speed import bench
 from reports.harness.speed.measuring import Comparison, Group, Lap
 
-#: Sections that start many processes, or read large files.
-SLOW = ("processes", "reading")
+#: Sections that start many processes, read large files or solve large graphs.
+SLOW = ("processes", "reading", "solving")
 
 
 def group(subject, *timers):

@@ -85,16 +85,13 @@ def test_a_method_that_fails_is_a_row_with_its_reason(table, deed, said, jobs):
     assert failures(records) == {"n = 6": said}
 
 
-def test_a_worker_that_dies_fails_its_own_task_alone(table):
-    records = executed(mischievous(table, "die"), Pool(2))
+def test_a_worker_that_dies_fails_its_own_task_alone_which_is_then_done(table):
+    table = mischievous(table, "die")
+    records = executed(table, Pool(2))
     assert len(records) == 6
     assert failures(records) == {"n = 6": DIED.error}
-
-
-def test_a_row_whose_worker_died_is_done(table):
-    table = mischievous(table, "die")
-    records = {record.key: [record] for record in executed(table, Pool(2))}
-    assert table_tasks(table, lambda key: records.get(key, ())) == ()
+    known = {record.key: [record] for record in records}
+    assert table_tasks(table, lambda key: known.get(key, ())) == ()
 
 
 def test_the_limit_ends_what_takes_too_long_and_leaves_no_alarm():
