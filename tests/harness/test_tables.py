@@ -127,13 +127,7 @@ def test_every_committed_value_that_differs_is_explained(table):
     assert [c for c in found if c.found is cells.CellStatus.DIFFERS and not c.reason] == []
 
 
-#: A table of hours, whose records are still those of an engine that is gone.
-STALE = {"eriksson2018_table1"}
-
-
 def test_committed_results_name_engines_that_exist(table):
-    if table.name in STALE:
-        pytest.skip("to be run again")
     named = {record.provenance.get("engine") for record in committed(table)} - {None}
     assert named <= set(engines())
 
