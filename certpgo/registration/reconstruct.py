@@ -24,6 +24,7 @@ from certpgo.registration.depth_scales import (
     of_one_median,
     with_factors,
 )
+from certpgo.registration.depth_tilt import depth_tilt
 from certpgo.registration.features import ColourCamera, Features
 from certpgo.registration.fuse import GRID, STEP, WIDE, ColouredCloud, fused, voxel_means
 from certpgo.registration.judging import about_depths, judge_depths, judge_steps
@@ -69,7 +70,8 @@ class ReconstructSettings:
         default where depth images are not registered to colour
     scales : whether the depths of each frame have an unknown factor: a scale is estimated for each,
         by keypoints alone. Lengths in metres are then in the unit in which the median depth of
-        frames is 2, in the geometric mean
+        frames is 2, in the geometric mean. Where colour has a camera of its own, a tilt of depths
+        over the image is estimated as well
     ransac : when two frames match
     """
 
@@ -173,9 +175,17 @@ class Reconstruction:
         low, high = self.factors.min(), self.factors.max()
         return [
             ("depth factors", f"{low:.4g} to {high:.4g}"),
+            *self._tilt(),
             ("unit", f"that in which median depths are {MEDIAN:g}, in the geometric mean"),
             ("weights", "in the frames' own units, at the estimate"),
         ]
+
+    def _tilt(self) -> list[tuple[str, str]]:
+        """What depths were multiplied by over the image, if that was estimated."""
+        if not isinstance(self.frames, ScaledSequence) or not any(self.frames.tilt):
+            return []
+        a, b = self.frames.tilt
+        return [("depth tilt", f"depths times 1 {a:+.4f} u {b:+.4f} v at rays (u, v, 1)")]
 
     def _disagreement(self) -> list[tuple[str, str]]:
         """What was measured of the agreement of keypoints and clouds, if both were used."""
@@ -250,6 +260,12 @@ def reconstruct(
     tried = set(adjacent(len(frames)))
     alike = retrieved([view.features if view else None for view in views], np.random.default_rng(0))
     loops = work.measured("loops", alike)
+    if chosen.scales and work.straighten(loops):
+        views = work.kept
+        steps, loops = (
+            work.measured("odometry", adjacent(len(frames))),
+            work.measured("loops", alike),
+        )
     scales = agreed_scales([*steps, *loops], len(frames)) if chosen.scales else np.ones(len(frames))
     steps, loops = in_units_of(scales, steps), in_units_of(scales, loops)
     nodes, reckoning = composed(steps, frames.names, frames.name)
@@ -263,7 +279,7 @@ def reconstruct(
     final = average(pairs, frames.names, frames.name, first.poses, trust=chosen.trust)
     if isinstance(frames, ScaledSequence) and final.scales is not None:
         scales[final.nodes] *= final.scales
-        frames = with_factors(given, frames.factors * scales)
+        frames = with_factors(given, frames.factors * scales, work.tilt)
         factors = frames.factors[final.nodes]
     scene = fused(
         frames,
@@ -314,13 +330,14 @@ class _Work:
     ) -> None:
         self.frames, self.settings, self.colour = frames, settings, colour
         self.cache, self.progress = cache, progress
-        self._views: list[Keyframe | None] = []
+        self.kept: list[Keyframe | None] = []
+        self.tilt = (0.0, 0.0)
         self._keys: list[str] = []
 
     def views(self) -> tuple[list[Keyframe | None], tuple[str, ...], tuple[int, int]]:
         """What is kept of each frame, why others are left out, and the size of images."""
         found = each("frames", self._view, range(len(self.frames)), self.progress)
-        self._views = [one.view for one in found]
+        self.kept = [one.view for one in found]
         self._keys = [one.key for one in found]
         skipped = tuple(one.reason for one in found if one.reason)
         known = [one.depths for one in found if one.depths is not None]
@@ -329,11 +346,26 @@ class _Work:
         for reason in skipped:
             warnings.warn(f"frame left out: {reason}", InputNotice, stacklevel=3)
         sizes = {one.size for one in found if one.size is not None}
-        if not any(self._views):
+        if not any(self.kept):
             raise InputError(f"{self.frames.name}: no usable frame: {skipped[0]}")
         if len(sizes) > 1:
             raise InputError(f"{self.frames.name}: images of several sizes: {sorted(sizes)}")
-        return self._views, skipped, sizes.pop()
+        return self.kept, skipped, sizes.pop()
+
+    def straighten(self, loops: list[FramePair]) -> bool:
+        """Whether what is kept of frames is now without the tilt of depths that loops tell.
+
+        Depths that are registered to colour have been calibrated: they are left as they are.
+        """
+        if self.colour is None:
+            return False
+        features = {k: view.features for k, view in enumerate(self.kept) if view}
+        self.tilt = depth_tilt(loops, features, self.colour.camera)
+        if not any(self.tilt):
+            return False
+        self.kept = [view and view.straightened(self.tilt) for view in self.kept]
+        self._keys = [digest(key, self.tilt) for key in self._keys]
+        return True
 
     def _view(self, k: int) -> _Looked:
         key = digest(self.frames.key(k), self.settings.cutoff, self.colour)
@@ -369,9 +401,9 @@ class _Work:
 
     def measured(self, stage: str, candidates: list[tuple[int, int]]) -> list[FramePair]:
         """The pairs that match, in the order of the candidates."""
-        usable = [(i, j) for i, j in candidates if self._views[i] and self._views[j]]
+        usable = [(i, j) for i, j in candidates if self.kept[i] and self.kept[j]]
         dense = self.settings.dense and not self.settings.scales
-        clouds = Clouds(self._views) if dense else None
+        clouds = Clouds(self.kept) if dense else None
         work = partial(self._pair, clouds)
         return [pair for pair in each(stage, work, usable, self.progress) if pair]
 
@@ -383,7 +415,7 @@ class _Work:
 
     def _pair(self, clouds: Clouds | None, ends: tuple[int, int]) -> FramePair | None:
         i, j = ends
-        a, b = self._views[i], self._views[j]
+        a, b = self.kept[i], self.kept[j]
         if a is None or b is None:
             return None
         camera = self.frames.camera if self.colour is None else self.colour.camera
