@@ -19,14 +19,16 @@ from certpgo.registration.features import Features, match
 from certpgo.registration.pairs import FramePair
 from certpgo.registration.ransac import jacobian, moved
 
-#: Pairs that are looked at, at most and at least.
-PAIRS, FEWEST = 300, 8
+#: Pairs that are looked at, at most.
+PAIRS = 300
 #: Steps of Gauss and Newton at most, and the step, in standard deviations, at which they end.
 STEPS, SETTLED = 10, 0.1
 #: Squared Mahalanobis distance at which a match pulls a quarter as hard.
 DOUBTFUL = 9.0
-#: Squared distance from 0, in standard deviations, from which a tilt is believed: 99.9 % of two.
-CONVINCING = 13.8
+#: Squared distance from 0, in standard deviations, from which on a tilt is believed. Of a room
+#: without any, noise and steps of disparity were seen to give 7 to 13, and 0.004 at most of a and b
+#: where there are 30 frames or more.
+CONVINCING = 25.0
 
 
 def depth_tilt(
@@ -34,8 +36,7 @@ def depth_tilt(
 ) -> tuple[float, float]:
     """The a and b by which depths z are z (1 + a u + b v); 0 if the pairs do not tell them.
 
-    Matched points of all pairs agree best, each pair with its own similarity. Standard deviations
-    are those that the scatter of the pairs states.
+    Matched points of all pairs agree best, each pair with its own similarity.
 
     Parameters
     ----------
@@ -43,7 +44,7 @@ def depth_tilt(
     features : of their frames, by number
     camera : of the keypoints, for their noise
     """
-    if len(pairs) < FEWEST:
+    if not pairs:
         return 0.0, 0.0
     few = np.unique(np.linspace(0, len(pairs) - 1, PAIRS).astype(int)).tolist()
     samples = [_matched(features[pairs[k].i], features[pairs[k].j]) for k in few]
@@ -65,9 +66,7 @@ def depth_tilt(
         tilt = tilt + step
         if step @ information @ step < SETTLED**2:
             break
-    inverse = np.linalg.inv(information)
-    covariance = inverse @ told.T @ told @ inverse
-    convincing = tilt @ np.linalg.solve(covariance, tilt) > CONVINCING
+    convincing = tilt @ information @ tilt > CONVINCING
     return (float(tilt[0]), float(tilt[1])) if convincing else (0.0, 0.0)
 
 
