@@ -117,7 +117,7 @@ def test_c_times_the_depth_has_a_factor_1_c_times_as_large(frames, found):
 
 def test_depths_that_are_tilted_are_straightened(frames, monkeypatch):
     """Keypoints, clouds and depth images are as without a tilt."""
-    monkeypatch.setattr("certpgo.registration.reconstruct.depth_tilt", lambda *_: (0.02, -0.015))
+    monkeypatch.setattr("certpgo.registration.front_end.depth_tilt", lambda *_: (0.02, -0.015))
     few, hidden = frames.chosen(range(3)), HIDDEN[:3]
     tilted = with_factors(few, hidden, (-0.02, 0.015))
     settings = ReconstructSettings(scales=True)
