@@ -128,11 +128,14 @@ def row(name: str, cache: str | None) -> str:
         errors.append(trajectory_error(found.estimate, frames.truth.subset(found.nodes)))
     hidden = hidden_factors(len(frames))
     settings = ReconstructSettings(scales=True)
-    found = certpgo.reconstruct(with_factors(frames, hidden), settings, cache=cache)
+    scaled = with_factors(frames, hidden)
+    found = certpgo.reconstruct(scaled, settings, cache=cache)
     truth = frames.truth.subset(found.nodes)
     own = trajectory_error(found.estimate, truth)
-    again = certpgo.reconstruct(found.frames, colour=found.colour, cache=cache)
-    rigid = trajectory_error(again.estimate, frames.truth.subset(again.nodes))
+    # As --depth-factors does: depths as they are, times the factors.
+    known = with_factors(scaled.chosen(found.nodes.tolist()), found.factors)
+    again = certpgo.reconstruct(known, cache=cache)
+    rigid = trajectory_error(again.estimate, known.truth.subset(again.nodes))
     return (
         f"{name:14}true depth {errors[0]:.3f} mm, by keypoints alone {errors[1]:.3f} mm; hidden "
         f"factors {own:.3f} mm, {own / errors[0]:.2f} and {own / errors[1]:.2f} times; "
