@@ -42,26 +42,33 @@ class ScaledSequence(FrameSequence):
     ----------
     source : the frames as they are
     factors : (n,) positive
+    tilt : a and b: depths at the ray (u, v, 1) are multiplied by 1 + a u + b v as well
     """
 
     source: FrameSequence
     factors: FloatArray
+    tilt: tuple[float, float] = (0.0, 0.0)
 
     def frame(self, k: int) -> Frame:
         """The k-th frame."""
-        frame = self.source.frame(k)
-        return Frame(frame.colour, (self.factors[k] * frame.depth).astype(np.float32))
+        frame, camera = self.source.frame(k), self.camera
+        rows, columns = (np.arange(size) for size in frame.depth.shape)
+        across, down = (columns - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy
+        tilted = 1.0 + self.tilt[0] * across + self.tilt[1] * down[:, None]
+        return Frame(frame.colour, (self.factors[k] * tilted * frame.depth).astype(np.float32))
 
     def key(self, k: int) -> str:
-        """A digest of the k-th frame's content and factor."""
-        return digest(self.source.key(k), float(self.factors[k]))
+        """A digest of the k-th frame's content, factor and tilt."""
+        return digest(self.source.key(k), float(self.factors[k]), self.tilt)
 
     def _of_frames(self, kept: list[int]) -> dict[str, Any]:
         return {"source": self.source.chosen(kept), "factors": self.factors[kept]}
 
 
-def with_factors(frames: FrameSequence, factors: FloatArray) -> ScaledSequence:
-    """Frames with their depths multiplied by factors (n,).
+def with_factors(
+    frames: FrameSequence, factors: FloatArray, tilt: tuple[float, float] = (0.0, 0.0)
+) -> ScaledSequence:
+    """Frames with their depths multiplied by factors (n,), and straightened by a tilt.
 
     Examples
     --------
@@ -82,6 +89,7 @@ def with_factors(frames: FrameSequence, factors: FloatArray) -> ScaledSequence:
         registered=frames.registered,
         source=frames,
         factors=np.asarray(factors, dtype=np.float64),
+        tilt=tilt,
     )
 
 

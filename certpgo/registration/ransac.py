@@ -234,7 +234,7 @@ def refine(
             # At the most likely points: those measured are scattered, and s would be too small.
             q = q + (covariances[1][inliers] @ W @ off[:, :, None])[:, :, 0]
         information, xi = _step(q, off, W, scaled)
-        R, t, s = _moved(R, t, s, xi)
+        R, t, s = moved(R, t, s, xi)
         small = xi @ information @ xi < SETTLED**2
         if step > 1 and small and np.array_equal(previous, inliers):
             break
@@ -254,7 +254,7 @@ def stepped(
     source, e : (k, 3) points q and residuals R^T (p - t) - q
     weights : (k, 3, 3) of the residuals
     """
-    R, t, _ = _moved(R, t, 1.0, _step(source, e, weights, scaled=False)[1])
+    R, t, _ = moved(R, t, 1.0, _step(source, e, weights, scaled=False)[1])
     return R, t
 
 
@@ -262,16 +262,22 @@ def _step(
     q: FloatArray, e: FloatArray, W: FloatArray, scaled: bool
 ) -> tuple[FloatArray, FloatArray]:
     """The information and the step in the tangent, of 6 numbers, or 7 with the scale."""
-    # e(T exp(xi)) = e - v - w x q - sigma q to first order.
-    blocks = [-so.hat(q), np.broadcast_to(np.eye(3), (len(q), 3, 3))]
-    J = np.concatenate([*blocks, q[:, :, None]] if scaled else blocks, axis=2)
+    J = jacobian(q, scaled)
     JW = np.swapaxes(J, 1, 2) @ W
     information = (JW @ J).sum(axis=0)
     return information, np.linalg.solve(information, (JW @ e[:, :, None]).sum(axis=0)[:, 0])
 
 
-def _moved(
+def jacobian(q: FloatArray, scaled: bool) -> FloatArray:
+    """(k, 3, 6 or 7) J of residuals at points q (k, 3): e(T exp(xi)) = e - J xi to first order."""
+    # That is e - v - w x q - sigma q.
+    blocks = [-so.hat(q), np.broadcast_to(np.eye(3), (len(q), 3, 3))]
+    return np.concatenate([*blocks, q[:, :, None]] if scaled else blocks, axis=2)
+
+
+def moved(
     R: FloatArray, t: FloatArray, s: float, xi: FloatArray
 ) -> tuple[FloatArray, FloatArray, float]:
+    """The motion T exp(xi), with xi (6,), or (7,) with the logarithm of the scale."""
     growth = math.exp(float(xi[6])) if len(xi) > 6 else 1.0
     return so.project((R @ so.exp(xi[:3]))[None])[0], t + s * (R @ xi[3:6]), s * growth

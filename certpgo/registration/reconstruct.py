@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from certpgo.errors import FormatError, InputError, InputNotice, SpecError
+from certpgo.errors import InputError, SpecError
 from certpgo.graph import Estimate, Instance
-from certpgo.graph.phrases import counted
 from certpgo.linalg.arrays import FloatArray, IntArray
-from certpgo.registration import features as keypoints
 from certpgo.registration.averaging import Averaged, averaged, averaged_scales, composed
 from certpgo.registration.calibration import colour_camera
 from certpgo.registration.depth_scales import (
@@ -24,27 +19,20 @@ from certpgo.registration.depth_scales import (
     of_one_median,
     with_factors,
 )
-from certpgo.registration.features import ColourCamera, Features
-from certpgo.registration.fuse import GRID, STEP, WIDE, ColouredCloud, fused, voxel_means
-from certpgo.registration.judging import about_depths, judge_depths, judge_steps
+from certpgo.registration.features import ColourCamera
+from certpgo.registration.front_end import FrontEnd, FrontEndSettings
+from certpgo.registration.fuse import GRID, ColouredCloud, fused
+from certpgo.registration.judging import judge_steps
 from certpgo.registration.loops import DeadReckoning, adjacent, consistent, overlapping, retrieved
 from certpgo.registration.pairs import (
-    VOXEL,
-    Clouds,
     FramePair,
-    Keyframe,
     in_units_of,
-    measure,
-    restored,
-    stored,
 )
 from certpgo.registration.ransac import RansacSettings
 from certpgo.registration.sequences import FrameSequence
-from certpgo.registration.stages import Arrays, Cache, Progress, digest, each, silent
+from certpgo.registration.stages import Cache, Progress, silent
 from certpgo.solve.result import CertifiedSolution
 
-#: Keypoints with a depth from which on a frame can be matched.
-FEWEST = 30
 #: What is said beside every verdict.
 UNPROVEN = (
     "that images were matched to the right places: repeated patterns that agree with one another "
@@ -69,7 +57,8 @@ class ReconstructSettings:
         default where depth images are not registered to colour
     scales : whether the depths of each frame have an unknown factor: a scale is estimated for each,
         by keypoints alone. Lengths in metres are then in the unit in which the median depth of
-        frames is 2, in the geometric mean
+        frames is 2, in the geometric mean. Where colour has a camera of its own, a tilt of depths
+        over the image is estimated as well
     ransac : when two frames match
     """
 
@@ -173,9 +162,17 @@ class Reconstruction:
         low, high = self.factors.min(), self.factors.max()
         return [
             ("depth factors", f"{low:.4g} to {high:.4g}"),
+            *self._tilt(),
             ("unit", f"that in which median depths are {MEDIAN:g}, in the geometric mean"),
             ("weights", "in the frames' own units, at the estimate"),
         ]
+
+    def _tilt(self) -> list[tuple[str, str]]:
+        """What depths were multiplied by over the image, if that was estimated."""
+        if not isinstance(self.frames, ScaledSequence) or not any(self.frames.tilt):
+            return []
+        a, b = self.frames.tilt
+        return [("depth tilt", f"depths times 1 {a:+.4f} u {b:+.4f} v at rays (u, v, 1)")]
 
     def _disagreement(self) -> list[tuple[str, str]]:
         """What was measured of the agreement of keypoints and clouds, if both were used."""
@@ -242,7 +239,10 @@ def reconstruct(
     average = averaged_scales if chosen.scales else averaged
     if colour is None:
         colour = colour_camera(frames, chosen.calibrate, kept, progress, scaled=chosen.scales)
-    work = _Work(frames, chosen, colour, kept, progress)
+    looks = FrontEndSettings(
+        colour, chosen.cutoff, chosen.dense and not chosen.scales, chosen.scales, chosen.ransac
+    )
+    work = FrontEnd(frames, looks, kept, progress)
     views, skipped, size = work.views()
     steps = work.measured("odometry", adjacent(len(frames)))
     if not steps:
@@ -250,20 +250,26 @@ def reconstruct(
     tried = set(adjacent(len(frames)))
     alike = retrieved([view.features if view else None for view in views], np.random.default_rng(0))
     loops = work.measured("loops", alike)
+    if chosen.scales and work.straighten(loops):
+        views = work.kept
+        steps, loops = (
+            work.measured("odometry", adjacent(len(frames))),
+            work.measured("loops", alike),
+        )
     scales = agreed_scales([*steps, *loops], len(frames)) if chosen.scales else np.ones(len(frames))
     steps, loops = in_units_of(scales, steps), in_units_of(scales, loops)
     nodes, reckoning = composed(steps, frames.names, frames.name)
     reckoned = DeadReckoning(nodes, reckoning, steps)
-    pairs = [*steps, *work.plausible(loops, reckoned)]
+    pairs = [*steps, *_plausible(loops, reckoned, chosen)]
     first = average(pairs, frames.names, frames.name, reckoning, trust=chosen.trust)
     clouds = {k: scales[k] * view.cloud for k in first.nodes.tolist() if (view := views[k])}
     overlaps = overlapping(clouds, first.poses, frames.camera, size, tried | set(alike))
     more = in_units_of(scales, work.measured("overlaps", overlaps))
-    pairs = [*steps, *work.plausible([*loops, *more], reckoned)]
+    pairs = [*steps, *_plausible([*loops, *more], reckoned, chosen)]
     final = average(pairs, frames.names, frames.name, first.poses, trust=chosen.trust)
     if isinstance(frames, ScaledSequence) and final.scales is not None:
         scales[final.nodes] *= final.scales
-        frames = with_factors(given, frames.factors * scales)
+        frames = with_factors(given, frames.factors * scales, work.tilt)
         factors = frames.factors[final.nodes]
     scene = fused(
         frames,
@@ -291,108 +297,10 @@ def reconstruct(
     return found
 
 
-class _Looked(NamedTuple):
-    """A frame's view or the reason why there is none, its key, size, and what its depths are."""
-
-    view: Keyframe | None
-    key: str
-    reason: str
-    size: tuple[int, int] | None = None
-    depths: FloatArray | None = None
-
-
-class _Work:
-    """The stages over frames and pairs, with what they share."""
-
-    def __init__(
-        self,
-        frames: FrameSequence,
-        settings: ReconstructSettings,
-        colour: ColourCamera | None,
-        cache: Cache,
-        progress: Progress,
-    ) -> None:
-        self.frames, self.settings, self.colour = frames, settings, colour
-        self.cache, self.progress = cache, progress
-        self._views: list[Keyframe | None] = []
-        self._keys: list[str] = []
-
-    def views(self) -> tuple[list[Keyframe | None], tuple[str, ...], tuple[int, int]]:
-        """What is kept of each frame, why others are left out, and the size of images."""
-        found = each("frames", self._view, range(len(self.frames)), self.progress)
-        self._views = [one.view for one in found]
-        self._keys = [one.key for one in found]
-        skipped = tuple(one.reason for one in found if one.reason)
-        known = [one.depths for one in found if one.depths is not None]
-        if not self.settings.scales:
-            judge_depths(self.frames.name, known, self.settings.cutoff)
-        for reason in skipped:
-            warnings.warn(f"frame left out: {reason}", InputNotice, stacklevel=3)
-        sizes = {one.size for one in found if one.size is not None}
-        if not any(self._views):
-            raise InputError(f"{self.frames.name}: no usable frame: {skipped[0]}")
-        if len(sizes) > 1:
-            raise InputError(f"{self.frames.name}: images of several sizes: {sorted(sizes)}")
-        return self._views, skipped, sizes.pop()
-
-    def _view(self, k: int) -> _Looked:
-        key = digest(self.frames.key(k), self.settings.cutoff, self.colour)
-        try:
-            arrays = self.cache.arrays(("view", key), lambda: self._seen(k))
-        except FormatError as error:
-            return _Looked(None, key, str(error))
-        width, height = arrays["size"].tolist()
-        features = Features(arrays["pixels"], arrays["points"], arrays["descriptors"])
-        found: tuple[tuple[int, int], FloatArray] = (width, height), arrays["depths"]
-        if len(features) < FEWEST:
-            few = counted(len(features), "keypoint{s} with a depth")
-            return _Looked(None, key, f"{self.frames.names[k]}: {few}, {FEWEST} needed", *found)
-        return _Looked(Keyframe(features, arrays["cloud"]), key, "", *found)
-
-    def _seen(self, k: int) -> Arrays:
-        frame, camera = self.frames.frame(k), self.frames.camera
-        cutoff = self.settings.cutoff
-        found = keypoints.place(
-            *keypoints.detect(frame), frame.depth, camera, colour=self.colour, cutoff=cutoff
-        )
-        height, width = frame.depth.shape
-        near = np.where(frame.depth <= cutoff, frame.depth, np.float32(0.0))
-        cloud = camera.cloud(near, step=STEP if width >= WIDE else 1)
-        return {
-            "size": np.array([width, height]),
-            "pixels": found.pixels,
-            "points": found.points,
-            "descriptors": found.descriptors,
-            "cloud": voxel_means(cloud, VOXEL).astype(np.float32),
-            "depths": about_depths(frame.depth, cutoff),
-        }
-
-    def measured(self, stage: str, candidates: list[tuple[int, int]]) -> list[FramePair]:
-        """The pairs that match, in the order of the candidates."""
-        usable = [(i, j) for i, j in candidates if self._views[i] and self._views[j]]
-        dense = self.settings.dense and not self.settings.scales
-        clouds = Clouds(self._views) if dense else None
-        work = partial(self._pair, clouds)
-        return [pair for pair in each(stage, work, usable, self.progress) if pair]
-
-    def plausible(self, loops: list[FramePair], reckoned: DeadReckoning) -> list[FramePair]:
-        """The loops to believe, by the settings."""
-        if self.settings.gate:
-            loops = [pair for pair in loops if reckoned.allows(pair)]
-        return consistent(loops, reckoned) if self.settings.consistent else loops
-
-    def _pair(self, clouds: Clouds | None, ends: tuple[int, int]) -> FramePair | None:
-        i, j = ends
-        a, b = self._views[i], self._views[j]
-        if a is None or b is None:
-            return None
-        camera = self.frames.camera if self.colour is None else self.colour.camera
-        settings = self.settings.ransac
-        scaled = self.settings.scales
-        key = ("pair", i, j, self._keys[i], self._keys[j], settings, clouds is not None, scaled)
-        both = a.features, b.features
-
-        def made() -> Arrays:
-            return stored(measure(i, j, *both, camera, settings, clouds, scaled=scaled))
-
-        return restored(i, j, self.cache.arrays(key, made))
+def _plausible(
+    loops: list[FramePair], reckoned: DeadReckoning, settings: ReconstructSettings
+) -> list[FramePair]:
+    """The loops to believe, by the settings."""
+    if settings.gate:
+        loops = [pair for pair in loops if reckoned.allows(pair)]
+    return consistent(loops, reckoned) if settings.consistent else loops

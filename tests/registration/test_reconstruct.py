@@ -87,7 +87,7 @@ def test_results_are_resumed(frames, tmp_path, monkeypatch):
     few, folder = frames.chosen(range(6)), tmp_path / "kept"
     first = certpgo.reconstruct(few, cache=folder)
     monkeypatch.setattr("certpgo.registration.features.detect", None)
-    monkeypatch.setattr("certpgo.registration.reconstruct.measure", None)
+    monkeypatch.setattr("certpgo.registration.front_end.measure", None)
     again = certpgo.reconstruct(few, cache=folder)
     assert np.array_equal(again.estimate.translations, first.estimate.translations)
     for path in folder.iterdir():

@@ -1,0 +1,53 @@
+"""The tilt of depths: exact from exact points, and none without one."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from certpgo.linalg import rotations as so
+from certpgo.registration.camera import Camera, straightened
+from certpgo.registration.depth_tilt import depth_tilt
+from certpgo.registration.features import Features
+from certpgo.registration.pairs import FramePair
+
+CAMERA = Camera(525.0, 525.0, 319.5, 239.5)
+HIDDEN = np.array([0.5, 2.0, 1.3, 0.8, 1.7, 0.6])
+
+
+def seen(tilt, *, noise=0.0):
+    """Pairs and features of frames that turn before points, each in a unit of its own."""
+    rng, n = np.random.default_rng(0), len(HIDDEN)
+    world = rng.uniform([-1.0, -1.0, 1.5], [1.0, 1.0, 3.0], (100, 3))
+    descriptors = rng.integers(0, 256, (100, 128), np.uint8)
+    R = so.exp(np.c_[rng.uniform(-0.2, 0.2, (n, 2)), np.zeros(n)])
+    t = rng.uniform(-0.2, 0.2, (n, 3))
+    features = {}
+    for k in range(n):
+        local = (world - t[k]) @ R[k]
+        # What is measured is straight if the tilt is applied.
+        shares = straightened(local, tilt)[:, 2] / local[:, 2]
+        shares = shares * (1.0 + noise * rng.standard_normal(100))
+        features[k] = Features(np.zeros((100, 2)), HIDDEN[k] * local / shares[:, None], descriptors)
+    pairs = []
+    for i, j in combinations(range(n), 2):
+        turn, shift = R[i].T @ R[j], HIDDEN[i] * R[i].T @ (t[j] - t[i])
+        numbers = (100, 100, 1.0, False, 1.0, HIDDEN[i] / HIDDEN[j])
+        pairs.append(FramePair(i, j, turn, shift, np.eye(7), *numbers))
+    return pairs, features
+
+
+@pytest.mark.parametrize("tilt", [(0.02, -0.015), (0.0, 0.05)])
+def test_the_tilt_of_exact_points_is_exact(tilt):
+    pairs, features = seen(tilt)
+    assert depth_tilt(pairs, features, CAMERA) == pytest.approx(tilt, abs=1e-6)
+
+
+def test_noise_is_not_taken_for_a_tilt():
+    assert depth_tilt(*seen((0.0, 0.0), noise=0.004), CAMERA) == (0.0, 0.0)
+    found = depth_tilt(*seen((0.02, -0.015), noise=0.004), CAMERA)
+    assert found == pytest.approx((0.02, -0.015), abs=0.003)
+
+
+def test_no_pairs_tell_no_tilt():
+    assert depth_tilt([], {}, CAMERA) == (0.0, 0.0)
