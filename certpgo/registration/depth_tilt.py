@@ -34,7 +34,7 @@ CONVINCING = 25.0
 def depth_tilt(
     pairs: Sequence[FramePair], features: Mapping[int, Features], camera: Camera
 ) -> tuple[float, float]:
-    """The a and b by which depths z are z (1 + a u + b v); 0 if the pairs do not tell them.
+    """The a and b by which true depths are z (1 + a u + b v); 0 if the pairs do not show any.
 
     Matched points of all pairs agree best, each pair with its own similarity.
 
@@ -59,8 +59,8 @@ def depth_tilt(
         # Motions are eliminated: each is its own pair's.
         M = H[:, 7:, :7] @ np.linalg.inv(H[:, :7, :7])
         information = (H[:, 7:, 7:] - M @ H[:, :7, 7:]).sum(axis=0)
-        told = g[:, 7:] - (M @ g[:, :7, None])[:, :, 0]
-        step = np.linalg.solve(information, told.sum(axis=0))
+        reduced = g[:, 7:] - (M @ g[:, :7, None])[:, :, 0]
+        step = np.linalg.solve(information, reduced.sum(axis=0))
         xi = np.linalg.solve(H[:, :7, :7], (g[:, :7] - H[:, :7, 7:] @ step)[:, :, None])[:, :, 0]
         motions = [moved(*motion, change) for motion, change in zip(motions, xi, strict=True)]
         tilt = tilt + step

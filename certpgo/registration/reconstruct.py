@@ -24,10 +24,7 @@ from certpgo.registration.front_end import FrontEnd, FrontEndSettings
 from certpgo.registration.fuse import GRID, ColouredCloud, fused
 from certpgo.registration.judging import judge_steps
 from certpgo.registration.loops import DeadReckoning, adjacent, consistent, overlapping, retrieved
-from certpgo.registration.pairs import (
-    FramePair,
-    in_units_of,
-)
+from certpgo.registration.pairs import FramePair, in_units_of
 from certpgo.registration.ransac import RansacSettings
 from certpgo.registration.sequences import FrameSequence
 from certpgo.registration.stages import Cache, Progress, silent
@@ -252,10 +249,8 @@ def reconstruct(
     loops = work.measured("loops", alike)
     if chosen.scales and work.straighten(loops):
         views = work.kept
-        steps, loops = (
-            work.measured("odometry", adjacent(len(frames))),
-            work.measured("loops", alike),
-        )
+        steps = work.measured("odometry", adjacent(len(frames)))
+        loops = work.measured("loops", alike)
     scales = agreed_scales([*steps, *loops], len(frames)) if chosen.scales else np.ones(len(frames))
     steps, loops = in_units_of(scales, steps), in_units_of(scales, loops)
     nodes, reckoning = composed(steps, frames.names, frames.name)
