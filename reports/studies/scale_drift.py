@@ -1,18 +1,27 @@
-"""A monocular map whose scale drifts: before, after and beside others, with certificates.
+"""A monocular map whose scale drifts: how far off maps are, and where descents end.
 
     python -m reports.studies.scale_drift [--every K] [--walk S ...] [--seeds N]
+    python -m reports.studies.scale_drift --basins [--every K] [--seeds N] [--by-gtsam]
 
 The trajectory is the optimum of kitti_00, in space, every K-th pose. Odometry knows no scale, whose
 logarithm walks with steps of S; loops measure the scale too. The table has the root mean square
 error of positions, after the best similarity, of odometry, of the graph taken as one of poses, of F
-with the unit of the mean, of the same with pose 0 as the unit, and of GTSAM's Similarity3 by
-descent from odometry and from our answer, with GTSAM's error; then the error of `fit_logarithms`,
-its cost over two, which is GTSAM's error, and the relative gap of its bound for these scales.
+with the unit of the mean, and of the same with pose 0 as the unit; then the error of
+`fit_logarithms`, its cost over two, which is GTSAM's error, and the relative gap of its bound for
+these scales.
+
+With --basins the table has a row a setting, of --seeds graphs, and a column a start: odometry;
+GTSAM's FastSync with the length of the drive as its unit, and with metres; the certified answer for
+F; and scales that fit best, then poses, where `fit_logarithms` begins. From each a descent on the
+cost of logarithms, or GTSAM's on the same cost, takes at most 300 steps. An end is in a wrong basin
+if it costs over 1 % more than the least of these ends and of that from the truth. A cell has their
+number, how many of these were still descending, and the median error of all ends.
 """
 
 import argparse
 import time
 import warnings
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -21,26 +30,22 @@ import certpgo
 from certpgo import Estimate
 from certpgo.graph import SimilarityGraph
 from certpgo.io import datasets
-from certpgo.io.datasets.monocular import drifting, in_one_unit
+from certpgo.io.datasets.monocular import drifting, in_one_unit, keyframes, odometry
+from certpgo.linalg.arrays import IntArray
+from certpgo.objective.logarithms import LogarithmProblem
 from certpgo.objective.similarity_problem import SimilarityProblem
+from certpgo.optimize.similarity_descent import descend, separate_start
+from certpgo.optimize.solution import Status
+from certpgo.solve.logarithms import STEPS, TOLERANCE
 from certpgo.solve.metrics import position_errors
 
-ROW = "{:>6}{:>6}{:>10}{:>10}{:>10}{:>10}{:>13}{:>12}{:>22}{:>22}{:>28}"
-#: Seconds for each search.
-LIMIT = 60.0
-
-
-def trajectory(every: int) -> tuple[Estimate, np.ndarray]:
-    """Every so many poses of kitti_00 in space, and the loops between them."""
-    instance = datasets.load("kitti_00", download=False, quiet=True)
-    best = certpgo.solve(instance).estimate
-    kept = np.arange(0, best.num_nodes, every)
-    R = np.tile(np.eye(3), (len(kept), 1, 1))
-    R[:, :2, :2] = best.rotations[kept]
-    t = np.concatenate([best.translations[kept], np.zeros((len(kept), 1))], axis=1)
-    i, j = np.sort(instance.graph.edges // every, axis=1).T
-    loops = np.unique(np.stack([i, j], axis=1)[(j - i > 1) & (j < len(kept))], axis=0)
-    return Estimate(R, t), loops
+ROW = "{:>6}{:>6}{:>10}{:>10}{:>10}{:>10}{:>13}{:>12}{:>28}"
+#: Seconds for each search, and for that of a start.
+LIMIT, SHORT = 60.0, 10.0
+#: Steps of the logarithm of scale, and of rotations, radians, in the settings of --basins.
+SETTINGS = ((0.005, 0.002), (0.01, 0.002), (0.02, 0.002), (0.04, 0.002), (0.02, 0.06), (0.02, 0.1))
+#: Above this share of the least cost an end is in another basin.
+MARGIN = 0.01
 
 
 def error(found: Estimate, truth: Estimate) -> float:
@@ -48,64 +53,138 @@ def error(found: Estimate, truth: Estimate) -> float:
     return position_errors(found, truth, scaled=True).rmse
 
 
-def odometry(graph: SimilarityGraph) -> Estimate:
-    """Poses composed step by step, of scale 1."""
-    n = graph.num_nodes
-    R, t = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3))
-    for k in range(n - 1):
-        R[k + 1] = R[k] @ graph.rotation.rotations[k]
-        t[k + 1] = t[k] + R[k] @ graph.translations[k]
-    return Estimate(R, t, scales=np.ones(n))
+def drives(
+    truth: Estimate, loops: IntArray, seeds: int, **noise: float
+) -> Iterator[tuple[int, SimilarityGraph, Estimate]]:
+    """Each seed with its graph, and the truth with scales."""
+    for seed in range(seeds):
+        yield seed, *drifting(truth, loops, np.random.default_rng(seed), **noise)
 
 
-def by_gtsam(problem: SimilarityProblem, start: Estimate) -> tuple[Estimate, float]:
-    """Levenberg and Marquardt's end from a start, with GTSAM's error."""
+def fast_sync(graph: SimilarityGraph, unit: float) -> Estimate:
+    """GTSAM's FastSync in a unit of length, each measurement with the one weight 2 kappa.
+
+    It minimises |X_j - X_i S_ij|^2 over matrices of 4 rows, the last one pinned, and then takes the
+    nearest similarities.
+    """
     import gtsam
 
-    graph, values = certpgo.to_gtsam(problem, start)
-    whole = gtsam.NonlinearFactorGraph(graph)
+    measured = replace(graph, translations=graph.translations / unit)
+    factors, values = certpgo.to_gtsam(measured, odometry(measured))
+    isotropic = gtsam.NonlinearFactorGraph()
+    for k, kappa in enumerate(graph.rotation.kappa.tolist()):
+        factor, noise = factors.at(k), gtsam.noiseModel.Isotropic.Precision(7, 2.0 * kappa)
+        step = gtsam.BetweenFactorSimilarity3(*factor.keys(), factor.measured(), noise)
+        isotropic.push_back(step)
+    found = certpgo.from_gtsam(factors, gtsam.fastSyncSimilarity3(isotropic))[1]
+    return replace(found, translations=unit * found.translations)
+
+
+def length(graph: SimilarityGraph) -> float:
+    """The length of the drive in the units of its frames."""
+    return float(np.linalg.norm(graph.translations[: graph.num_nodes - 1], axis=1).sum())
+
+
+STARTS: dict[str, Callable[[SimilarityGraph], Estimate]] = {
+    "odometry": odometry,
+    "FastSync": lambda graph: fast_sync(graph, length(graph)),
+    "FastSync, metres": lambda graph: fast_sync(graph, 1.0),
+    "certified F": lambda graph: certpgo.solve(graph, time_limit=SHORT).estimate,
+    "scales, then poses": lambda graph: separate_start(SimilarityProblem(graph)),
+}
+
+
+def descent(graph: SimilarityGraph, start: Estimate) -> tuple[Estimate, float, bool]:
+    """The end of ours from a start, GTSAM's error there, and whether it had ended by itself."""
+    problem = LogarithmProblem(graph)
+    end = descend(problem, start, tolerance=TOLERANCE, max_iterations=STEPS)
+    return end.estimate, end.cost / 2.0, end.status is not Status.ITERATION_LIMIT
+
+
+def by_gtsam(graph: SimilarityGraph, start: Estimate) -> tuple[Estimate, float, bool]:
+    """The same of GTSAM's Levenberg and Marquardt."""
+    import gtsam
+
+    factors, values = certpgo.to_gtsam(graph, start)
+    whole = gtsam.NonlinearFactorGraph(factors)
     fixed = gtsam.noiseModel.Isotropic.Sigma(7, 1e-6)
     whole.add(gtsam.PriorFactorSimilarity3(0, values.atSimilarity3(0), fixed))
-    end = gtsam.LevenbergMarquardtOptimizer(whole, values).optimize()
-    return certpgo.from_gtsam(graph, end)[1], graph.error(end)
+    settings = gtsam.LevenbergMarquardtParams()
+    settings.setMaxIterations(STEPS)
+    optimizer = gtsam.LevenbergMarquardtOptimizer(whole, values, settings)
+    end = optimizer.optimize()
+    ended = optimizer.iterations() < STEPS
+    return certpgo.from_gtsam(factors, end)[1], factors.error(end), ended
 
 
-def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--every", type=int, default=4)
-    parser.add_argument("--walk", type=float, nargs="+", default=[0.005, 0.01, 0.02])
-    parser.add_argument("--seeds", type=int, default=3)
-    asked = parser.parse_args()
-    warnings.simplefilter("ignore")
-    truth, loops = trajectory(asked.every)
-    print(f"{truth.num_nodes} poses, {len(loops)} loops")
+def basins(
+    truth: Estimate,
+    loops: IntArray,
+    seeds: int,
+    to_end: Callable[[SimilarityGraph, Estimate], tuple[Estimate, float, bool]],
+) -> Iterator[str]:
+    """The lines of the table of ends."""
+    yield f"| walk | turn, rad | {' | '.join(STARTS)} |"
+    yield "| --- " * (2 + len(STARTS)) + "|"
+    for walk, turn in SETTINGS:
+        off, costs, ended = [], [], []
+        for _, graph, scaled in drives(truth, loops, seeds, walk=walk, turn=turn):
+            starts = [start(graph) for start in STARTS.values()]
+            ends = [to_end(graph, start) for start in (*starts, scaled)]
+            off.append([error(estimate, truth) for estimate, _, _ in ends])
+            costs.append([cost for _, cost, _ in ends])
+            ended.append([by_itself for _, _, by_itself in ends])
+        wrong = np.array(costs) > (1.0 + MARGIN) * np.min(costs, axis=1, keepdims=True)
+        unfinished = (wrong & ~np.array(ended)).sum(axis=0)
+        cells = [
+            f"{count} ({cut} cut), {median:.1f} m" if cut else f"{count}, {median:.1f} m"
+            for count, cut, median in zip(
+                wrong.sum(axis=0), unfinished, np.median(off, axis=0), strict=True
+            )
+        ]
+        yield f"| {walk:.1%} | {turn:g} | {' | '.join(cells[:-1])} |"
+
+
+def errors(truth: Estimate, loops: IntArray, seeds: int, walks: list[float]) -> Iterator[str]:
+    """The lines of the table of errors."""
     names = ("walk", "seed", "odometry", "poses", "mean unit", "pose 0", "verdict", "seconds")
-    print(ROW.format(*names, "GTSAM from odometry", "GTSAM from ours", "logarithms"))
-    for walk in asked.walk:
-        for seed in range(asked.seeds):
-            graph, _ = drifting(truth, loops, np.random.default_rng(seed), walk=walk)
+    yield ROW.format(*names, "logarithms")
+    for walk in walks:
+        for seed, graph, _ in drives(truth, loops, seeds, walk=walk):
             held = replace(graph, free=np.arange(graph.num_nodes) != 0)
             begun = time.perf_counter()
             answer = certpgo.solve(graph, time_limit=LIMIT)
             seconds = time.perf_counter() - begun
-            start = odometry(graph)
             flat = certpgo.solve(in_one_unit(graph), time_limit=LIMIT).estimate
             anchored = certpgo.solve(held, time_limit=LIMIT).estimate
-            errors = [error(found, truth) for found in (start, flat, answer.estimate, anchored)]
-            theirs = []
-            for begin in (start, answer.estimate):
-                found, cost = by_gtsam(SimilarityProblem(graph), begin)
-                theirs.append(f"{error(found, truth):.2f} m, {cost:.1f}")
+            maps = (odometry(graph), flat, answer.estimate, anchored)
+            shown = [f"{error(found, truth):.2f}" for found in maps]
             fit = certpgo.fit_logarithms(graph, time_limit=LIMIT)
             gap = 1.0 - fit.lower_bound(1.0) / fit.cost
-            off = error(fit.estimate, truth)
-            theirs.append(f"{off:.2f} m, {fit.cost / 2.0:.1f}, {gap:.1%}")
-            shown = (f"{x:.2f}" for x in errors)
-            print(
-                ROW.format(walk, seed, *shown, answer.verdict, f"{seconds:.2f}", *theirs),
-                flush=True,
-            )
+            fitted = f"{error(fit.estimate, truth):.2f} m, {fit.cost / 2.0:.1f}, {gap:.1%}"
+            yield ROW.format(walk, seed, *shown, answer.verdict, f"{seconds:.2f}", fitted)
+
+
+def main() -> None:
+    """Print a table."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--every", type=int, default=4)
+    parser.add_argument("--walk", type=float, nargs="+", default=[0.005, 0.01, 0.02])
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--basins", action="store_true")
+    parser.add_argument("--by-gtsam", action="store_true")
+    asked = parser.parse_args()
+    warnings.simplefilter("ignore")
+    instance = datasets.load("kitti_00", download=False, quiet=True)
+    driven = certpgo.solve(instance).estimate
+    truth, loops = keyframes(driven, instance.graph.edges, asked.every)
+    print(f"{truth.num_nodes} poses, {len(loops)} loops")
+    if asked.basins:
+        lines = basins(truth, loops, asked.seeds, by_gtsam if asked.by_gtsam else descent)
+    else:
+        lines = errors(truth, loops, asked.seeds, asked.walk)
+    for line in lines:
+        print(line, flush=True)
 
 
 if __name__ == "__main__":

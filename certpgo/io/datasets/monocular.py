@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -134,5 +135,6 @@ def in_one_unit(graph: SimilarityGraph) -> PoseGraph:
 
 
 def odometry(graph: SimilarityGraph) -> Estimate:
-    """Poses composed from one to the next, all in one unit."""
-    return compose(in_one_unit(graph), np.arange(graph.num_nodes) - 1)
+    """Poses composed from one to the next, all of scale 1."""
+    n = graph.num_nodes
+    return replace(compose(in_one_unit(graph), np.arange(n) - 1), scales=np.ones(n))
