@@ -1,7 +1,7 @@
 """A monocular map whose scale drifts: how far off maps are, and where descents end.
 
     python -m reports.studies.scale_drift [--every K] [--walk S ...] [--seeds N]
-    python -m reports.studies.scale_drift --basins [--every K] [--seeds N] [--by-gtsam]
+    python -m reports.studies.scale_drift --basins [--every K] [--seeds N] [--by-gtsam] [--unit M]
 
 The trajectory is the optimum of kitti_00, in space, every K-th pose. Odometry knows no scale, whose
 logarithm walks with steps of S; loops measure the scale too. The table has the root mean square
@@ -11,11 +11,11 @@ with the unit of the mean, and of the same with pose 0 as the unit; then the err
 these scales.
 
 With --basins the table has a row a setting, of --seeds graphs, and a column a start: odometry;
-GTSAM's FastSync with the length of the drive as its unit, and with metres; the certified answer for
-F; and scales that fit best, then poses, where `fit_logarithms` begins. From each a descent on the
-cost of logarithms, or GTSAM's on the same cost, takes at most 300 steps. An end is in a wrong basin
-if it costs over 1 % more than the least of these ends and of that from the truth. A cell has their
-number, how many of these were still descending, and the median error of all ends.
+GTSAM's FastSync with M metres as its unit, or the length of the drive; the certified answer for F;
+and scales that fit best, then poses, where `fit_logarithms` begins. From each a descent on the cost
+of logarithms, or GTSAM's on the same cost, takes at most 300 steps. An end is in a wrong basin if
+it costs over 1 % more than the least of these ends and of that from the truth. A cell has their
+number, how many of these were still descending, and the median errors of the starts and ends.
 """
 
 import argparse
@@ -43,7 +43,10 @@ ROW = "{:>6}{:>6}{:>10}{:>10}{:>10}{:>10}{:>13}{:>12}{:>28}"
 #: Seconds for each search, and for that of a start.
 LIMIT, SHORT = 60.0, 10.0
 #: Steps of the logarithm of scale, and of rotations, radians, in the settings of --basins.
-SETTINGS = ((0.005, 0.002), (0.01, 0.002), (0.02, 0.002), (0.04, 0.002), (0.02, 0.06), (0.02, 0.1))
+SETTINGS = (
+    *((walk, 0.002) for walk in (0.005, 0.01, 0.02, 0.04)),
+    *((0.02, turn) for turn in (0.06, 0.1, 0.15)),
+)
 #: Above this share of the least cost an end is in another basin.
 MARGIN = 0.01
 
@@ -70,7 +73,7 @@ def fast_sync(graph: SimilarityGraph, unit: float) -> Estimate:
     import gtsam
 
     measured = replace(graph, translations=graph.translations / unit)
-    factors, values = certpgo.to_gtsam(measured, odometry(measured))
+    factors, _ = certpgo.to_gtsam(measured, odometry(measured))
     isotropic = gtsam.NonlinearFactorGraph()
     for k, kappa in enumerate(graph.rotation.kappa.tolist()):
         factor, noise = factors.at(k), gtsam.noiseModel.Isotropic.Precision(7, 2.0 * kappa)
@@ -85,13 +88,14 @@ def length(graph: SimilarityGraph) -> float:
     return float(np.linalg.norm(graph.translations[: graph.num_nodes - 1], axis=1).sum())
 
 
-STARTS: dict[str, Callable[[SimilarityGraph], Estimate]] = {
-    "odometry": odometry,
-    "FastSync": lambda graph: fast_sync(graph, length(graph)),
-    "FastSync, metres": lambda graph: fast_sync(graph, 1.0),
-    "certified F": lambda graph: certpgo.solve(graph, time_limit=SHORT).estimate,
-    "scales, then poses": lambda graph: separate_start(SimilarityProblem(graph)),
-}
+def starts(unit: float | None) -> dict[str, Callable[[SimilarityGraph], Estimate]]:
+    """Where descents begin, with the unit of FastSync, metres."""
+    return {
+        "odometry": odometry,
+        "FastSync": lambda graph: fast_sync(graph, unit or length(graph)),
+        "certified F": lambda graph: certpgo.solve(graph, time_limit=SHORT).estimate,
+        "scales, then poses": lambda graph: separate_start(SimilarityProblem(graph)),
+    }
 
 
 def descent(graph: SimilarityGraph, start: Estimate) -> tuple[Estimate, float, bool]:
@@ -121,28 +125,29 @@ def basins(
     truth: Estimate,
     loops: IntArray,
     seeds: int,
+    begin: dict[str, Callable[[SimilarityGraph], Estimate]],
     to_end: Callable[[SimilarityGraph, Estimate], tuple[Estimate, float, bool]],
 ) -> Iterator[str]:
     """The lines of the table of ends."""
-    yield f"| walk | turn, rad | {' | '.join(STARTS)} |"
-    yield "| --- " * (2 + len(STARTS)) + "|"
+    yield f"| walk | turn, rad | {' | '.join(begin)} |"
+    yield "| --- " * (2 + len(begin)) + "|"
     for walk, turn in SETTINGS:
         off, costs, ended = [], [], []
         for _, graph, scaled in drives(truth, loops, seeds, walk=walk, turn=turn):
-            starts = [start(graph) for start in STARTS.values()]
-            ends = [to_end(graph, start) for start in (*starts, scaled)]
-            off.append([error(estimate, truth) for estimate, _, _ in ends])
+            maps = [*(start(graph) for start in begin.values()), scaled]
+            ends = [to_end(graph, start) for start in maps]
+            off.append([[error(x, truth) for x in maps], [error(x, truth) for x, _, _ in ends]])
             costs.append([cost for _, cost, _ in ends])
             ended.append([by_itself for _, _, by_itself in ends])
         wrong = np.array(costs) > (1.0 + MARGIN) * np.min(costs, axis=1, keepdims=True)
-        unfinished = (wrong & ~np.array(ended)).sum(axis=0)
+        cut = (wrong & ~np.array(ended)).sum(axis=0)
+        before, after = np.median(off, axis=0)
         cells = [
-            f"{count} ({cut} cut), {median:.1f} m" if cut else f"{count}, {median:.1f} m"
-            for count, cut, median in zip(
-                wrong.sum(axis=0), unfinished, np.median(off, axis=0), strict=True
-            )
+            f"{wrong[:, k].sum()}{f' ({cut[k]} cut)' if cut[k] else ''}: "
+            f"{before[k]:.1f} to {after[k]:.1f} m"
+            for k in range(len(begin))
         ]
-        yield f"| {walk:.1%} | {turn:g} | {' | '.join(cells[:-1])} |"
+        yield f"| {walk:.1%} | {turn:g} | {' | '.join(cells)} |"
 
 
 def errors(truth: Estimate, loops: IntArray, seeds: int, walks: list[float]) -> Iterator[str]:
@@ -173,6 +178,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--basins", action="store_true")
     parser.add_argument("--by-gtsam", action="store_true")
+    parser.add_argument("--unit", type=float, help="of FastSync, metres")
     asked = parser.parse_args()
     warnings.simplefilter("ignore")
     instance = datasets.load("kitti_00", download=False, quiet=True)
@@ -180,7 +186,8 @@ def main() -> None:
     truth, loops = keyframes(driven, instance.graph.edges, asked.every)
     print(f"{truth.num_nodes} poses, {len(loops)} loops")
     if asked.basins:
-        lines = basins(truth, loops, asked.seeds, by_gtsam if asked.by_gtsam else descent)
+        to_end = by_gtsam if asked.by_gtsam else descent
+        lines = basins(truth, loops, asked.seeds, starts(asked.unit), to_end)
     else:
         lines = errors(truth, loops, asked.seeds, asked.walk)
     for line in lines:
