@@ -19,15 +19,18 @@ number, how many of these were still descending, and the median errors of the st
 """
 
 import argparse
+import math
 import time
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 import certpgo
 from certpgo import Estimate
+from certpgo.errors import GraphError
 from certpgo.graph import SimilarityGraph
 from certpgo.io import datasets
 from certpgo.io.datasets.monocular import drifting, in_one_unit, keyframes, odometry
@@ -51,9 +54,17 @@ SETTINGS = (
 MARGIN = 0.01
 
 
-def error(found: Estimate, truth: Estimate) -> float:
+class End(NamedTuple):
+    """Where a descent ends, or None if it diverged; GTSAM's error there; whether it was cut."""
+
+    estimate: Estimate | None
+    cost: float
+    cut: bool
+
+
+def error(found: Estimate | None, truth: Estimate) -> float:
     """Root mean square of positions after the best similarity, metres."""
-    return position_errors(found, truth, scaled=True).rmse
+    return math.inf if found is None else position_errors(found, truth, scaled=True).rmse
 
 
 def drives(
@@ -67,8 +78,8 @@ def drives(
 def fast_sync(graph: SimilarityGraph, unit: float) -> Estimate:
     """GTSAM's FastSync in a unit of length, each measurement with the one weight 2 kappa.
 
-    It minimises |X_j - X_i S_ij|^2 over matrices of 4 rows, the last one pinned, and then takes the
-    nearest similarities.
+    It minimises |X_j - X_i S_ij|^2 over matrices, one of which is the identity, and takes rotation,
+    translation and scale from each.
     """
     import gtsam
 
@@ -98,15 +109,15 @@ def starts(unit: float | None) -> dict[str, Callable[[SimilarityGraph], Estimate
     }
 
 
-def descent(graph: SimilarityGraph, start: Estimate) -> tuple[Estimate, float, bool]:
-    """The end of ours from a start, GTSAM's error there, and whether it had ended by itself."""
+def descent(graph: SimilarityGraph, start: Estimate) -> End:
+    """The end of ours from a start."""
     problem = LogarithmProblem(graph)
     end = descend(problem, start, tolerance=TOLERANCE, max_iterations=STEPS)
-    return end.estimate, end.cost / 2.0, end.status is not Status.ITERATION_LIMIT
+    return End(end.estimate, end.cost / 2.0, end.status is Status.ITERATION_LIMIT)
 
 
-def by_gtsam(graph: SimilarityGraph, start: Estimate) -> tuple[Estimate, float, bool]:
-    """The same of GTSAM's Levenberg and Marquardt."""
+def by_gtsam(graph: SimilarityGraph, start: Estimate) -> End:
+    """The end of GTSAM's Levenberg and Marquardt."""
     import gtsam
 
     factors, values = certpgo.to_gtsam(graph, start)
@@ -117,8 +128,11 @@ def by_gtsam(graph: SimilarityGraph, start: Estimate) -> tuple[Estimate, float, 
     settings.setMaxIterations(STEPS)
     optimizer = gtsam.LevenbergMarquardtOptimizer(whole, values, settings)
     end = optimizer.optimize()
-    ended = optimizer.iterations() < STEPS
-    return certpgo.from_gtsam(factors, end)[1], factors.error(end), ended
+    try:
+        found = certpgo.from_gtsam(factors, end)[1]
+    except GraphError:  # scales beyond all bounds
+        return End(None, math.inf, False)
+    return End(found, factors.error(end), optimizer.iterations() >= STEPS)
 
 
 def basins(
@@ -126,24 +140,26 @@ def basins(
     loops: IntArray,
     seeds: int,
     begin: dict[str, Callable[[SimilarityGraph], Estimate]],
-    to_end: Callable[[SimilarityGraph, Estimate], tuple[Estimate, float, bool]],
+    to_end: Callable[[SimilarityGraph, Estimate], End],
 ) -> Iterator[str]:
     """The lines of the table of ends."""
     yield f"| walk | turn, rad | {' | '.join(begin)} |"
     yield "| --- " * (2 + len(begin)) + "|"
     for walk, turn in SETTINGS:
-        off, costs, ended = [], [], []
+        off, costs, cut = [], [], []
         for _, graph, scaled in drives(truth, loops, seeds, walk=walk, turn=turn):
             maps = [*(start(graph) for start in begin.values()), scaled]
             ends = [to_end(graph, start) for start in maps]
-            off.append([[error(x, truth) for x in maps], [error(x, truth) for x, _, _ in ends]])
-            costs.append([cost for _, cost, _ in ends])
-            ended.append([by_itself for _, _, by_itself in ends])
+            off.append(
+                [[error(x, truth) for x in maps], [error(end.estimate, truth) for end in ends]]
+            )
+            costs.append([end.cost for end in ends])
+            cut.append([end.cut for end in ends])
         wrong = np.array(costs) > (1.0 + MARGIN) * np.min(costs, axis=1, keepdims=True)
-        cut = (wrong & ~np.array(ended)).sum(axis=0)
+        unfinished = (wrong & np.array(cut)).sum(axis=0)
         before, after = np.median(off, axis=0)
         cells = [
-            f"{wrong[:, k].sum()}{f' ({cut[k]} cut)' if cut[k] else ''}: "
+            f"{wrong[:, k].sum()}{f' ({unfinished[k]} cut)' if unfinished[k] else ''}: "
             f"{before[k]:.1f} to {after[k]:.1f} m"
             for k in range(len(begin))
         ]
