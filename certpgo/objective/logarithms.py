@@ -26,7 +26,7 @@ import numpy as np
 
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, SimilarityGraph
-from certpgo.graph.relaxed_point import translations_of
+from certpgo.graph.relaxed_point import Lift, translations_of
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.similarities import Similarities, log_derivatives
@@ -61,6 +61,10 @@ class LogarithmProblem:
     def check(self, estimate: Estimate) -> None:
         """Refuse an estimate of another graph by an InputError."""
         self.quadratic.check(estimate)
+
+    def estimate_of(self, point: Lift) -> Estimate:
+        """The nearest estimate to a point, as of `SimilarityProblem`."""
+        return self.quadratic.estimate_of(point)
 
     def cost(self, estimate: Estimate) -> float:
         """The cost of an estimate."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,6 +24,9 @@ from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.progress import Progress, Stop
 from certpgo.optimize.range_saddles import MORE, RESOLUTION, smallest_eigenpair
 from certpgo.optimize.solution import Solution, Status
+
+if TYPE_CHECKING:
+    from certpgo.objective.logarithms import LogarithmProblem
 
 #: Stationarity at which a descent ends, and steps.
 TOLERANCE, STEPS = 1e-11, 300
@@ -85,7 +89,7 @@ def log_scales(problem: SimilarityProblem) -> FloatArray:
 
 
 def descend(
-    problem: SimilarityProblem,
+    problem: SimilarityProblem | LogarithmProblem,
     start: Estimate,
     *,
     tolerance: float = TOLERANCE,

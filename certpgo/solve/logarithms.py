@@ -14,10 +14,9 @@ from certpgo.linalg.ball_arithmetic import U
 from certpgo.objective.choose_cost import similarity_problem
 from certpgo.objective.logarithms import LogarithmProblem
 from certpgo.objective.similarity_problem import SimilarityProblem
-from certpgo.optimize.levenberg_marquardt import minimise
 from certpgo.optimize.monitor import Monitor, silent
-from certpgo.optimize.progress import Progress, Stop
-from certpgo.optimize.similarity_descent import separate_start
+from certpgo.optimize.progress import Stop
+from certpgo.optimize.similarity_descent import descend, separate_start
 from certpgo.optimize.solution import Solution
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.settings import DEFAULT, SolveSettings
@@ -124,14 +123,18 @@ def fit_logarithms(
     posed: Any = measured(graph)
     problem = LogarithmProblem(similarity_problem(posed).graph)
     chosen = (settings or DEFAULT).changed(options)
-    if initial is not None:
-        problem.check(initial)
     stop = Stop(monitor, objective="the cost of logarithms")
     with stop.within(chosen.time_limit):
         begin = separate_start(problem.quadratic) if initial is None else initial
-        progress = Progress(stop, TOLERANCE, STEPS, stop.watch)
-        end = minimise(problem.linearized(begin), progress)
-        estimate, left = problem.quadratic.estimate_of(end.point), chosen.time_limit
+        found = descend(
+            problem,
+            begin,
+            tolerance=TOLERANCE,
+            max_iterations=STEPS,
+            monitor=stop,
+            watch=stop.watch,
+        )
+        estimate, left = found.estimate, chosen.time_limit
         if stop.ended_by is not None:
             left = 0.0
         elif left is not None:
@@ -139,6 +142,6 @@ def fit_logarithms(
         nearby = solve(problem.minorant(estimate), replace(chosen, time_limit=left))
     if isinstance(posed, Instance):
         estimate = replace(estimate, keys=posed.keys)
-    found = progress.solution(estimate, problem.cost(estimate))
     status, trace = stop.ended_by or found.status, tuple(stop.trace)
-    return LogarithmFit(replace(found, status=status, trace=trace), nearby)
+    solution = replace(found, estimate=estimate, status=status, trace=trace)
+    return LogarithmFit(solution, nearby)

@@ -35,14 +35,16 @@ def distance(estimate: Estimate, onto: Estimate) -> float:
 def draw_map(
     axes, trajectories, edges=(), *, colours=(_style.BLUE,), widths=(0.5,), like=None
 ) -> None:
-    """Trajectories (each (n, 3)) over loop closures of the first, and a bar of known length.
+    """Trajectories (each (n, d)) over loop closures of the first, and a bar of known length.
 
-    They are seen from the side of the first, or of the trajectory ``like``.
+    In space they are seen from the side of the first, or of the trajectory ``like``.
     """
     from matplotlib.collections import LineCollection
 
-    frame = picture.principal_frame(np.array(trajectories[0] if like is None else like))
-    flat = [picture.seen(np.array(t), frame) for t in trajectories]
+    flat = [np.array(t) for t in trajectories]
+    if flat[0].shape[1] == 3:
+        frame = picture.principal_frame(flat[0] if like is None else np.array(like))
+        flat = [picture.seen(t, frame) for t in flat]
     if len(edges):
         lines = LineCollection(flat[0][np.array(edges)], colors=_style.GREY, linewidths=0.15)
         lines.set(rasterized=True, alpha=0.6)
@@ -51,4 +53,4 @@ def draw_map(
         axes.plot(*line.T, color=colour, linewidth=width, rasterized=True)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_axis_off()
-    scale_bar(axes, flat[0])
+    scale_bar(axes, np.concatenate(flat))

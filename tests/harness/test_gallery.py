@@ -54,6 +54,14 @@ def test_certified_optima_cost_far_less_than_what_they_begin_with(record):
         assert entry["lower_bound"] <= entry["cost"] < 0.01 * entry["cost_before"]
 
 
+def test_maps_of_unknown_scale_are_nearer_and_their_bound_holds(record):
+    shown = record("gallery_scale_drift")
+    assert shown["verdict"] == {"poses": "CERTIFIED", "similarities": "CERTIFIED"}
+    off = shown["error"]
+    assert off["logarithms"] < off["similarities"] < off["poses"] < off["odometry"]
+    assert 0.5 * shown["cost"] < shown["lower_bound"] <= shown["cost"]
+
+
 def test_only_the_optimum_has_no_negative_eigenvalue(record):
     points = record("gallery_spectra")["points"]
     optimum, wound_up, moved = (points[key] for key in ("optimum", "wound_up", "moved"))

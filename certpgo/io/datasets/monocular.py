@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from certpgo.graph import Estimate, PoseGraph, RotationGraph, SimilarityGraph
+from certpgo.graph.picture import closures
+from certpgo.graph.trees import compose
 from certpgo.linalg import rotations as so
+from certpgo.linalg.arrays import IntArray
 
 
 def random_maps(
@@ -56,6 +60,23 @@ def random_maps(
     steps = steps / s[i][:, None]
     graph = SimilarityGraph(rotation, steps, tau, points=is_point, scales=scales, free=free)
     return graph, Estimate(R, t, scales=s)
+
+
+def keyframes(plane: Estimate, edges: IntArray, every: int) -> tuple[Estimate, IntArray]:
+    """Every so many poses of a trajectory in the plane, in space, and the loops between them.
+
+    Parameters
+    ----------
+    plane : poses in the order of travel, with translations
+    edges : (m, 2) measured pairs; those of two keyframes that are no step from one to the next are
+        loops
+    """
+    kept = np.arange(0, plane.num_nodes, every)
+    R = np.tile(np.eye(3), (len(kept), 1, 1))
+    R[:, :2, :2] = plane.rotations[kept]
+    t = np.pad(np.asarray(plane.translations)[kept], ((0, 0), (0, 1)))
+    pairs = closures(edges // every)
+    return Estimate(R, t), pairs[pairs[:, 1] < len(kept)]
 
 
 def drifting(
@@ -111,3 +132,9 @@ def drifting(
 def in_one_unit(graph: SimilarityGraph) -> PoseGraph:
     """The measurements as those of ordinary poses: what a program without scales makes of them."""
     return PoseGraph(graph.rotation, graph.translations, graph.tau, points=graph.points)
+
+
+def odometry(graph: SimilarityGraph) -> Estimate:
+    """Poses composed from one to the next, all of scale 1."""
+    n = graph.num_nodes
+    return replace(compose(in_one_unit(graph), np.arange(n) - 1), scales=np.ones(n))
