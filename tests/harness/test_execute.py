@@ -62,12 +62,15 @@ def test_more_jobs_than_cores_are_not_alone(table, monkeypatch):
 def test_times_are_taken_after_all_else(table):
     started = []
     timed = replace(table, name="timed", reference=Method("eigen_ra"))
-    tasks = [*table_tasks(timed, lambda _: (), quick=True), *table_tasks(table, lambda _: ())]
+    tasks = [
+        *table_tasks(timed, lambda _: (), quick=True),
+        *table_tasks(table, lambda _: (), quick=True),
+    ]
     for outcome in execute(
         tasks, Pool(1), announce=lambda _: None, starting=lambda task: started.append(task.report)
     ):
         assert outcome.task.report in started
-    assert started == ["cycles"] * 6 + ["timed"]
+    assert started == ["cycles", "timed"]
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
