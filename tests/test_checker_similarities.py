@@ -447,6 +447,7 @@ def test_the_unit_is_the_least_fixed_node_for_all_readers(tmp_path, begin, unit)
         ("EDGE_SE3_PRIOR 5 0 0 0 0 0 0 0 1", "EDGE_SIM3:EXPMAP expected"),
         ("EDGE_SIM3:EXPMAP 5 7 0 0 0 0 0 0", "numbers"),
         ("EDGE_SIM3:EXPMAP 5 7 11 0 0 0 0 0 0", "within"),
+        ("EDGE_SIM3:EXPMAP 5 7 0 0 -11 0 0 0 0", "within"),
         ("EDGE_SIM3:EXPMAP 5 7 0 0 0 0 0 0 70", "within"),
         ("EDGE_SIM3:EXPMAP 5 7 0 0 0 1e999 0 0 0", "finite"),
         ("EDGE_SIM3:EXPMAP 5 5 0 0 0 0 0 0 0", "measured from itself"),
@@ -482,6 +483,7 @@ def test_a_file_of_g2o_is_proven(essential, tmp_path):
         {"scales": np.ones(11, dtype=np.float32)},
         {"kappa": np.full(11, 1e300)},
         {"kappa": np.ones(11)},  # the rotation of a point
+        {"kappa": np.r_[np.ones(10), 0.0]},
         {"tau": np.zeros(11)},
         {"free": np.ones(6, dtype=bool)},  # the scale of a point
         {"free": np.ones(5, dtype=bool)},
@@ -503,7 +505,11 @@ def test_a_file_of_g2o_is_proven(essential, tmp_path):
 def test_archives_that_are_no_graph_are_refused(small, changes):
     path, arrays, _ = small
     assert [x.lower > 0.0 for x in verdicts(path, rewritten(path, arrays))] == [True, True]
-    assert refused(path, rewritten(path, arrays, **changes))
+    tried = rewritten(path, arrays, **changes)
+    assert refused(path, tried)
+    for program in BOTH:
+        with pytest.raises((program.Unreadable, program.Refused)):
+            program.read_archive(path.read_bytes(), proofs.claim_of(tried))
 
 
 # --- Attacks
