@@ -11,7 +11,8 @@ from certpgo.errors import InputNotice
 from certpgo.io import datasets
 from certpgo.optimize import progress
 
-# `pytest --hypothesis-profile=campaign` draws other examples in each run, and ten times as many.
+# `pytest --hypothesis-profile=campaign` draws other examples in each run, and 500 where a test sets
+# no number.
 settings.register_profile("ci", derandomize=True, deadline=None, max_examples=50)
 settings.register_profile("campaign", deadline=None, max_examples=500)
 settings.load_profile("ci")

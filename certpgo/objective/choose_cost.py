@@ -163,7 +163,7 @@ def similarity_problem(
         raise InputError(f"{source}{said}")
     if isinstance(posed, SimilarityProblem):
         return posed
-    graph = _graph_of(posed)
+    graph = getattr(posed, "graph", posed)
     if not isinstance(graph, SimilarityGraph):
         raise InputError(f"{source}no nodes of unknown scale")
     if isinstance(posed, Instance) and graph.is_partial:

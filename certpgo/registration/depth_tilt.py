@@ -25,10 +25,10 @@ PAIRS = 300
 STEPS, SETTLED = 10, 0.1
 #: Squared Mahalanobis distance at which a match pulls a quarter as hard.
 DOUBTFUL = 9.0
-#: Squared distance from 0, in standard deviations, from which on a tilt is believed. Of a room
-#: without any, noise and steps of disparity were seen to give 7 to 13, and 0.004 at most of a and b
-#: where there are 30 frames or more.
-CONVINCING = 25.0
+#: Squared distance from 0, in standard deviations, from which on a tilt is believed, and the
+#: largest one. Without any, at most 22 was seen. Noise is as large as pairs say, not as stated, but
+#: pairs that share a frame are not independent, and steps of disparity are no noise.
+CONVINCING, LARGEST = 25.0, 0.1
 
 
 def depth_tilt(
@@ -49,7 +49,7 @@ def depth_tilt(
     few = np.unique(np.linspace(0, len(pairs) - 1, PAIRS).astype(int)).tolist()
     samples = [_matched(features[pairs[k].i], features[pairs[k].j]) for k in few]
     motions = [(pairs[k].R, pairs[k].t, pairs[k].scale) for k in few]
-    tilt = np.zeros(2)
+    tilt, noise = np.zeros(2), max(1.0, float(np.median([pairs[k].chi2 for k in few])))
     for _ in range(STEPS):
         systems = [
             _normal(*points, *motion, (tilt[0], tilt[1]), camera)
@@ -57,17 +57,21 @@ def depth_tilt(
         ]
         H, g = (np.array(part) for part in zip(*systems, strict=True))
         # Motions are eliminated: each is its own pair's.
-        M = H[:, 7:, :7] @ np.linalg.inv(H[:, :7, :7])
+        inverse = np.linalg.pinv(H[:, :7, :7], hermitian=True)  # few matches leave some open
+        M = H[:, 7:, :7] @ inverse
         information = (H[:, 7:, 7:] - M @ H[:, :7, 7:]).sum(axis=0)
         reduced = g[:, 7:] - (M @ g[:, :7, None])[:, :, 0]
-        step = np.linalg.solve(information, reduced.sum(axis=0))
-        xi = np.linalg.solve(H[:, :7, :7], (g[:, :7] - H[:, :7, 7:] @ step)[:, :, None])[:, :, 0]
+        step = np.linalg.lstsq(information, reduced.sum(axis=0))[0]
+        xi = (inverse @ (g[:, :7] - H[:, :7, 7:] @ step)[:, :, None])[:, :, 0]
         motions = [moved(*motion, change) for motion, change in zip(motions, xi, strict=True)]
         tilt = tilt + step
         if step @ information @ step < SETTLED**2:
             break
-    convincing = tilt @ information @ tilt > CONVINCING
-    return (float(tilt[0]), float(tilt[1])) if convincing else (0.0, 0.0)
+    else:
+        return 0.0, 0.0
+    convincing = tilt @ information @ tilt > CONVINCING * noise
+    found = convincing and np.abs(tilt).max() <= LARGEST
+    return (float(tilt[0]), float(tilt[1])) if found else (0.0, 0.0)
 
 
 def _matched(a: Features, b: Features) -> tuple[FloatArray, FloatArray]:
@@ -93,7 +97,7 @@ def _normal(
     e = (p - t) @ R / s - q
     W = np.linalg.inv(R.T @ C @ R / s**2 + D)
     squares = np.einsum("ka,kab,kb->k", e, W, e)
-    # At the most likely points, as errors of depth change the slopes as well.
+    # At the most likely points, as errors of depth change derivatives as well.
     q = q + (D @ W @ e[:, :, None])[:, :, 0]
     p = s * q @ R.T + t
     turned = (p @ R / s)[:, :, None] * slopes(target)[:, None, :]

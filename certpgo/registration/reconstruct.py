@@ -89,8 +89,9 @@ class Reconstruction:
     skipped : frames that could not be used, each with the reason
     scene : the fused cloud, in the frame of the first pose
     colour : the colour camera, given or estimated; None if depth is taken for registered
-    factors : (n,) by which depths of the nodes are multiplied to be in the map's unit, where depths
-        have an unknown factor; ``frames`` are those with depths in that unit. Else None
+    factors : (n,) by which depths of the nodes are multiplied to be in the map's unit, besides
+        their tilt, where depths have an unknown factor; ``frames`` are those with depths in that
+        unit and straightened. Else None
     """
 
     frames: FrameSequence
@@ -103,6 +104,11 @@ class Reconstruction:
     scene: ColouredCloud
     colour: ColourCamera | None = None
     factors: FloatArray | None = None
+
+    @property
+    def tilt(self) -> tuple[float, float]:
+        """The a and b by which depths are multiplied by 1 + a u + b v at rays (u, v, 1)."""
+        return self.frames.tilt if isinstance(self.frames, ScaledSequence) else (0.0, 0.0)
 
     @property
     def instance(self) -> Instance:
@@ -166,9 +172,9 @@ class Reconstruction:
 
     def _tilt(self) -> list[tuple[str, str]]:
         """What depths were multiplied by over the image, if that was estimated."""
-        if not isinstance(self.frames, ScaledSequence) or not any(self.frames.tilt):
+        if not any(self.tilt):
             return []
-        a, b = self.frames.tilt
+        a, b = self.tilt
         return [("depth tilt", f"depths times 1 {a:+.4f} u {b:+.4f} v at rays (u, v, 1)")]
 
     def _disagreement(self) -> list[tuple[str, str]]:

@@ -15,7 +15,7 @@ from certpgo.linalg.procrustes import dilation, procrustes
 from certpgo.objective import operators
 
 #: Share of the largest extent below which positions are on a line.
-STRAIGHT = 1e-9
+STRAIGHT = 1e-6
 
 
 def f_ml(graph: RotationGraph | PoseGraph, estimate: Estimate) -> float:
@@ -102,10 +102,7 @@ def align(estimate: Estimate, truth: Estimate, *, norm: Literal["l2", "l1"] = "l
     ``"l2"`` minimises the sum of squared chordal distances in closed form; ``"l1"`` the sum of
     angles, by Weiszfeld's algorithm from that solution.
     """
-    if (estimate.num_nodes, estimate.d) != (truth.num_nodes, truth.d):
-        raise InputError(
-            f"the estimate has {estimate.num_nodes} nodes, the ground truth {truth.num_nodes}"
-        )
+    _require_as_many(estimate, truth)
     differences = truth.rotations @ np.swapaxes(estimate.rotations, 1, 2)
     S = np.asarray(so.project(differences.sum(axis=0)[None])[0])
     if norm == "l2":
@@ -156,7 +153,9 @@ def trajectory_errors(
     InputError
         The numbers of poses differ, or only one of them has translations.
     """
-    moved = _aligned(estimate, truth, scaled)
+    if (estimate.translations is None) != (truth.translations is None):
+        raise InputError("the estimate or the truth has no translations")
+    moved = estimate.moved(*alignment(estimate, truth, scaled=scaled))
     step, true_step = _steps(moved), _steps(truth)
     return TrajectoryErrors(
         truth.num_nodes,
@@ -168,24 +167,32 @@ def trajectory_errors(
     )
 
 
-def _aligned(estimate: Estimate, truth: Estimate, scaled: bool) -> Estimate:
-    if estimate.translations is None and truth.translations is None:
-        return estimate.moved(align(estimate, truth))
-    given, true = _translations(estimate), _translations(truth)
-    if not (_is_on_a_line(given) or _is_on_a_line(true)):
-        return align_positions(estimate, truth, scaled=scaled)
-    return _onto(truth, estimate, align(estimate, truth), scaled)
+def alignment(
+    estimate: Estimate, truth: Estimate, *, scaled: bool = False
+) -> tuple[FloatArray, FloatArray | None, float]:
+    """How `Estimate.moved` takes an estimate to the truth: a rotation, a shift and a scale.
+
+    The rotation is the best one for positions; that of `align` where one has none, or is on a line.
+    """
+    _require_as_many(estimate, truth)
+    given, true = estimate.translations, truth.translations
+    if given is None or true is None:
+        return align(estimate, truth), None, 1.0
+    if _is_on_a_line(given) or _is_on_a_line(true):
+        return _onto(true, given, align(estimate, truth), scaled)
+    [S], _, _ = procrustes(true[None], given[None])
+    return _onto(true, given, S, scaled)
 
 
-def _onto(truth: Estimate, estimate: Estimate, S: FloatArray, scaled: bool) -> Estimate:
-    """The estimate turned by S, and then scaled, if asked, and shifted to the true positions."""
-    given, true = map(_translations, (estimate, truth))
-    centre, origin = given.mean(axis=0), true.mean(axis=0)
-    s = 1.0
+def _onto(
+    true: FloatArray, given: FloatArray, S: FloatArray, scaled: bool
+) -> tuple[FloatArray, FloatArray, float]:
+    """A rotation, and the best shift and, if asked, scale of positions (k, d) for it."""
+    centre, origin, s = given.mean(axis=0), true.mean(axis=0), 1.0
     if scaled:
         [fitted] = dilation((true - origin)[None], (given - centre)[None], S[None])
         s = 1.0 if np.isnan(fitted) else max(float(fitted), np.finfo(float).tiny)
-    return estimate.moved(S, origin - s * S @ centre, s)
+    return S, origin - s * S @ centre, s
 
 
 def _steps(trajectory: Estimate) -> Estimate:
@@ -242,12 +249,10 @@ def align_positions(estimate: Estimate, truth: Estimate, *, scaled: bool = False
     InputError
         The numbers of nodes differ, or translations are missing.
     """
-    if (estimate.num_nodes, estimate.d) != (truth.num_nodes, truth.d):
-        raise InputError(
-            f"the estimate has {estimate.num_nodes} nodes, the ground truth {truth.num_nodes}"
-        )
-    [S], _, _ = procrustes(_translations(truth)[None], _translations(estimate)[None])
-    return _onto(truth, estimate, S, scaled)
+    _require_as_many(estimate, truth)
+    given, true = map(_translations, (estimate, truth))
+    [S], _, _ = procrustes(true[None], given[None])
+    return estimate.moved(*_onto(true, given, S, scaled))
 
 
 def position_errors(estimate: Estimate, truth: Estimate, *, scaled: bool = False) -> PositionErrors:
@@ -262,6 +267,13 @@ def position_errors(estimate: Estimate, truth: Estimate, *, scaled: bool = False
         rmse=float(np.sqrt(np.mean(distances**2))),
         worst=float(distances.max()),
     )
+
+
+def _require_as_many(estimate: Estimate, truth: Estimate) -> None:
+    if (estimate.num_nodes, estimate.d) != (truth.num_nodes, truth.d):
+        raise InputError(
+            f"the estimate has {estimate.num_nodes} nodes, the ground truth {truth.num_nodes}"
+        )
 
 
 def _translations(estimate: Estimate) -> FloatArray:

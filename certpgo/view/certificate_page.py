@@ -94,7 +94,7 @@ def certificate_page(
         its cost
     assessment : assessment of the estimate, with its certificate
     trace : iterations of the method that found it, if it kept them
-    cloud : points that were seen from the estimate's poses, in its frame, metres
+    cloud : points that were seen from the estimate's poses, in its frame and unit
     rejected : (r, 2) nodes of measurements that the problem does without
     """
     certificate = assessment.certificate

@@ -10,12 +10,8 @@ from certpgo.graph.ranges import Ranges
 from certpgo.io.exact import quaternion
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray, IntArray
-from certpgo.linalg.procrustes import procrustes
 from certpgo.solve import metrics
 from certpgo.view.scene import NOT_MEASURED, Measure, Placement
-
-#: Second singular value over the first from which on positions fix a rotation.
-_WIDE = 1e-6
 
 
 def placement(
@@ -113,17 +109,4 @@ def aligned(
     given, target = estimate.subset(common), like.subset(in_like)
     if not len(common):
         return estimate
-    t, goal = given.translations, target.translations
-    if t is None or goal is None:
-        return estimate.moved(metrics.align(given, target))
-    if _is_wide(t) and _is_wide(goal):
-        [R], [shift], [s] = procrustes(goal[None], t[None], scaled=scaled)
-        return estimate.moved(R, shift, s)
-    S = metrics.align(given, target)
-    return estimate.moved(S, goal.mean(axis=0) - S @ t.mean(axis=0))
-
-
-def _is_wide(t: FloatArray) -> bool:
-    """Whether positions (k, d) are not all on a line."""
-    values = np.linalg.svd(t - t.mean(axis=0), compute_uv=False)
-    return len(t) > 2 and bool(values[1] > _WIDE * values[0])
+    return estimate.moved(*metrics.alignment(given, target, scaled=scaled))

@@ -119,7 +119,7 @@ def show(
     ----------
     things : paths, names of datasets, or objects: at most one graph or instance; estimates and
         answers in the order before, after, or pairs of a name and an estimate; clouds and meshes
-        (`certpgo.io.surfaces.Surface`) in the frame of the last of them, metres
+        (`certpgo.io.surfaces.Surface`) in the frame and unit of the last of them
     truth : a file or estimate; by default the one that the graph was read with
     rejected : indices or flags of measurements to draw as rejected; by default those of the answer
     dark : whether the background is dark; by default pages follow the reader's system, and what

@@ -16,7 +16,7 @@ from certpgo.io.matching import Matching, nearest
 from certpgo.io.surfaces import Surface
 from certpgo.linalg.arrays import IntArray
 from certpgo.view.placements import aligned, in_space, placement
-from certpgo.view.scene import Placement, Scene
+from certpgo.view.scene import IN_METRES, IN_UNITS, Placement, Scene
 
 
 def scene_of_trajectories(
@@ -47,12 +47,15 @@ def scene_of_trajectories(
         tracks[-1] = tracks[-1].later(truth_offset)
     if not tracks and not surfaces:
         raise InputError("nothing to show: a graph, an estimate, a cloud or a mesh expected")
+    scaled = any(track.estimate.scales is not None for track in tracks)
     if len({track.estimate.d for track in tracks}) > 1:
         tracks = [replace(track, estimate=in_space(track.estimate)) for track in tracks]
     none = np.zeros(0, dtype=np.intp)
     keys = np.unique(np.concatenate([none, *(track.keys for track in tracks)]))
     within = how.max_difference if by_time else 0.0
-    placed = [track.placed(keys, tracks[len(estimates) - 1], within) for track in tracks]
+    placed = [
+        track.placed(keys, tracks[len(estimates) - 1], within, scaled=scaled) for track in tracks
+    ]
     last = len(placed) if truth is None else len(placed) - 1
     whole, rest = np.divmod(keys, SECOND)
     return Scene(
@@ -66,6 +69,8 @@ def scene_of_trajectories(
         tuple(placed[:last]),
         placed[-1] if truth is not None else None,
         surfaces=tuple(surfaces),
+        sentence=IN_UNITS if scaled else IN_METRES,
+        length_unit="units" if scaled else "m",
     )
 
 
@@ -81,13 +86,13 @@ class _Track:
         """The track with this added to its times."""
         return replace(self, keys=self.keys + round(seconds * SECOND))
 
-    def placed(self, keys: IntArray, like: _Track, within: float) -> Placement:
+    def placed(self, keys: IntArray, like: _Track, within: float, *, scaled: bool) -> Placement:
         """The placement among the poses of all trajectories, aligned with another."""
         moved = self.estimate
         if self is not like:
             mine = nearest(like.keys, self.keys, within)
             others = np.flatnonzero(mine >= 0)
-            moved = aligned(moved, like.estimate, mine[others], others)
+            moved = aligned(moved, like.estimate, mine[others], others, scaled=scaled)
         return placement(self.name, np.searchsorted(keys, self.keys), moved)
 
 
@@ -99,8 +104,10 @@ def _track(name: str, poses: LabelledPoses, by_time: bool) -> _Track:
     keys, first = np.unique(keys, return_index=True)
     if poses.translations is None:
         raise InputError(f"{name}: rotations without positions are drawn with their graph alone")
+    scales = None if poses.scales is None else poses.scales[first]
     try:
-        return _Track(name, keys, Estimate(poses.rotations[first], poses.translations[first]))
+        R, t = poses.rotations[first], poses.translations[first]
+        return _Track(name, keys, Estimate(R, t, scales=scales))
     except GraphError as error:
         raise InputError(f"{name}: {error}") from None
 

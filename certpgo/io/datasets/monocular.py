@@ -75,8 +75,7 @@ def keyframes(plane: Estimate, edges: IntArray, every: int) -> tuple[Estimate, I
     R = np.tile(np.eye(3), (len(kept), 1, 1))
     R[:, :2, :2] = plane.rotations[kept]
     t = np.pad(np.asarray(plane.translations)[kept], ((0, 0), (0, 1)))
-    pairs = closures(edges // every)
-    return Estimate(R, t), pairs[pairs[:, 1] < len(kept)]
+    return Estimate(R, t), closures(edges // every)
 
 
 def drifting(
