@@ -255,8 +255,8 @@ def reconstruct(
     loops = work.measured("loops", alike)
     if chosen.scales and work.straighten(loops):
         views = work.kept
-        steps = work.measured("odometry", adjacent(len(frames)))
-        loops = work.measured("loops", alike)
+        steps = work.measured("odometry again", adjacent(len(frames)))
+        loops = work.measured("loops again", alike)
     scales = agreed_scales([*steps, *loops], len(frames)) if chosen.scales else np.ones(len(frames))
     steps, loops = in_units_of(scales, steps), in_units_of(scales, loops)
     nodes, reckoning = composed(steps, frames.names, frames.name)

@@ -88,6 +88,7 @@ def tried(path, arrays):
     [
         ("MIT", 1e-10),
         ("intel", 2e-10),
+        ("kitti_00", 5e-7),
         ("smallGrid3D", 1e-12),
         ("parking-garage", 2e-9),
     ],

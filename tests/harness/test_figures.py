@@ -76,6 +76,12 @@ def test_a_figure_is_drawn_from_its_record_alone(bar):
     assert figure_bytes(bar, record) != figure_bytes(bar, {"height": 3})
 
 
+def test_a_drawing_is_a_function_of_what_is_kept(quick):
+    figure, record = scan.get_figure("gallery_spectra"), quick("gallery_spectra")
+    drawing = figure_bytes(figure, record)
+    assert figure_bytes(figure, json.loads(json.dumps(record))) == drawing
+
+
 def test_a_figure_ignores_the_reader_s_own_matplotlib_settings(bar):
     import matplotlib as mpl
 

@@ -173,6 +173,19 @@ def test_rates_are_those_of_a_computer():
     assert 1e8 < limits.copied_per_second() < 1e13
 
 
+@pytest.mark.gtsam
+def test_ours_is_certified_in_each_cost_and_others_run(dataset_path):
+    pytest.importorskip("gtsam", reason="the gtsam wheel is not installed")
+    dataset_path("MIT")
+    [group] = bench.groups(True, ["solving"])
+    with group.timers() as timers:
+        notes = {name: timer().note for name, timer in timers.items() if callable(timer)}
+    ours = [note for name, note in notes.items() if name.startswith(("solve", "certify"))]
+    assert len(ours) == 6
+    assert all(note.startswith("CERTIFIED") for note in ours)
+    assert all(note for note in notes.values())
+
+
 def test_a_session_is_fed_all_measurements():
     graph, seen = synthetic.grid3d(5, np.random.default_rng(0)).graph, []
     session, latencies = sessions.fed(graph, lambda count, session: seen.append(count))

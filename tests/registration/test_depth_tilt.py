@@ -1,5 +1,6 @@
 """The tilt of depths: exact from exact points, and none without one."""
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -49,5 +50,23 @@ def test_noise_is_not_taken_for_a_tilt():
     assert found == pytest.approx((0.02, -0.015), abs=0.003)
 
 
-def test_no_pairs_tell_no_tilt():
+def test_no_pairs_tell_no_tilt_nor_do_those_that_see_nothing_new():
     assert depth_tilt([], {}, CAMERA) == (0.0, 0.0)
+    _, features = seen((0.02, 0.0))
+    first, numbers = features[0], (100, 100, 1.0, False, 1.0, 1.0)
+    still = FramePair(0, 1, np.eye(3), np.zeros(3), np.eye(7), *numbers)
+    assert depth_tilt([still], {0: first, 1: first}, CAMERA) == (0.0, 0.0)
+    none = Features(first.pixels[:0], first.points[:0], first.descriptors[:0])
+    assert depth_tilt([still], {0: first, 1: none}, CAMERA) == (0.0, 0.0)
+
+
+def test_a_tilt_is_not_believed_where_pairs_disagree_by_more():
+    pairs, features = seen((0.02, -0.015), noise=0.004)
+    loud = [replace(pair, chi2=1e6) for pair in pairs]
+    assert depth_tilt(pairs, features, CAMERA) != (0.0, 0.0)
+    assert depth_tilt(loud, features, CAMERA) == (0.0, 0.0)
+
+
+def test_a_tilt_of_more_than_a_tenth_is_not_one():
+    assert depth_tilt(*seen((0.0, 0.09)), CAMERA) != (0.0, 0.0)
+    assert depth_tilt(*seen((0.0, 0.12)), CAMERA) == (0.0, 0.0)

@@ -8,7 +8,7 @@ import pytest
 
 import certpgo
 from certpgo.errors import FormatError, InputError, InputNotice
-from certpgo.graph import Estimate, Instance, RotationGraph
+from certpgo.graph import Estimate, Instance, RotationGraph, SimilarityGraph
 from certpgo.graph.keys import Keys
 from certpgo.graph.kinds import Kind
 from certpgo.io.datasets import synthetic
@@ -63,6 +63,20 @@ def test_a_map_without_a_unit_is_drawn_in_its_own_and_the_truth_with_it():
     assert scene.truth.positions == pytest.approx(scene.placements[-1].positions, abs=1e-9)
     assert scene.units[:2] == ["degrees", "units"]
     assert (scene.length_unit, scene.sentence) == ("units", IN_UNITS)
+
+
+def test_a_map_on_a_line_is_scaled_too_with_its_graph_or_without():
+    line = Estimate(np.tile(np.eye(3), (4, 1, 1)), np.eye(3)[0] * np.arange(4.0)[:, None])
+    rotation = RotationGraph(4, [[0, 1], [1, 2], [2, 3]], line.rotations[1:], np.ones(3))
+    steps = line.translations[1:] - line.translations[:3]
+    free = np.ones(4, dtype=bool)
+    graph = SimilarityGraph(rotation, steps, np.ones(3), scales=np.ones(3), free=free)
+    known = replace(line, scales=np.ones(4))
+    truth = line.moved(np.eye(3), np.ones(3), 10.0)
+    for things in ([Instance("line", graph, np.arange(4)), known], [known]):
+        scene = scene_of(*things, truth=truth)
+        assert scene.truth.positions == pytest.approx(scene.placements[-1].positions)
+        assert (scene.length_unit, scene.sentence) == ("units", IN_UNITS)
 
 
 def test_a_moved_estimate_is_the_same_scene_moved(helix):
