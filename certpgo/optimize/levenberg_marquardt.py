@@ -88,8 +88,9 @@ def descend(
 def minimise(here: AnyModel, progress: Progress) -> AnyModel:
     """The last model of a descent from that of its start; ``progress`` has how it ended."""
     damping, exact, factor, last = 0.0, False, None, _FIRST
-    scale = here.scale(here.gauss_newton)
-    stationarity = here.stationarity(scale)
+    with progress.watch.phase("descend"):
+        scale = here.scale(here.gauss_newton)
+        stationarity = here.stationarity(scale)
     while progress.advance(
         here.cost, stationarity, last.length, gain=last.gain, accepted=last.accepted
     ):
@@ -121,7 +122,8 @@ def minimise(here: AnyModel, progress: Progress) -> AnyModel:
                 factor, last = None, _REJECTED
                 damping = damping if reused else here.raised(damping)
                 continue
-        ahead = there.stationarity(scale)
+        with progress.watch.phase("descend"):
+            ahead = there.stationarity(scale)
         risen = not there.cost <= here.cost + 2.0 * here.rounding
         if gain is None and (risen or not ahead < stationarity):
             if reused:
