@@ -1,7 +1,9 @@
 """Proofs about similarities: what both checkers read, prove and refuse."""
 
 import hashlib
+import io
 import math
+import zipfile
 from dataclasses import replace
 from fractions import Fraction
 
@@ -462,6 +464,45 @@ def test_unreadable_lines_are_named(essential, program, line, expected):
         program.read_graph(text, CLAIM, None)
 
 
+@pytest.mark.parametrize("program", BOTH)
+def test_turns_of_ten_radians_and_scales_of_e_to_69_are_read(essential, program):
+    for numbers in ("10 0 0 0 0 0 0", "0 0 0 0 0 0 69", "0 0 -10 0 0 0 -69"):
+        text = essential.read_bytes() + f"EDGE_SIM3:EXPMAP 5 7 {numbers}\n".encode()
+        assert program.read_graph(text, CLAIM, None)
+
+
+@pytest.mark.parametrize("program", BOTH)
+def test_information_that_is_not_used_is_read_too(essential, program):
+    unused = {**CLAIM, "kappa": 1.0, "tau": 1.0}
+    line = "EDGE_SIM3:EXPMAP 5 7 0 0 0 0 0 0 0" + " 1" * 28
+    assert program.read_graph(essential.read_bytes() + line.encode() + b"\n", unused, None)
+    words = line.split()
+    for place in (10, 37):
+        spoiled = " ".join([*words[:place], "1_0", *words[place + 1 :]])
+        with pytest.raises((program.Unreadable, program.Refused)):
+            program.read_graph(essential.read_bytes() + spoiled.encode() + b"\n", unused, None)
+
+
+@pytest.mark.parametrize("program", BOTH)
+def test_arrays_have_a_header_of_any_version(small, program):
+    path, arrays, _ = small
+    claim, members = proofs.claim_of(arrays), {}
+    with np.load(path) as archive:
+        for name in archive.files:
+            members[name] = io.BytesIO()
+            np.lib.format.write_array(members[name], archive[name], version=(2, 0))
+    for magic, is_read in ((b"\x93", True), (b"\x94", False)):
+        whole = io.BytesIO()
+        with zipfile.ZipFile(whole, "w") as archive:
+            for name, data in members.items():
+                archive.writestr(f"{name}.npy", magic + data.getvalue()[1:])
+        if is_read:
+            assert program.read_archive(whole.getvalue(), claim)
+            continue
+        with pytest.raises((program.Unreadable, program.Refused)):
+            program.read_archive(whole.getvalue(), claim)
+
+
 def test_a_file_of_g2o_is_proven(essential, tmp_path):
     instance, proof = certpgo.read(essential, quiet=True), tmp_path / "essential.cert"
     answer = certpgo.solve(instance)
@@ -485,6 +526,7 @@ def test_a_file_of_g2o_is_proven(essential, tmp_path):
         {"kappa": np.ones(11)},  # the rotation of a point
         {"kappa": np.r_[np.ones(10), 0.0]},
         {"tau": np.zeros(11)},
+        {"tau": np.full(11, 1e300)},
         {"free": np.ones(6, dtype=bool)},  # the scale of a point
         {"free": np.ones(5, dtype=bool)},
         {"free": np.array(True)},
