@@ -464,6 +464,13 @@ def test_unreadable_lines_are_named(essential, program, line, expected):
         program.read_graph(text, CLAIM, None)
 
 
+def test_translations_may_be_huge():
+    turn, shift, growth = (0.1, 0.2, 0.3), (1.0, -2.0, 0.5), 0.5
+    _, t, _ = checker.similarity((*turn, *shift, growth))
+    _, far, _ = checker.similarity((*turn, *(math.ldexp(x, 300) for x in shift), growth))
+    assert far == pytest.approx([math.ldexp(x, 300) for x in t], rel=1e-15)
+
+
 @pytest.mark.parametrize("program", BOTH)
 def test_turns_of_ten_radians_and_scales_of_e_to_69_are_read(essential, program):
     for numbers in ("10 0 0 0 0 0 0", "0 0 0 0 0 0 69", "0 0 -10 0 0 0 -69"):
