@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from certpgo.errors import InputError, SpecError
-from certpgo.graph import Graph, Instance, PoseGraph, RotationGraph
+from certpgo.graph import Graph, Instance, PoseGraph
 from certpgo.graph.information import InformationGraph
 from certpgo.graph.kinds import Kind
 from certpgo.graph.phrases import counted
@@ -140,7 +140,7 @@ def certifiable(
 def _graph_of(
     posed: Graph | Instance | InformationProblem | RangeProblem | SimilarityProblem,
 ) -> object:
-    return posed if isinstance(posed, RotationGraph | PoseGraph) else posed.graph
+    return getattr(posed, "graph", posed)
 
 
 def similarity_problem(
@@ -163,7 +163,7 @@ def similarity_problem(
         raise InputError(f"{source}{said}")
     if isinstance(posed, SimilarityProblem):
         return posed
-    graph = getattr(posed, "graph", posed)
+    graph = _graph_of(posed)
     if not isinstance(graph, SimilarityGraph):
         raise InputError(f"{source}no nodes of unknown scale")
     if isinstance(posed, Instance) and graph.is_partial:

@@ -51,11 +51,13 @@ class ScaledSequence(FrameSequence):
 
     def frame(self, k: int) -> Frame:
         """The k-th frame."""
-        frame, camera = self.source.frame(k), self.camera
-        rows, columns = (np.arange(size) for size in frame.depth.shape)
-        across, down = (columns - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy
-        tilted = 1.0 + self.tilt[0] * across + self.tilt[1] * down[:, None]
-        return Frame(frame.colour, (self.factors[k] * tilted * frame.depth).astype(np.float32))
+        frame = self.source.frame(k)
+        depth = self.factors[k] * frame.depth
+        if any(self.tilt):
+            pixels = np.stack(np.meshgrid(*map(np.arange, depth.shape[::-1])), axis=-1)
+            slopes = self.camera.rays(pixels.astype(np.float64))[..., :2]
+            depth = depth * (1.0 + slopes @ np.array(self.tilt))
+        return Frame(frame.colour, depth.astype(np.float32))
 
     def key(self, k: int) -> str:
         """A digest of the k-th frame's content, factor and tilt."""

@@ -247,15 +247,15 @@ def reconstruct(
     )
     work = FrontEnd(frames, looks, kept, progress)
     views, skipped, size = work.views()
-    steps = work.measured("odometry", adjacent(len(frames)))
+    neighbours = adjacent(len(frames))
+    steps = work.measured("odometry", neighbours)
     if not steps:
         raise InputError(f"{frames.name}: no frame matches the next one: they do not overlap")
-    tried = set(adjacent(len(frames)))
     alike = retrieved([view.features if view else None for view in views], np.random.default_rng(0))
     loops = work.measured("loops", alike)
     if chosen.scales and work.straighten(loops):
         views = work.kept
-        steps = work.measured("odometry again", adjacent(len(frames)))
+        steps = work.measured("odometry again", neighbours)
         loops = work.measured("loops again", alike)
     scales = agreed_scales([*steps, *loops], len(frames)) if chosen.scales else np.ones(len(frames))
     steps, loops = in_units_of(scales, steps), in_units_of(scales, loops)
@@ -264,7 +264,7 @@ def reconstruct(
     pairs = [*steps, *_plausible(loops, reckoned, chosen)]
     first = average(pairs, frames.names, frames.name, reckoning, trust=chosen.trust)
     clouds = {k: scales[k] * view.cloud for k in first.nodes.tolist() if (view := views[k])}
-    overlaps = overlapping(clouds, first.poses, frames.camera, size, tried | set(alike))
+    overlaps = overlapping(clouds, first.poses, frames.camera, size, {*neighbours, *alike})
     more = in_units_of(scales, work.measured("overlaps", overlaps))
     pairs = [*steps, *_plausible([*loops, *more], reckoned, chosen)]
     final = average(pairs, frames.names, frames.name, first.poses, trust=chosen.trust)

@@ -36,7 +36,7 @@ from certpgo.optimize.solution import Solution
 from certpgo.solve.result import CertifiedSolution
 from certpgo.view.layout import Arrangement, layout
 from certpgo.view.placements import aligned, placement, residuals, weights
-from certpgo.view.scene import IN_METRES, IN_UNITS, Placement, Scene, drawn_edges
+from certpgo.view.scene import AT_POSITIONS, Placement, Scene, drawn_edges
 from certpgo.view.tracks import scene_of_trajectories
 
 #: What there is to look at: a path, the name of a dataset, what that was resolved to, or an object.
@@ -213,15 +213,11 @@ def _of_graph(
         _truth(instance, truth, found.how.of_truth(found.truth_offset), last, places),
         weights(instance),
         tuple(found.surfaces),
-        _positions(graph) if places is None else places.sentence,
+        AT_POSITIONS[length_unit(graph)] if places is None else places.sentence,
         places is None,
         length_unit(graph),
         found.verdict,
     )
-
-
-def _positions(graph: Graph) -> str:
-    return IN_METRES if length_unit(graph) == "m" else IN_UNITS
 
 
 def _read(path: Path, instance: Instance, how: Matching) -> Estimate:

@@ -25,6 +25,7 @@ POSES = 600
 #: What positions are that were estimated, in metres and in a map's own unit.
 IN_METRES = "Nodes are drawn at their positions, in metres."
 IN_UNITS = "Nodes are drawn at their positions, in the map's unit of length."
+AT_POSITIONS = {"m": IN_METRES, "units": IN_UNITS}
 
 #: Corners and lines of a camera, which looks along z, and of an arrow along x.
 _CAMERA = np.array([[0, 0, 0], [-0.7, -0.5, 1], [0.7, -0.5, 1], [0.7, 0.5, 1], [-0.7, 0.5, 1]])

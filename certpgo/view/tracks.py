@@ -16,7 +16,7 @@ from certpgo.io.matching import Matching, nearest
 from certpgo.io.surfaces import Surface
 from certpgo.linalg.arrays import IntArray
 from certpgo.view.placements import aligned, in_space, placement
-from certpgo.view.scene import IN_METRES, IN_UNITS, Placement, Scene
+from certpgo.view.scene import AT_POSITIONS, Placement, Scene
 
 
 def scene_of_trajectories(
@@ -58,6 +58,7 @@ def scene_of_trajectories(
     ]
     last = len(placed) if truth is None else len(placed) - 1
     whole, rest = np.divmod(keys, SECOND)
+    unit = "units" if scaled else "m"
     return Scene(
         ", ".join(name for name, _ in [*estimates, *surfaces]) or "truth",
         tracks[0].estimate.d if tracks else 3,
@@ -69,8 +70,8 @@ def scene_of_trajectories(
         tuple(placed[:last]),
         placed[-1] if truth is not None else None,
         surfaces=tuple(surfaces),
-        sentence=IN_UNITS if scaled else IN_METRES,
-        length_unit="units" if scaled else "m",
+        sentence=AT_POSITIONS[unit],
+        length_unit=unit,
     )
 
 
