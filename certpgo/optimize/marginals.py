@@ -80,7 +80,7 @@ class Marginals:
     >>> from certpgo.io.datasets.synthetic import helix
     >>> answer = certpgo.solve(helix(6, np.random.default_rng(0)).graph)
     >>> np.sqrt(np.diag(answer.covariance(35)))[:3].round(2)  # metres
-    array([0.07, 0.04, 0.07])
+    array([0.09, 0.04, 0.09])
     """
 
     problem: Measured = field(repr=False)

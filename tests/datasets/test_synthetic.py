@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import certpgo
 from certpgo.errors import InputError
 from certpgo.io.datasets import synthetic
 from certpgo.linalg import rotations as so
@@ -112,7 +113,7 @@ def test_counts_of_the_helix_and_of_the_grid():
     assert (grid.num_nodes, grid.num_edges) == (125, round(0.95 * 300))
     assert helix.is_connected
     assert grid.is_connected
-    assert np.all(helix.rotation.kappa == 2500.0)
+    assert np.all(helix.rotation.kappa == 1250.0)
     assert np.all(grid.tau == pytest.approx(100.0))
 
 
@@ -149,12 +150,34 @@ def test_a_corridor_costs_a_hundred_billionth_of_its_weight():
     assert steps.max() < 0.4 + 2 * np.hypot(0.3, 0.3)
 
 
-def test_the_truth_of_a_pose_family_costs_about_its_degrees_of_freedom():
-    # kappa |log|^2 x 2 and tau |noise|^2 are chi-square: 6 and 3 a edge.
-    instance = synthetic.grid3d(8, rng())
-    m = instance.graph.num_edges
-    cost = PoseProblem(instance.graph).cost(instance.truth)
-    assert cost == pytest.approx(9 * m, rel=0.1)
+POSES = {
+    "grid": lambda: synthetic.grid3d(9, rng(), rotation_noise=0.02, translation_noise=0.3),
+    "helix": lambda: synthetic.helix(35, rng(), rotation_noise=0.05, translation_noise=0.01),
+    "uneven helix": lambda: synthetic.helix(35, rng(), uneven=True, translation_noise=0.5),
+    "sphere": lambda: synthetic.sphere(25, rng(), rotation_noise=0.03, translation_noise=0.1),
+    "corridor": lambda: synthetic.corridor(1500, rng(), information=400.0, noise=0.05),
+}
+
+
+@pytest.mark.parametrize("family", POSES)
+def test_at_the_truth_terms_are_those_of_the_stated_noise(family):
+    instance = POSES[family]()
+    graph, R, t = instance.graph, instance.truth.rotations, instance.truth.translations
+    (i, j), d, rotation = graph.edges.T, graph.d, graph.rotation
+    turned = ((R[j] - R[i] @ rotation.rotations) ** 2).sum(axis=(1, 2))
+    moved = t[j] - t[i] - np.einsum("mab,mb->ma", R[i], graph.translations)
+    # d numbers of translations. Of rotations 3 in space; in the plane 1, which kappa counts twice.
+    error = 4.0 / np.sqrt(graph.num_edges)  # four standard errors of each mean, or more
+    assert np.mean(rotation.kappa * turned) == pytest.approx(d, rel=error)
+    assert np.mean(graph.tau * (moved**2).sum(axis=1)) == pytest.approx(d, rel=error)
+
+
+def test_a_written_grid_fits_as_its_weights_state(tmp_path):
+    certpgo.write(tmp_path / "grid.g2o", synthetic.grid3d(6, np.random.default_rng(0)))
+    fit = certpgo.solve(tmp_path / "grid.g2o", cost="chordal").fit
+    assert fit.freedom == 6 * (513 - 215)
+    assert fit.chi2 / fit.freedom == pytest.approx(1.0, abs=4 * np.sqrt(2 / fit.freedom))
+    assert fit.warning == ""
 
 
 def test_a_grid_may_be_as_thin_as_a_tree():

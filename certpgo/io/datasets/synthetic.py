@@ -1,8 +1,9 @@
 """Families of graphs with known truth, as functions of a size and a random generator.
 
 Noise multiplies a measured rotation by exp of a Gaussian tangent vector and adds a Gaussian vector
-to a measured translation, each of the given standard deviation per axis. Impossible sizes and
-parameters are refused by an InputError.
+to a measured translation, each of the given standard deviation per axis. Families of poses in
+space state it: kappa = 1/(2 sigma^2) and tau = 1/sigma^2, so that both terms of an edge have a mean
+of 3 at the truth. Impossible sizes and parameters are refused by an InputError.
 """
 
 from __future__ import annotations
@@ -124,8 +125,8 @@ def helix(
     """A helix of ``turns`` turns of ``turns`` poses: odometry, and edges to the turn above.
 
     The cylinder has circumference ``turns`` and the helix pitch 1, so that edges have about unit
-    length (metres). Rotations are uniformly random; kappa = 1/noise^2 per axis, tau likewise (2500
-    for the default noise).
+    length (metres). Rotations are uniformly random; kappa is 1250 and tau 2500 for the default
+    noise.
 
     Parameters
     ----------
@@ -152,8 +153,8 @@ def sphere(
 ) -> Instance:
     """A spiral of 2 rings^2 poses around a sphere: odometry, and edges to the ring above.
 
-    Rings are 1 m apart, and cameras look outward with the way ahead to their right. kappa =
-    1/noise^2 per axis, tau likewise (400 for the default noise).
+    Rings are 1 m apart, and cameras look outward with the way ahead to their right. kappa is 200
+    and tau 400 for the default noise.
 
     Examples
     --------
@@ -232,8 +233,8 @@ def grid3d(
 ) -> Instance:
     """A cubic grid of side^3 poses with a random ``fraction`` of its edges, kept connected.
 
-    Neighbours are 1 m apart. Rotations are uniformly random; kappa = 1/noise^2, tau likewise (100
-    for the default noise).
+    Neighbours are 1 m apart. Rotations are uniformly random; kappa is 50 and tau 100 for the
+    default noise.
     """
     at_least(2, side)
     n = side**3
@@ -270,8 +271,8 @@ def _poses(
 ) -> Instance:
     R = so.random(rng, *t.shape) if R is None else R
     noise = rotation_noise, translation_noise
-    kappa, tau = (1.0 / sigma**2 for sigma in noise)
-    graph = _measured_poses(R, t, edges, noise, (kappa, tau), rng)
+    weights = 0.5 / rotation_noise**2, 1.0 / translation_noise**2
+    graph = _measured_poses(R, t, edges, noise, weights, rng)
     return instance(name, graph, Estimate(R, t))
 
 
