@@ -18,7 +18,7 @@ import sys
 import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from decimal import ROUND_FLOOR, Context, Decimal
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from fractions import Fraction
 from functools import cache, reduce
 from itertools import chain
@@ -1091,8 +1091,9 @@ def about(graph: Graph, claim: dict[str, Any], rejected: list[Rejected]) -> str:
         unit = "root mean square scale" if graph.in_mean_unit else "poses of known scale"
         said.append(f"in the unit of the {unit}")
     if rejected:
-        prices, six = [Decimal(cut.price) for cut in rejected], Context(6, ROUND_FLOOR)
-        low, high = (six.divide(price, Decimal(ONE)) for price in (min(prices), max(prices)))
+        prices = [Decimal(cut.price) for cut in rejected]
+        low = Context(6, ROUND_FLOOR).divide(min(prices), Decimal(ONE))
+        high = Context(6, ROUND_CEILING).divide(max(prices), Decimal(ONE))
         said.append(f"truncated: {len(prices)} rejected ones cost {low:g} to {high:g} at most")
     return ", ".join(said)
 

@@ -1,21 +1,34 @@
-"""Quantiles of the terms of F under the noise that the weights state."""
+"""Quantiles of the terms of a cost under the noise that the weights state.
+
+A measurement contributes the square of a standard normal variable for each number it measures, with
+one exception: in the plane kappa |E|^2 is 2 kappa times the squared angle, and kappa is the angle's
+information. That square counts twice, and the law of a pose is that of 2 z0^2 + z1^2 + z2^2:
+
+    P(2 z0^2 + z1^2 + z2^2 > 4 y^2) = erfc(y) + 2 / sqrt(pi) exp(-y^2) D(y),   D Dawson's function,
+
+by integrating exp(-(4 y^2 - 2 z^2) / 2), what z1^2 + z2^2 leave, over z.
+"""
 
 from __future__ import annotations
 
-import itertools
+import math
 from functools import lru_cache
 
 import numpy as np
-from scipy import special
+from scipy import optimize, special
 
 from certpgo.graph.information import unmeasured
 from certpgo.linalg import rotations as so
-from certpgo.linalg.arrays import BoolArray, FloatArray
+from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import Problem
 
 #: Share of clean graphs in which a correct measurement may be flagged.
 FALSE_ALARMS = 0.01
+#: Singular values of couplings, over the largest, below which a direction is not measured.
+NONE = 1e-12
+#: How closely a quantile is found: to rounding.
+CLOSE = {"xtol": 1e-300, "rtol": 1e-15}
 
 
 def flagged_from(problem: Problem | InformationProblem) -> float:
@@ -24,35 +37,68 @@ def flagged_from(problem: Problem | InformationProblem) -> float:
 
 
 def quantiles(problem: Problem | InformationProblem, probability: float) -> FloatArray:
-    """(m,) quantiles of an inlier's r_e^2, if the weights state its noise.
+    """(m,) quantiles of a correct measurement's term, if the weights state its noise."""
+    return exceeded_by(problem, 1.0 - probability)
 
-    A rotation contributes the square of a normal variable per axis, twice that in 2D, where
-    kappa |E|^2 is 2 kappa times the squared angle and kappa the angle's information; a translation
-    contributes d squares. The sum is approximated by a multiple of a chi-square variable of the
-    same mean and variance (Welch and Satterthwaite), exactly except for poses in 2D. The costs of
-    other programs are chi^2 itself.
+
+def exceeded_by(problem: Problem | InformationProblem, share: float) -> FloatArray:
+    """(m,) what the terms of this share of correct measurements exceed, to rounding.
+
+    Zero for what measures nothing.
     """
+    turned, moved = numbers_measured(problem)
+    kinds, which = np.unique(
+        np.stack([turned, moved, double(problem)]), axis=1, return_inverse=True
+    )
+    of_kinds = np.array([_exceeded(*kind, share) for kind in kinds.T.tolist()])
+    return np.asarray(of_kinds[which])
+
+
+def numbers_measured(problem: Problem | InformationProblem) -> tuple[IntArray, IntArray]:
+    """(m,) how many numbers each edge measures of a rotation, and of a translation."""
+    d = problem.d
     if isinstance(problem, InformationProblem):
-        numbers = (~unmeasured(problem.edge_cost.weights)).sum(axis=1)
-        return np.asarray(2.0 * special.gammaincinv(0.5 * numbers, probability))
-    turned, moved = measured(problem)
-    kinds = itertools.product((False, True), repeat=2)
-    of_kinds = np.array([_quantile(problem.d, *kind, probability) for kind in kinds])
-    return np.asarray(of_kinds[2 * turned + moved])
+        stated = ~unmeasured(problem.edge_cost.weights)
+        return stated[:, d:].sum(axis=1), stated[:, :d].sum(axis=1)
+    ranks = _ranks(problem)
+    # One direction, of rank 1, leaves turns about it; two leave none.
+    turned = np.where(ranks == 1, d - 1, so.tangent_dim(d) * (ranks > 0))
+    return turned, d * problem.graph.measures_translation
+
+
+def double(problem: Problem | InformationProblem) -> IntArray:
+    """(m,) how often the square of a turn counts: twice for kappa |E|^2 in the plane."""
+    if isinstance(problem, InformationProblem) or problem.d == 3:
+        return np.ones(problem.graph.num_edges, dtype=np.intp)
+    return np.maximum(_ranks(problem), 1)
+
+
+def _ranks(problem: Problem) -> IntArray:
+    """(m,) how many axes of the world the nodes see by each edge's rotation."""
+    rotation = problem.rotation.graph
+    if rotation.couplings is None:
+        return problem.d * rotation.measures_rotation
+    return np.asarray(np.linalg.matrix_rank(rotation.couplings, rtol=NONE))
 
 
 @lru_cache
-def _quantile(d: int, turned: bool, moved: bool, probability: float) -> float:
-    """That of a measurement of a rotation, a translation, or both."""
-    axes = so.tangent_dim(d) * [2.0 if d == 2 else 1.0] if turned else []
-    terms = np.array(axes + d * [1.0] if moved else axes)
-    if not len(terms):
+def _exceeded(turned: int, moved: int, weight: int, share: float) -> float:
+    """What ``turned`` squares, times ``weight``, and ``moved`` others exceed with this chance."""
+    if turned + moved == 0:
         return 0.0
-    unit = float((terms**2).sum() / terms.sum())
-    half = 0.5 * float(terms.sum()) / unit  # of the degrees of freedom
-    return unit * 2.0 * float(special.gammaincinv(half, probability))
+    once = 2.0 * float(special.gammainccinv(0.5 * (turned + moved), share))
+    if weight == 1 or turned == 0:
+        return once
+    if moved == 0 or not 0.0 < once < math.inf:
+        return weight * once
+    # Each square counts at least once and at most twice.
+    least, most = math.sqrt(0.25 * once), math.sqrt(0.5 * once)
+    log = math.log(share)
+    y = float(optimize.brentq(lambda y: _log_tail(y) - log, least, most, **CLOSE))
+    return 4.0 * y * y
 
 
-def measured(problem: Problem) -> tuple[BoolArray, BoolArray]:
-    """(m,) which edges measure a rotation, and which a translation."""
-    return problem.graph.measures_rotation, problem.graph.measures_translation
+def _log_tail(y: float) -> float:
+    """The logarithm of P(2 z0^2 + z1^2 + z2^2 > 4 y^2)."""
+    dawson = 2.0 / math.sqrt(math.pi) * special.dawsn(y)
+    return float(np.log(special.erfcx(y) + dawson) - y * y)

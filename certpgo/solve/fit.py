@@ -24,8 +24,8 @@ from certpgo.graph import Estimate, Instance, PoseGraph
 from certpgo.graph.held import displaced
 from certpgo.graph.information import Information
 from certpgo.graph.phrases import counted
-from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.objective.chi_squared import NONE, double, numbers_measured
 from certpgo.objective.choose_cost import Judged
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import PoseProblem, Problem
@@ -36,8 +36,6 @@ from certpgo.optimize.unobservable import MOST, undetermined
 
 #: Probability that chi^2 of the stated noise is further out, on one side.
 RARE = 1e-6
-#: Eigenvalues of matrices of unit diagonal below which a direction is not measured.
-NONE = 1e-12
 #: chi^2 per degree of freedom beyond a factor of `FAR_OFF` of 1 is compared with that of square
 #: roots of information, which is taken for right within a factor of `NEAR`.
 FAR_OFF, NEAR = 3.0, 2.0
@@ -113,7 +111,10 @@ class Fit:
 
     @property
     def _tails(self) -> tuple[float, float]:
-        """Probabilities of a chi^2 that is at most this, and at least (Welch-Satterthwaite)."""
+        """Probabilities of a chi^2 that is at most this, and at least.
+
+        Where it is spread, of the gamma law with its mean and variance.
+        """
         from scipy import special
 
         half, x = 0.5 * self.freedom / self.spread, 0.5 * self.chi2 / self.spread
@@ -256,19 +257,13 @@ def squares(
         of_ranges = problem.edge_costs(estimate)[len(terms) :, None] * np.array([1.0, 0.0])
         ones = np.tile([1, 0], (len(of_ranges), 1))
         return np.concatenate([terms, of_ranges]), np.concatenate([numbers, ones])
-    rotation = problem.rotation.graph
     turning = problem.rotation.edge_costs(estimate.with_translations(None))
-    couplings, ranks = rotation.couplings, problem.d * rotation.measures_rotation
-    if couplings is not None:
-        ranks = np.linalg.matrix_rank(couplings, rtol=NONE)
-    if problem.d == 2 and not mahalanobis:
-        turning = turning / np.maximum(ranks, 1)  # kappa I: of one axis, twice
-    # One direction, of rank 1, leaves turns about it; two leave none.
-    turned = np.where(ranks == 1, problem.d - 1, so.tangent_dim(problem.d) * (ranks > 0))
-    moving, moved = np.zeros_like(turning), np.zeros_like(turned)
+    turned, moved = numbers_measured(problem)
+    if not mahalanobis:
+        turning = turning / double(problem)
+    moving = np.zeros_like(turning)
     if isinstance(problem, PoseProblem):
         moving = problem.graph.tau * (problem.translation_residuals(estimate) ** 2).sum(axis=1)
-        moved = problem.d * problem.graph.measures_translation
     return np.stack([moving, turning], axis=1), np.stack([moved, turned], axis=1)
 
 

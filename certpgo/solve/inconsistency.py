@@ -25,9 +25,8 @@ from certpgo.certify.truncated_case import TruncatedCase
 from certpgo.errors import GraphError
 from certpgo.graph import Estimate, Graph, PoseGraph
 from certpgo.graph.trees import tree_initialization
-from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
-from certpgo.objective.chi_squared import measured
+from certpgo.objective.chi_squared import double, numbers_measured
 from certpgo.objective.problem import Problem, problem_of
 from certpgo.objective.truncated_problem import TruncatedProblem
 from certpgo.optimize.progress import Stop
@@ -47,11 +46,9 @@ def budgets(problem: Problem, level: float = LEVEL, scale: float = 1.0) -> Float
     ----------
     scale : standard deviation of the noise over that stated by the weights
     """
-    turned, moved = measured(problem)
-    d = problem.d
-    numbers = so.tangent_dim(d) * turned + d * moved
-    twice = np.where(turned & (d == 2), 2.0, 1.0)
-    return np.asarray(scale**2 * twice * 2.0 * special.gammaincinv(0.5 * numbers, 1.0 - level))
+    turned, moved = numbers_measured(problem)
+    most = np.where(turned > 0, double(problem), 1)
+    return np.asarray(scale**2 * most * 2.0 * special.gammainccinv(0.5 * (turned + moved), level))
 
 
 def proven_rises(problem: TruncatedProblem, estimate: Estimate, stop: Stop) -> FloatArray:

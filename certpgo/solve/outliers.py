@@ -22,7 +22,7 @@ from certpgo.graph.display import Brief
 from certpgo.graph.phrases import counted
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
-from certpgo.objective.chi_squared import flagged_from, measured, quantiles
+from certpgo.objective.chi_squared import flagged_from, numbers_measured, quantiles
 from certpgo.objective.problem import Problem, RotationProblem
 from certpgo.optimize.initialization import start_of
 from certpgo.optimize.methods._robust import connected, remark
@@ -188,13 +188,12 @@ def noise_scale(problem: Problem, costs: FloatArray, kept: BoolArray | None = No
     kept : (m,) the measurements that were fitted, by default all
     """
     d, q = problem.d, so.tangent_dim(problem.d)
-    turned, moved = measured(problem)
+    turned, moved = numbers_measured(problem)
     kept = np.ones(len(costs), dtype=bool) if kept is None else kept
-    numbers = float((q * turned[kept] + d * moved[kept]).sum())
+    total = float((turned + moved)[kept].sum())
     poses = len(problem.poses)
     used = (poses - 1) * (q + d * bool(moved.any())) + (problem.n - poses) * d
-    least = numbers / int(kept.sum())
-    redundant = max(numbers - used, least) / numbers
+    redundant = max(total - used, total / int(kept.sum())) / total
     relative = float(np.median(costs[kept] / quantiles(problem, 0.5)[kept]))
     exact = EXACT * math.sqrt(2.0 * problem.rotation.median_kappa)
     return max(math.sqrt(relative / redundant), exact)

@@ -65,6 +65,14 @@ def test_both_checkers_prove_the_least_cost_of_all_choices(tmp_path, seed):
     assert first.about.endswith(f"truncated: {doubtful.sum()} rejected ones cost 25 to 25 at most")
 
 
+@pytest.mark.parametrize("price", [25.00004, 25.00006])
+def test_checkers_enclose_prices_in_the_digits_that_they_print(tmp_path, price):
+    graph, doubtful = doubtful_graph(np.random.default_rng(0), 2, poses=False, doubtful=1)
+    path, proof, _ = proven(tmp_path, graph, doubtful, price)
+    for of in BOTH:
+        assert of.check(path, proof).about.endswith("cost 25.0000 to 25.0001 at most")
+
+
 def test_a_certified_rejection_is_proven_to_the_last_digits(tmp_path):
     graph, doubtful = doubtful_graph(np.random.default_rng(0), 3, poses=True, doubtful=1)
     path, proof, problem = proven(tmp_path, graph, doubtful)

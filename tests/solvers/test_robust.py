@@ -6,14 +6,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import integrate, stats
 from strategies import rng_of, rotation_graph
 
+from certpgo import with_directions
 from certpgo.certify import Verdict, certify
 from certpgo.errors import GraphError, SpecError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.io.datasets import synthetic, thesis, truth
 from certpgo.linalg import rotations as so
-from certpgo.objective.chi_squared import quantiles
+from certpgo.objective.chi_squared import exceeded_by, quantiles
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 from certpgo.optimize.methods._robust import connected
 from certpgo.optimize.methods.adaptive_trimming import AdaptiveTrimming
@@ -184,6 +186,31 @@ def test_quantiles_are_those_of_what_an_edge_measures():
     # chi^2 of six degrees of freedom, and of three, at 99 %, as tables have them.
     found = quantiles(problem_of(graph), 0.99)
     np.testing.assert_allclose(found, [16.8119, 11.3449, 11.3449], rtol=1e-5)
+
+
+@pytest.mark.parametrize("share", [0.99, 0.5, 0.1, 1e-2, 1e-4, 1e-6, 1e-12])
+def test_a_pose_in_the_plane_exceeds_its_quantile_with_the_stated_probability(share):
+    edges, R = np.array([[0, 1]] * 3), np.tile(np.eye(2), (3, 1, 1))
+    rotation = RotationGraph(2, edges, R, np.array([1.0, 1.0, 0.0]))
+    graph = PoseGraph(rotation, np.zeros((3, 2)), np.array([1.0, 0.0, 1.0]))
+    pose, turn, step = exceeded_by(problem_of(graph), share)
+    assert turn == pytest.approx(2.0 * stats.chi2.isf(share, 1), rel=1e-12)
+    assert step == pytest.approx(stats.chi2.isf(share, 2), rel=1e-12)
+
+    def rest(z):  # what z1^2 + z2^2 exceed with 2 z0^2 = 2 z^2 known
+        return 2.0 * stats.norm.pdf(z) * stats.chi2.sf(pose - 2.0 * z * z, 2)
+
+    most = math.sqrt(0.5 * pose)
+    inside, _ = integrate.quad(rest, 0.0, most, epsabs=0.0, epsrel=1e-13, limit=200)
+    assert inside + 2.0 * stats.norm.sf(most) == pytest.approx(share, rel=1e-11)
+
+
+def test_quantiles_of_directions_are_of_two_angles():
+    instance = synthetic.helix(3, rng_of(0))
+    up = instance.truth.rotations[:2, 2, :]
+    graph = with_directions(instance.graph, np.arange(2), up, kappa=4.0)
+    found = exceeded_by(problem_of(graph), 1e-3)[-1]
+    assert found == pytest.approx(stats.chi2.isf(1e-3, 2), rel=1e-12)
 
 
 @pytest.mark.parametrize("settings", [{"scale": 1e-200}, {"rate": np.inf}, {"probability": 1.0}])
