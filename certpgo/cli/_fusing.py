@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -139,10 +139,9 @@ def write_reconstruction(out: Path, found: Reconstruction | Fused, graph: Path |
 
     averaged, answer = found.averaged, found.averaged.answer
     given, problem, kept = averaged.instance, answer.problem, averaged.kept
-    information = None if given.information is None else given.information.subset(kept)
-    instance = replace(given, graph=given.graph.with_edges(kept), information=information)
+    instance = given.with_edges(kept)
     assessment = assess(
-        problem, averaged.estimate, answer.certificate, ids=instance.ids, fit=answer.fit
+        problem, averaged.estimate, answer.certificate, instance=instance, fit=answer.fit
     )
     remarks = [f"{name}: {said}." for name, said in found.consistency()]
     if rejected := found.rejected_named():

@@ -102,16 +102,8 @@ class Solved(Result):
 
         if self.certificate is None:
             return None
-        part, estimate = self.part, self.solution.estimate
-        return assess(
-            self._problem,
-            estimate,
-            self.certificate,
-            ids=part.ids,
-            pairs=part.pairs,
-            nodes=part.poses,
-            fit=self.fit,
-        )
+        kept, estimate = self.solution.judged_instance(self.part), self.solution.estimate
+        return assess(self._problem, estimate, self.certificate, instance=kept, fit=self.fit)
 
     def write(self, outputs: Outputs) -> None:
         """Write the estimate."""

@@ -181,9 +181,9 @@ def fit_as_json(fit: Fit) -> dict[str, Any]:
 
 
 def edges_as_json(instance: Instance, edges: IntArray) -> list[dict[str, Any]]:
-    """Edges by index and node ids."""
-    pairs = instance.pairs[edges].tolist()
-    return [{"edge": e, "ids": ids} for e, ids in zip(edges.tolist(), pairs, strict=True)]
+    """Edges, given by index, by their number in the source and node ids."""
+    numbers, pairs = instance.known_numbers[edges].tolist(), instance.pairs[edges].tolist()
+    return [{"edge": e, "ids": ids} for e, ids in zip(numbers, pairs, strict=True)]
 
 
 def rejection_as_json(instance: Instance, found: Rejection | None) -> dict[str, Any] | None:

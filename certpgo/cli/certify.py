@@ -33,7 +33,8 @@ from certpgo.cli._outputs import Outputs, Result, emit
 from certpgo.cli._paging import origin_of, write_page
 from certpgo.cli._proving import prove
 from certpgo.cli._reading import Reading, covered, restricted_to, takes_reading
-from certpgo.cli._show import StatusLine, document, notice, working
+from certpgo.cli._rejected import posing, refuse_rejected
+from certpgo.cli._show import StatusLine, document, working
 from certpgo.cli._swapped import graph_comes_first
 from certpgo.cli._truth import KnownPoses, TruthFile, TruthOffset
 from certpgo.errors import InputError
@@ -129,7 +130,7 @@ def command(
     from certpgo.solve.batch import JudgedGraph
 
     _refuse_mixtures(estimates, csv, truth=truth, best=best, proof=proof, html=html)
-    _refuse_rejected(rejected, quantile, html=html)
+    refuse_rejected(rejected, quantile, html=html)
     refuse_chordal_only(cost, **{"rejected --proof": rejected and proof})
     tier = tier_for(proof, tier, cost) or "standard"
     outputs = Outputs(estimate=best, csv=csv, proof=proof, html=html, json=json)
@@ -152,9 +153,10 @@ def command(
     settings: dict[str, Any] = {"tier": tier, "rtol": rtol, "atol": atol, "refine": refine}
     settings |= {"time_limit": time_limit, "monitor": status, "ctrl_c": True}
 
+    posed = posing(instance, asked.cost, rejected, quantile)
+
     def judged(of: Instance) -> list[JudgedGraph]:
-        posed = _posed(reading.parts(of), asked.cost, rejected, quantile)
-        return [JudgedGraph(part, problem, Judge(problem, **settings)) for part, problem in posed]
+        return [JudgedGraph(*one, Judge(one[1], **settings)) for one in posed(reading.parts(of))]
 
     if csv is not None:
         return _batch(estimates, sources, instance, judged, how, csv, json, reading, status)
@@ -281,37 +283,6 @@ def _refuse_mixtures(
         raise InputError("several estimates need --csv OUT")
     if csv is not None and any(outputs.values()):
         raise InputError("--best, --proof and --html need a single estimate, without --csv")
-
-
-def _posed(
-    parts: Sequence[Instance], cost: str, rejected: Path | None, quantile: float | None
-) -> list[tuple[Instance, Judged]]:
-    """The graphs with their problems under a cost, truncated if measurements are rejected."""
-    from certpgo.io.rejections import read_rejected
-    from certpgo.objective.choose_cost import CHORDAL, certifiable
-    from certpgo.objective.truncated_problem import rejecting
-
-    if rejected is None:
-        return [(part, certifiable(part, cost)) for part in parts]
-    if len(parts) > 1:
-        one = "--rejected lists measurements of one component"
-        raise InputError(f"{one}: --components largest, not each")
-    [part] = parts
-    edges, prices = read_rejected(rejected, part)
-    if prices is not None and (quantile is not None or cost != CHORDAL):
-        if quantile is None:
-            notice(f"the prices in {rejected} are of F: those of {cost} are the default quantile")
-        prices = None
-    return [(part, rejecting(certifiable(part, cost), edges, quantile, prices=prices))]
-
-
-def _refuse_rejected(rejected: Path | None, quantile: float | None, **outputs: Path | None) -> None:
-    """Refuse what does not go with rejections, or only with them."""
-    if quantile is not None and rejected is None:
-        raise InputError("--quantile needs --rejected")
-    for name, value in outputs.items():
-        if value is not None and rejected is not None:
-            raise InputError(f"--{name} is for the cost of all measurements: not with --rejected")
 
 
 def _resolved(

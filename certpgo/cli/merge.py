@@ -16,6 +16,7 @@ from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import table
 
 if TYPE_CHECKING:
+    from certpgo.graph import Instance
     from certpgo.solve.merging import Merged
 
 
@@ -69,7 +70,8 @@ def command(
     read = [reading.open(source, distances=True) for source in sources]
     joint = reading.open(joints, distances=True)
     merged = merge(read, joint, offset=offset, robust=robust)
-    return emit([_Merged(merged.answer.certificate, merged, [one.name for one in read])], [outputs])
+    names = [one.name for one in read]
+    return emit([_Merged(merged.answer.certificate, merged, names, joint)], [outputs])
 
 
 #: Measurements between maps that are listed.
@@ -78,22 +80,24 @@ SHOWN = 10
 
 @dataclass(frozen=True)
 class _Merged(Result):
-    """Maps in one frame, with their names."""
+    """Maps in one frame, with their names, and the measurements between them."""
 
     merged: Merged
     names: list[str]
+    between: Instance
 
     def write(self, outputs: Outputs) -> None:
         outputs.write(replace(self.merged.instance, initial=self.merged.answer.estimate))
 
     def _worst(self) -> list[tuple[int, list[int], float, float, bool]]:
-        """Measurements between maps: edge, nodes, term, tail, whether it disagrees."""
-        merged, disagreeing = self.merged, set(self.merged.disagreeing.tolist())
+        """Measurements between maps: number in their file, nodes, term, tail, if it disagrees."""
+        merged, rows = self.merged, self.merged.between
+        wrong = set(merged.disagreeing.tolist())
         order = (-merged.terms).argsort(kind="stable").tolist()
-        edges = merged.instance.measurements.edges[merged.between].tolist()
-        named = merged.between.tolist()
+        edges = merged.instance.measurements.edges[rows].tolist()
+        numbers = self.between.known_numbers.tolist()
         return [
-            (named[k], edges[k], merged.terms[k], merged.tails[k], named[k] in disagreeing)
+            (numbers[k], edges[k], merged.terms[k], merged.tails[k], rows[k] in wrong)
             for k in order
         ]
 

@@ -165,7 +165,7 @@ def _scene(
             return scene_of(*sources, **matching)
         instance = sources[0].graph(quiet=True)
         if rejected is not None:
-            matching |= {"rejected": read_rejected(rejected, instance)[0]}
+            matching |= {"rejected": read_rejected(rejected, instance).among(instance)[0]}
         if not (solve or robust):
             return scene_of(instance, *sources[1:], **matching)
         with working(f"solving {instance.name}"):

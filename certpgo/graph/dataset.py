@@ -70,6 +70,8 @@ class Instance(Speaking):
         where it has none, or other weights were chosen
     stated : (m, 2) nodes that the source names in each measurement, where the graph has those that
         hold them, see `certpgo.graph.held`; None for the graph's own
+    numbers : (m,) what lists and tables call the `measurements`: their numbers among all of the
+        source, -1 for a constraint. None for 0 ... m-1, where none of the source is left out
     times_ns : the nodes' times, nanoseconds, of all nodes but the world, `NO_TIME` for a node
         without one; or None
 
@@ -100,6 +102,7 @@ class Instance(Speaking):
     moved_by: int = 0
     times_ns: IntArray | None = None
     stated: IntArray | None = None
+    numbers: IntArray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "ids", frozen_indices(self.ids))
@@ -126,10 +129,12 @@ class Instance(Speaking):
     def _check_arrays(self, n: int) -> None:
         """Freeze the arrays that may be there, and refuse those of another length."""
         m, poses = self.graph.num_edges, len(self.ids[: self.world])
+        rows = m + (0 if self.ranges is None else self.ranges.num_edges)
         for name, freeze, shape, what in (
             ("times_ns", frozen_indices, (poses,), f"of {poses} nodes"),
             ("outliers", frozen_flags, (m,), f"{m} flags, one per edge"),
             ("stated", frozen_indices, (m, 2), f"{m} pairs of nodes, one per edge"),
+            ("numbers", frozen_indices, (rows,), f"{rows} numbers, one per measurement"),
             ("apart", frozen_flags, (n,), f"{n} flags, one per node"),
             ("origin", frozen_floats, (self.graph.d,), f"{self.graph.d} coordinates"),
         ):
@@ -220,8 +225,16 @@ class Instance(Speaking):
 
     @property
     def pairs(self) -> IntArray:
-        """(m, 2) ids of the nodes that the source names in each measurement."""
-        return np.asarray(self.ids[self.graph.edges if self.stated is None else self.stated])
+        """(m, 2) ids of the nodes that the source names in each of the `measurements`."""
+        edges = self.graph.edges if self.stated is None else self.stated
+        if self.ranges is not None:
+            edges = np.concatenate([edges, self.ranges.edges])
+        return np.asarray(self.ids[edges])
+
+    @cached_property
+    def known_numbers(self) -> IntArray:
+        """(m,) the number of each of the `measurements` in the source, see `numbers`."""
+        return np.arange(len(self.pairs)) if self.numbers is None else self.numbers
 
     @cached_property
     def measurements(self) -> Measurements:
@@ -324,11 +337,13 @@ class Instance(Speaking):
 
     def with_edges(self, chosen: IntArray | BoolArray) -> Instance:
         """The instance with only the chosen measurements, by index or flag, of all nodes."""
+        numbers, m = self.known_numbers, self.graph.num_edges
         return replace(
             self,
             graph=self.graph.with_edges(chosen),
             outliers=None if self.outliers is None else self.outliers[chosen],
             stated=None if self.stated is None else self.stated[chosen],
+            numbers=np.concatenate([numbers[:m][chosen], numbers[m:]]),
             information=self.information and self.information.subset(chosen),
         )
 

@@ -72,6 +72,7 @@ def with_held(instance: Instance, *, hold: bool = True) -> Instance:
     graph, information, between = _on_one(instance, there, root, held)
     within, stated = int((~between).sum()), instance.graph.edges[between]
     graph, information = _with_exact(instance, graph, information, there, root, others)
+    added = graph.num_edges - len(stated)
     said = f"{counted(len(fixed), 'node{s}')} held where the file fixes them ({named}): "
     said += f"relative poses of these are constraints {release}"
     if within:
@@ -81,6 +82,7 @@ def with_held(instance: Instance, *, hold: bool = True) -> Instance:
         graph=graph,
         information=information,
         stated=np.concatenate([stated, graph.edges[len(stated) :]]),
+        numbers=np.append(instance.known_numbers[between], np.full(added, -1)),
         outliers=None,
         options={**instance.options, "fixed": HELD},
         notices=(*instance.notices, said),

@@ -161,11 +161,9 @@ def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
 
 def _with_choices(instance: Instance, keep: Keep, weights: ChosenWeights) -> Instance:
     instance = weights.apply(instance)
-    graph, information = instance.graph, instance.information
+    graph = instance.graph
     if keep != "all":
-        kept = simple_edges(graph.num_nodes, graph.edges, keep)
-        graph = graph.with_edges(kept)
-        information = information and information.subset(kept)
+        instance = instance.with_edges(simple_edges(graph.num_nodes, graph.edges, keep))
     # An .npz file stores its options; only those chosen now replace them.
     options = {"keep": "all", "rotation_information": "tangent", "weights": "file"}
     options |= instance.options
@@ -173,7 +171,7 @@ def _with_choices(instance: Instance, keep: Keep, weights: ChosenWeights) -> Ins
         options["keep"] = keep
     if str(weights) != "file":
         options["weights"] = str(weights)
-    return replace(instance, graph=graph, options=options, information=information)
+    return replace(instance, options=options)
 
 
 def _with_truth(instance: Instance, path: Path) -> Instance:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,15 +13,36 @@ from certpgo.errors import FormatError
 from certpgo.graph import Instance
 from certpgo.linalg.arrays import FloatArray, IntArray
 
-#: Columns that a list has: the index of a measurement, and the ids of its nodes; and one that it
-#: may have.
+#: Columns that a list has: the number of a measurement in its source, and the ids of its nodes; and
+#: one that it may have.
 COLUMNS, PRICE = ("edge", "i", "j"), "price"
 
 
-def read_rejected(path: str | Path, instance: Instance) -> tuple[IntArray, FloatArray | None]:
-    """(k,) measurements that a CSV file names, as ``certpgo outliers`` writes it, and their prices.
+@dataclass(frozen=True, eq=False)
+class Rejected:
+    """Measurements of a source that were rejected.
 
-    It has columns ``edge``, the index of a measurement from 0, ``i`` and ``j``, the ids of its
+    Attributes
+    ----------
+    numbers : (k,) in the source, see `certpgo.Instance.numbers`
+    prices : (k,) in units of F; None where the list has none
+    """
+
+    numbers: IntArray
+    prices: FloatArray | None
+
+    def among(self, instance: Instance) -> tuple[IntArray, FloatArray | None]:
+        """Indices of those that an instance has, as which they are given, and their prices."""
+        row = {number: k for k, number in enumerate(instance.known_numbers.tolist())}
+        here = np.array([number in row for number in self.numbers.tolist()], dtype=bool)
+        edges = np.array([row[number] for number in self.numbers[here].tolist()], dtype=np.intp)
+        return edges, None if self.prices is None else self.prices[here]
+
+
+def read_rejected(path: str | Path, instance: Instance) -> Rejected:
+    """The measurements that a CSV file names, as ``certpgo outliers`` writes it.
+
+    It has columns ``edge``, the number of a measurement from 0, ``i`` and ``j``, the ids of its
     nodes, and perhaps ``price``, in units of F; others do not count.
 
     Raises
@@ -36,18 +58,20 @@ def read_rejected(path: str | Path, instance: Instance) -> tuple[IntArray, Float
         raise FormatError(path, None, "no such file") from None
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise FormatError(path, None, f"not readable as CSV: {error}") from None
-    pairs, found, prices = instance.pairs, list[int](), list[float]()
+    named = zip(instance.known_numbers.tolist(), instance.pairs.tolist(), strict=True)
+    pairs = {edge: ids for edge, ids in named if edge >= 0}
+    found, prices = list[int](), list[float]()
     for line, row in enumerate(rows, start=2):
         try:
             edge, i, j = (int(row[name]) for name in COLUMNS)
         except (KeyError, TypeError, ValueError):
             raise FormatError(path, line, f"expected integers {', '.join(COLUMNS)}") from None
-        if not 0 <= edge < len(pairs) or pairs[edge].tolist() != [i, j]:
+        if pairs.get(edge) != [i, j]:
             raise FormatError(path, line, f"edge {edge} of {instance.name} is not from {i} to {j}")
         found.append(edge)
         if PRICE in row:
             prices.append(_positive(path, line, row[PRICE]))
-    return np.array(found, dtype=np.intp), np.array(prices) if prices else None
+    return Rejected(np.array(found, dtype=np.intp), np.array(prices) if prices else None)
 
 
 def _positive(path: Path, line: int, text: str | None) -> float:

@@ -9,7 +9,7 @@ from typing import ClassVar, Protocol, Self, TypeVar
 
 import numpy as np
 
-from certpgo.graph import Estimate
+from certpgo.graph import Estimate, Instance
 from certpgo.graph.display import Brief
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.problem import Problem
@@ -143,6 +143,10 @@ class Solution(Brief):
         right ones were kept. The problem may have the cost of another program.
         """
         return problem if self.weights is None else problem.reweighted(self.weights)
+
+    def judged_instance(self, instance: Instance) -> Instance:
+        """The measurements of an instance that the problem is of, see `judged`."""
+        return instance if self.weights is None else instance.with_edges(self.weights != 0.0)
 
 
 class Solver(Protocol):

@@ -51,7 +51,7 @@ class CostlyEdge:
 
     Attributes
     ----------
-    edge : index of the edge, from 0
+    edge : its number in the source, from 0, see `certpgo.Instance.numbers`
     ids : ids of its nodes
     cost : its term of F at the estimate as given
     share : ``cost`` over F
@@ -124,9 +124,7 @@ def assess(
     estimate: Estimate,
     certificate: Certificate,
     *,
-    ids: IntArray | None = None,
-    pairs: IntArray | None = None,
-    nodes: IntArray | None = None,
+    instance: Instance | None = None,
     writing: Writing | None = None,
     fit: Fit | None = None,
 ) -> Assessment:
@@ -135,14 +133,13 @@ def assess(
     Parameters
     ----------
     certificate : certificate of this estimate for this problem
-    ids : (n,) node ids for naming edges; 0 ... n-1 by default
-    pairs : (m, 2) ids that edges are named by, see `certpgo.Instance.pairs`, instead
-    nodes : (k,) poses between which the distance is, see `certpgo.Instance.poses`; all by default
+    instance : whose problem it is: names edges, and its `poses` are those between which the
+        distance is; by default nodes have the ids 0 ... n-1, and all count
     writing : number format of the estimate's file, see `certpgo.io.digits.writing_of`
     fit : chi^2 of the estimate
     """
     c = certificate
-    nodes = _poses(problem) if nodes is None else nodes
+    nodes = _poses(problem) if instance is None else instance.poses
     best, cost = c.best, c.best_cost
     if not cost < c.cost_upper:  # any improvement is rounding
         best, cost = estimate, c.cost_upper
@@ -156,9 +153,7 @@ def assess(
         distance=distance(
             estimate.subset(nodes), best.subset(nodes), scaled=has_no_unit(problem.graph)
         ),
-        edges=costly_edges(
-            problem, estimate, np.arange(problem.n) if ids is None else ids, pairs=pairs
-        ),
+        edges=costly_edges(problem, estimate, instance),
         rounding=None if writing is None else rounding_cost(problem, estimate, best, writing),
         farthest=_farthest(problem, estimate),
         fit=fit,
@@ -175,25 +170,21 @@ def distance(estimate: Estimate, other: Estimate, *, scaled: bool = False) -> Di
 
 
 def costly_edges(
-    problem: Judged,
-    estimate: Estimate,
-    ids: IntArray,
-    count: int = EDGES,
-    pairs: IntArray | None = None,
+    problem: Judged, estimate: Estimate, instance: Instance | None = None, count: int = EDGES
 ) -> tuple[CostlyEdge, ...]:
     """The edges with the largest terms of F; none where F is zero or not finite."""
     terms, lengths = problem.edge_costs(estimate), problem.residual_lengths(estimate)
     total = float(terms.sum())
     if not 0.0 < total < math.inf:
         return ()
-    if pairs is None or len(pairs) != len(problem.graph.edges):
-        pairs = ids[problem.graph.edges]
+    pairs = problem.graph.edges if instance is None else instance.pairs
+    numbers = np.arange(len(terms)) if instance is None else instance.known_numbers
     angles = problem.residual_angles(estimate)
     turned, moved = measured_parts(problem)
     known = np.flatnonzero(turned | moved)
     return tuple(
         CostlyEdge(
-            edge=e,
+            edge=int(numbers[e]),
             ids=(int(pairs[e, 0]), int(pairs[e, 1])),
             cost=float(terms[e]),
             share=float(terms[e]) / total,

@@ -71,9 +71,7 @@ class JudgedGraph:
             self.problem,
             estimate,
             certificate,
-            ids=self.instance.ids,
-            pairs=self.instance.pairs,
-            nodes=self.instance.poses,
+            instance=self.instance,
             writing=writing,
             fit=fit_of(self.instance, self.problem, estimate),
         )

@@ -41,7 +41,7 @@ class RejectedEdge:
 
     Attributes
     ----------
-    edge : its index
+    edge : its number, see `certpgo.Instance.numbers`; of a graph its index
     i, j : ids of its nodes
     degrees, metres : its residuals at the estimate; None for what it does not measure
     cost, price : its term of F there, and what leaving it out costs
@@ -85,9 +85,9 @@ class OutlierReport(Brief):
     ----------
     rejection : the verdict about all of them
     edges : those of lowest rise first
-    cores : sets of measurements, by index, of which no two share one and none is right as a whole
+    cores : sets of measurements, by number, of which no two share one and none is right as a whole
     cores_over_odometry : the same, where they may share measurements from each node to the next
-    doubtful_kept : (k,) kept measurements, by index, of which it is not proven that leaving any
+    doubtful_kept : (k,) kept measurements, by number, of which it is not proven that leaving any
         single one out, for a price of the same quantile, costs more, whatever else changes
     doubtful_pairs : (k, 2) ids of their nodes
     level : probability that right measurements are called wrong
@@ -168,7 +168,7 @@ def outlier_report(
     if not 0.0 < level < 1.0:
         raise InputError(f"a level lies between 0 and 1, not at {level}")
     found, stop = answer.rejection, Stop(monitor)
-    problem, rejected = found.problem.whole, found.edges
+    problem, rejected = found.problem.whole, found.problem.rejected
     if isinstance(problem, InformationProblem):
         raise InputError("the report is about the chordal cost F alone")
     kept, trusted = ~found.problem.is_rejected, odometry(problem.graph)
@@ -182,12 +182,13 @@ def outlier_report(
     core = {int(e): number for number, members in enumerate(sets) for e in members[-1:]}
     angles = problem.residual_angles(found.estimate)
     lengths = problem.residual_lengths(found.estimate)
-    costs, ambiguous = problem.edge_costs(found.estimate), set(found.ambiguous.tolist())
-    graph = problem.graph
-    pairs = graph.edges if answer.instance is None else answer.instance.pairs
+    costs, ambiguous = problem.edge_costs(found.estimate), found.certificate.obstacle.ambiguous
+    graph, named = problem.graph, answer.instance
+    pairs = graph.edges if named is None else named.pairs
+    numbers = np.arange(graph.num_edges) if named is None else named.known_numbers
     edges = [
         RejectedEdge(
-            edge=e,
+            edge=int(numbers[e]),
             i=int(pairs[e, 0]),
             j=int(pairs[e, 1]),
             degrees=math.degrees(angles[e]) if graph.measures_rotation[e] else None,
@@ -209,9 +210,9 @@ def outlier_report(
     return OutlierReport(
         found,
         ordered,
-        tuple(sets),
-        tuple(shared),
-        of_kept,
+        tuple(numbers[members] for members in sets),
+        tuple(numbers[members] for members in shared),
+        numbers[of_kept],
         pairs[of_kept],
         level,
         is_complete=stop.ended_by is None,

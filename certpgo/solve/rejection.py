@@ -35,6 +35,8 @@ class Rejection(Brief):
         choice of rejected measurements costs less
     quantile : of chi^2, that the prices c_e are
     scale : standard deviation of the noise over that stated by the weights
+    numbers : (m,) what the measurements of the problem are called, as in a session; None for their
+        indices
     """
 
     problem: TruncatedProblem
@@ -42,16 +44,17 @@ class Rejection(Brief):
     certificate: Certificate
     quantile: float
     scale: float = 1.0
+    numbers: IntArray | None = None
 
     @property
     def edges(self) -> IntArray:
-        """(k,) indices of the rejected measurements, ascending."""
-        return self.problem.rejected
+        """(k,) the rejected measurements, by number, ascending."""
+        return self._called(self.problem.rejected)
 
     @property
     def prices(self) -> FloatArray:
         """(k,) their prices c_e, in units of F."""
-        return self.problem.prices[self.edges]
+        return self.problem.prices[self.problem.rejected]
 
     @property
     def prices_of_all(self) -> FloatArray:
@@ -60,8 +63,11 @@ class Rejection(Brief):
 
     @property
     def ambiguous(self) -> IntArray:
-        """Indices of rejected measurements whose prices are not proven; empty if CERTIFIED."""
-        return np.array(self.certificate.obstacle.ambiguous, dtype=np.intp)
+        """Rejected measurements whose prices are not proven, by number; empty if CERTIFIED."""
+        return self._called(np.array(self.certificate.obstacle.ambiguous, dtype=np.intp))
+
+    def _called(self, edges: IntArray) -> IntArray:
+        return edges if self.numbers is None else self.numbers[edges]
 
     @property
     def verdict(self) -> Verdict:

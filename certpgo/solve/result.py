@@ -100,9 +100,13 @@ class CertifiedSolution(Speaking):
 
         Nodes are named by their ids; rejected measurements are not among them.
         """
-        n = self.estimate.num_nodes
-        ids = np.arange(n) if self.instance is None else self.instance.ids
-        return costly_edges(self.problem, self.estimate, ids)
+        instance, weights = self.instance, self.solution.weights
+        if instance is not None:
+            instance = self.solution.judged_instance(instance)
+        elif weights is not None:
+            ids, numbers = np.arange(self.graph.num_nodes), np.flatnonzero(weights)
+            instance = Instance("graph", self.graph, ids, numbers=numbers)
+        return costly_edges(self.problem, self.estimate, instance)
 
     def summary(self) -> str:
         """What was found, what is proven, and what to do next: the text that is printed."""

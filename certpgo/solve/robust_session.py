@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -89,7 +90,7 @@ class RobustSession(Session):
     def rejection(self, *, quantile: float | None = None) -> Rejection | None:
         """What is proven at the estimate about what is put aside; None if nothing is.
 
-        Its edges are places among all measurements that came and were not removed, in that order.
+        Its edges are the numbers of measurements, as in `rejected`.
 
         Parameters
         ----------
@@ -113,7 +114,8 @@ class RobustSession(Session):
         rejected = np.flatnonzero(np.isin(numbers, self.rejected))
         scale = 1.0 if states_noise(whole) else self._noise()
         how: dict[str, Any] = {"quantile": quantile, "scale": scale}
-        return certify_rejection(whole, self.estimate, rejected, **how)
+        found = certify_rejection(whole, self.estimate, rejected, **how)
+        return replace(found, numbers=numbers)
 
     def _judge(self) -> None:
         """Choose by a robust fit to everything which measurements to keep."""

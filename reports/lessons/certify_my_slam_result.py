@@ -238,7 +238,7 @@ plt.show()
 # lesson *Certify the cost you minimise*. Each of the two estimates is better by its own measure:
 
 # %%
-review = assess(problem, estimate_of(answer), certificate, ids=instance.ids)
+review = assess(problem, estimate_of(answer), certificate, instance=instance)
 if gtsam is not None:
     factors, _ = gtsam.readG2o(str(folder / "drive.g2o"), True)
     best_values = gtsam.Values()
@@ -272,7 +272,7 @@ print(f"positions:  {away.mean_m:.3f} m away on average, {away.worst_m:.3f} at m
 # is wrong, and even the largest share is only a few percent: the error is spread over both laps.
 
 # %%
-wound = assess(problem, estimate_of(answers["wound up"]), judgements["wound up"], ids=instance.ids)
+wound = assess(problem, estimate_of(answers["wound up"]), judgements["wound up"], instance=instance)
 print(f"the best estimate costs {wound.excess / wound.certificate.cost_upper:.1%} less")
 for edge in wound.edges[:3]:
     first, second = edge.ids

@@ -79,7 +79,7 @@ def test_costly_edges_are_terms_of_the_cost(seed, d):
     graph, R, t = pose_graph(rng_of(seed), 6, d)
     problem, estimate = PoseProblem(graph), Estimate(R, t)
     ids = np.array([10, 20, 30, 40, 50, 60])
-    edges = costly_edges(problem, estimate, ids, count=graph.num_edges)
+    edges = costly_edges(problem, estimate, Instance("six", graph, ids), graph.num_edges)
     assert sum(edge.cost for edge in edges) == pytest.approx(dense_cost(graph, R, t), rel=1e-12)
     assert sum(edge.share for edge in edges) == pytest.approx(1.0, rel=1e-12)
     costs = [edge.cost for edge in edges]
@@ -111,9 +111,7 @@ def test_distances_are_between_poses_alone(seed, d):
     R[graph.points.nonzero()[0]] = so.random(rng, int(graph.points.sum()), d)
     t[-1] += 100.0  # the world
     t[: graph.num_nodes][graph.points] += 50.0
-    found = assess(
-        problem, Estimate(R, t), certify(problem, best), ids=instance.ids, nodes=instance.poses
-    )
+    found = assess(problem, Estimate(R, t), certify(problem, best), instance=instance)
     assert found.distance.worst_deg < 1e-4
     assert found.distance.worst_m < 1e-6
     for edge in found.edges:
@@ -127,16 +125,16 @@ def test_a_bad_edge_is_named_and_a_perfect_answer_has_none():
     translations = graph.translations.copy()
     translations[5] += 1.0
     problem = PoseProblem(replace(graph, translations=translations))
-    worst = costly_edges(problem, Estimate(R, t), np.arange(20))[0]
+    worst = costly_edges(problem, Estimate(R, t))[0]
     assert worst.edge == 5
     assert worst.metres == pytest.approx(math.sqrt(3.0), rel=1e-9)
     assert worst.share > 0.999
     exact, _ = winding_cycle(20, 0.0, 0)
     same = Estimate(np.tile(np.eye(3), (20, 1, 1)))
-    assert costly_edges(RotationProblem(exact.graph), same, np.arange(20)) == ()
+    assert costly_edges(RotationProblem(exact.graph), same) == ()
     broken = Estimate(R, 1e200 * rng_of(0).standard_normal((20, 3)))
     with np.errstate(over="ignore"):
-        assert costly_edges(problem, broken, np.arange(20)) == ()
+        assert costly_edges(problem, broken) == ()
 
 
 @pytest.mark.parametrize("count", [3, 5])

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import optimize
 
 from certpgo import Disagreement, PoseGraph, RotationGraph, certify, solve_robustly
 from certpgo.io import read, write
@@ -289,3 +290,82 @@ def test_rejected_measurements_of_one_component_are_listed(certpgo, wrong, tmp_p
     assert certpgo("outliers", two, "--components", "each").code != 0
     report = certpgo("outliers", two, "--components", "largest", "--json").json
     assert len(report["rejected"]) == 40
+
+
+#: A loop of three nodes with a wrong measurement beside the right one, its price 40, and two tails.
+LOOP = [(8, 9, 1, 0, 0), (8, 1, 1, 0, 0), (1, 2, 1, 0, 0), (1, 2, 5, 0, 1.5), (2, 3, 1, 0, 0)]
+LOOP += [(3, 1, -2, 0, 0)]
+LISTED = "edge,i,j,price\n2,1,2,40\n"
+
+
+def loop_files(tmp_path, covered):
+    """The graph, poses of some nodes at their places without the wrong one, and the list."""
+    graph, poses, csv = (tmp_path / name for name in ("loop.g2o", "poses.g2o", "rejected.csv"))
+    line = "EDGE_SE2 {} {} {} {} {} 100 0 0 100 0 100\n"
+    graph.write_text("".join(line.format(*edge) for edge in LOOP))
+    at = {1: 0, 2: 1, 3: 2, 8: -1, 9: 0}
+    poses.write_text("".join(f"VERTEX_SE2 {k} {at[k]} 0 0\n" for k in covered))
+    csv.write_text(LISTED)
+    return graph, poses, csv
+
+
+def least_truncated_cost(rejected, price):
+    """F of `LOOP` by SciPy, with one measurement up to its price, from several starts."""
+
+    def residuals(x, edges):
+        t, a = np.split(x.reshape(-1, 3), [2], axis=1)
+        place = {1: 0, 2: 1, 3: 2, 8: 3, 9: 4}
+        for i, j, *moved, turn in edges:
+            i, j = place[i], place[j]
+            c, s = np.cos(a[i, 0]), np.sin(a[i, 0])
+            yield 10.0 * (t[j] - t[i] - [c * moved[0] - s * moved[1], s * moved[0] + c * moved[1]])
+            off = 0.5 * (a[j, 0] - a[i, 0] - turn)
+            yield [10.0 * np.sqrt(8.0) * np.sin(off)]
+
+    def least(edges):
+        starts = np.random.default_rng(0).uniform(-2.0, 2.0, (20, 15))
+        one = lambda x: np.concatenate(list(residuals(x, edges)))  # noqa: E731
+        return min(2.0 * optimize.least_squares(one, x, xtol=1e-15).cost for x in starts)
+
+    return min(least(LOOP), price + least([e for k, e in enumerate(LOOP) if k != rejected]))
+
+
+@pytest.mark.parametrize("covered", [(1, 2, 3, 8, 9), (1, 2, 3, 8)])
+def test_rejections_name_measurements_of_the_file_for_estimates_of_a_part(
+    certpgo, tmp_path, covered
+):
+    graph, poses, csv = loop_files(tmp_path, covered)
+    found = certpgo("certify", graph, poses, "--cost", "chordal", "--rejected", csv, "--json").json
+    assert found["verdict"] == "BOUNDED"
+    assert found["lower_bound"] == pytest.approx(least_truncated_cost(2, 40.0), rel=1e-6)
+    assert found["lower_bound"] == pytest.approx(622.8986, abs=1e-3)
+
+
+def test_rejections_of_what_an_estimate_lacks_do_not_count_and_are_counted(certpgo, tmp_path):
+    graph, poses, csv = loop_files(tmp_path, (1, 2, 3, 8))
+    csv.write_text("edge,i,j,price\n0,8,9,40\n3,1,2,40\n")
+    done = certpgo("certify", graph, poses, "--cost", "chordal", "--rejected", csv, "--json")
+    assert done.json["verdict"] == "CERTIFIED"
+    assert done.json["cost"] == pytest.approx(40.0)
+    assert "1 rejected measurement of 2 not between its nodes" in flat(done.err)
+
+
+def test_tables_and_json_name_measurements_of_a_component_by_their_number_in_the_file(
+    certpgo, tmp_path
+):
+    rng = np.random.default_rng(3)
+    exact = [(k, (k + 1) % 6, 1.0, 0.0, np.pi / 3) for k in range(6)]
+    noisy = [(*e[:2], *(np.array(e[2:]) + 0.01 * rng.standard_normal(3))) for e in 4 * exact]
+    loops = [(50, 51, 1, 0, 0), *noisy, (0, 3, 5.0, 1.0, 1.0), *noisy]
+    path = tmp_path / "graph.g2o"
+    line = "EDGE_SE2 {} {} {} {} {} 10000 0 0 10000 0 10000\n"
+    path.write_text("".join(line.format(*edge) for edge in loops))
+    expected = [{"edge": 25, "ids": [0, 3]}]
+    chosen = (path, "--components", "largest")
+    assert certpgo("solve", *chosen, "--robust", "--json").json["solution"]["rejected"] == expected
+    report = certpgo("outliers", *chosen, "--json", "--csv", tmp_path / "out.csv").json
+    assert [(e["edge"], e["i"], e["j"]) for e in report["rejected"]] == [(25, 0, 3)]
+    assert {25} <= {e for core in report["cores"] for e in core} <= set(range(1, len(loops)))
+    assert (tmp_path / "out.csv").read_text().splitlines()[1].startswith("25,0,3,")
+    doubted = certpgo("solve", *chosen, "--json").json["disagreement"]
+    assert doubted["edges"] == expected

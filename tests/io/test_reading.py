@@ -11,6 +11,7 @@ from scipy import sparse
 from certpgo import io
 from certpgo.errors import InputNotice
 from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.graph.components import connected_parts
 from certpgo.io.format import formats
 from certpgo.io.formats import g2o
 from certpgo.linalg import rotations as so
@@ -300,3 +301,18 @@ def test_edges_are_in_the_order_of_the_file_whatever_their_tags(monkeypatch, fil
     path = file("\n".join(lines), "mixed.txt")
     assert io.read(path, quiet=True).graph.translations[:, 0].tolist() == [1, 2, 3, 4]
     assert io.read(path, keep="last", quiet=True).graph.translations[:, 0].tolist() == [3, 4]
+
+
+def test_measurements_keep_their_numbers_in_the_file_whatever_is_left_out(tmp_path):
+    path = tmp_path / "parts.g2o"
+    ends = [(7, 8), (0, 1), (1, 2), (0, 1), (2, 3), (3, 0), (1, 2)]
+    fixed = "".join(f"VERTEX_SE2 {k} {k} 0 0\n" for k in (0, 1, 2, 3, 7, 8)) + "FIX 1 2\n"
+    lines = "".join(f"EDGE_SE2 {i} {j} {j - i} 0 0 1 0 0 1 0 1\n" for i, j in ends)
+    path.write_text(fixed + lines)
+    for options in ({}, {"keep": "last"}, {"fixed": False}, {"fixed": False, "keep": "first"}):
+        instance = io.read(path, quiet=True, **options)
+        for part in (instance, *connected_parts(instance, "each")):
+            for number, pair in zip(part.known_numbers, part.pairs, strict=True):
+                assert number == -1 or tuple(pair) == ends[number]
+    held = io.read(path, quiet=True)
+    assert held.known_numbers.tolist() == [0, 1, 3, 4, 5, -1]

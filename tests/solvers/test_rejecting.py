@@ -7,6 +7,7 @@ import certpgo
 from certpgo import PoseGraph, RobustSession, RotationGraph, Session, Verdict
 from certpgo.graph.streaming import streamed
 from certpgo.io.datasets.synthetic import helix
+from certpgo.io.datasets.thesis import langevin_graph
 from certpgo.linalg import rotations as so
 from certpgo.solve import robust_session
 
@@ -122,3 +123,30 @@ def test_an_answer_names_what_is_rejected_and_what_costs_most():
     robust = certpgo.solve_robustly(PoseGraph(rotation, made.graph.translations, made.graph.tau))
     assert robust.rejected.tolist() == [made.graph.num_edges - 1]
     assert robust.rejected[0] not in {edge.edge for edge in robust.costliest}
+
+
+def test_what_a_session_says_of_rejections_names_measurements_by_their_numbers(wrong_loop):
+    graph, bad, number = wrong_loop
+    session = RobustSession(every=None)
+    session.add(graph)
+    session.add(bad, [0, graph.num_nodes - 1])
+    session.settle()
+    loop = int(np.flatnonzero(np.abs(np.diff(graph.edges, axis=1)[:, 0]) > 1)[0])
+    session.remove([loop])
+    assert session.rejection().edges.tolist() == session.rejected.tolist() == [number]
+
+
+def test_an_answer_names_its_measurements_by_their_numbers_whatever_was_left_out(wrong_loop):
+    """What a robust fit rejects, and what an instance lacks."""
+    instance = langevin_graph(40, 12.0, 3.0, np.random.default_rng(0), outliers=0.15)
+    graph, _, number = wrong_loop
+    whole = certpgo.Instance("all", graph, np.arange(graph.num_nodes))
+    for answer, edges in (
+        (certpgo.solve_robustly(instance.graph), instance.graph.edges),
+        (certpgo.solve_robustly(instance), instance.graph.edges),
+        (certpgo.solve(whole.with_edges(np.arange(1, number))), graph.edges),
+    ):
+        assert answer.problem.graph.num_edges < len(edges)
+        for edge in answer.costliest:
+            assert edge.ids == tuple(edges[edge.edge])
+            assert edge.edge not in answer.rejected

@@ -1,0 +1,59 @@
+"""The truncated cost of certpgo certify --rejected."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from certpgo.cli._show import notice
+from certpgo.errors import InputError
+
+if TYPE_CHECKING:
+    from certpgo.graph import Instance
+    from certpgo.objective.choose_cost import Judged
+
+
+def refuse_rejected(rejected: Path | None, quantile: float | None, **outputs: Path | None) -> None:
+    """Refuse what does not go with rejections, or only with them."""
+    if quantile is not None and rejected is None:
+        raise InputError("--quantile needs --rejected")
+    for name, value in outputs.items():
+        if value is not None and rejected is not None:
+            raise InputError(f"--{name} is for the cost of all measurements: not with --rejected")
+
+
+def posing(
+    instance: Instance, cost: str, rejected: Path | None, quantile: float | None
+) -> Callable[[Sequence[Instance]], list[tuple[Instance, Judged]]]:
+    """From parts of an instance to these and their problems, truncated if a list names some.
+
+    Raises
+    ------
+    FormatError
+        The list is not of measurements of the instance.
+    """
+    from certpgo.graph.phrases import counted
+    from certpgo.io.rejections import read_rejected
+    from certpgo.objective.choose_cost import CHORDAL, certifiable
+    from certpgo.objective.truncated_problem import rejecting
+
+    if rejected is None:
+        return lambda parts: [(part, certifiable(part, cost)) for part in parts]
+    choice, priced = read_rejected(rejected, instance), quantile is None and cost == CHORDAL
+    if choice.prices is not None and quantile is None and not priced:
+        notice(f"the prices in {rejected} are of F: those of {cost} are the default quantile")
+
+    def truncated(parts: Sequence[Instance]) -> list[tuple[Instance, Judged]]:
+        if len(parts) > 1:
+            one = "--rejected lists measurements of one component"
+            raise InputError(f"{one}: --components largest, not each")
+        [part] = parts
+        edges, prices = choice.among(part)
+        if elsewhere := len(choice.numbers) - len(edges):
+            said = counted(elsewhere, "rejected measurement{s}")
+            notice(f"{part.name}: {said} of {len(choice.numbers)} not between its nodes")
+        prices = prices if priced else None
+        return [(part, rejecting(certifiable(part, cost), edges, quantile, prices=prices))]
+
+    return truncated
