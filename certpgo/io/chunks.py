@@ -19,6 +19,9 @@ from certpgo.linalg.arrays import FloatArray, IntArray
 T = TypeVar("T")
 
 _CHUNK_BYTES = 8 << 20
+#: Longer lines are refused: they are no text, and would be joined again and again.
+LONGEST_LINE = 4 << 20
+TOO_LONG = f"lines of at most {LONGEST_LINE >> 20} MB expected"
 _COMMENT = re.compile(rb"#[^\n]*")
 _PRINTED = bytes({*range(32, 256)} - {127}) + b"\t\r\n"
 
@@ -73,6 +76,11 @@ def _at_line(
     return FormatError(path, first, str(error))
 
 
+def shown(word: bytes) -> str:
+    """The beginning of a word for messages, whatever its bytes."""
+    return word[:40].decode("ascii", "backslashreplace")
+
+
 def printable(text: bytes) -> bool:
     """Whether there are no control characters but tabs and line ends."""
     return not text.translate(None, _PRINTED)
@@ -88,9 +96,8 @@ def _chunks(path: Path, progress: Progress | None) -> Iterator[tuple[int, bytes]
     """Parts of a file as (number of the first line, lines without the last line end)."""
     total, number = path.stat().st_size, 1
     with opened(path) as file:
-        if file.read(len(BOM_UTF8)) != BOM_UTF8:
-            file.seek(0)
-        done, rest = file.tell(), b""
+        head = file.read(len(BOM_UTF8))
+        done, rest = len(head), head.removeprefix(BOM_UTF8)
         while chunk := file.read(_CHUNK_BYTES):
             done = min(done + len(chunk), total)  # of a compressed file more is read
             text = rest + chunk
@@ -100,6 +107,8 @@ def _chunks(path: Path, progress: Progress | None) -> Iterator[tuple[int, bytes]
                 _refuse_controls(path, number, whole)
                 yield number, whole[:-1]
                 number += whole.count(b"\n")
+            if len(rest) > LONGEST_LINE:
+                raise FormatError(path, number, TOO_LONG)
             if progress is not None:
                 progress(done, total)
     if rest:

@@ -6,8 +6,9 @@ import gzip
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from io import BufferedIOBase
+from io import BufferedIOBase, BufferedReader, RawIOBase
 from pathlib import Path
+from typing import Any
 
 from certpgo.errors import FormatError
 
@@ -25,7 +26,7 @@ def opened(path: Path) -> Iterator[BufferedIOBase]:
     Raises
     ------
     FormatError
-        It is compressed, and damaged.
+        It is compressed, and damaged; or it expands out of proportion to its size.
     OSError
         It cannot be read.
     """
@@ -35,7 +36,7 @@ def opened(path: Path) -> Iterator[BufferedIOBase]:
             return
         try:
             with gzip.GzipFile(fileobj=file) as content:
-                yield content
+                yield BufferedReader(_Bounded(path, content))
         except (EOFError, zlib.error, gzip.BadGzipFile):
             raise FormatError(path, None, "the compressed file is damaged or incomplete") from None
 
@@ -60,6 +61,22 @@ def refuse_bombs(path: Path, size: int) -> None:
     """Refuse a file that claims to expand to ``size`` bytes, if that is disproportionate."""
     if size > largest(path):
         raise FormatError(path, None, f"expands to {size >> 20} MB, out of proportion to its size")
+
+
+class _Bounded(RawIOBase):
+    """What a compressed file contains, up to the largest allowed size."""
+
+    def __init__(self, path: Path, content: gzip.GzipFile) -> None:
+        self._path, self._content, self._done = path, content, 0
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        count = self._content.readinto(buffer)
+        self._done += count
+        refuse_bombs(self._path, self._done)
+        return count
 
 
 def _begins_compressed(head: bytes) -> bool:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo.errors import InputError
-from certpgo.io.chunks import decimal_comma
+from certpgo.io.chunks import decimal_comma, shown
 from certpgo.io.dialect import Tag
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.linalg.compiled import AVAILABLE, kernel
@@ -128,5 +128,5 @@ def _offending(words: list[bytes], kind: Callable[[bytes], object]) -> str:
                 continue
         except ValueError:
             pass
-        return word[:40].decode("ascii", "backslashreplace")
+        return shown(word)
     return ""

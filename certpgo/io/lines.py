@@ -17,7 +17,7 @@ from certpgo.errors import InputError, nearest
 from certpgo.graph.edges import in_range
 from certpgo.graph.information import Information, of_positions
 from certpgo.graph.phrases import few
-from certpgo.io.chunks import is_number, parsed, printable, refuse_loops
+from certpgo.io.chunks import is_number, parsed, printable, refuse_loops, shown
 from certpgo.io.dialect import Dialect, Tag
 from certpgo.io.edge_weights import INDEFINITE, PARTIAL, partial_counts
 from certpgo.io.exact.weighing import weigh
@@ -79,7 +79,7 @@ class _Parser:
         for name, lines in by_tag(others).items():
             tag, bodies = self._tag(name), [body for _, body in lines]
             if what := self._skipped(tag, content.d):
-                content.counts[f"{name.decode()} line{{s}} skipped: {what}"] += len(lines)
+                content.counts[f"{shown(name)} line{{s}} skipped: {what}"] += len(lines)
             elif tag.kind == "fix":
                 content.fixed.extend(integers([x for body in bodies for x in body.split()]))
             else:
@@ -123,11 +123,11 @@ class _Parser:
         if name.startswith(_NO_MEASUREMENTS) and not dialect.named:
             return Tag("skip", what=f"no tag of {dialect.name}, and no measurement")
         known = [tag.decode() for tag in dialect.tags]
-        shown = name[:40].decode("ascii", "backslashreplace")
-        near = nearest(shown, known)
+        found = shown(name)
+        near = nearest(found, known)
         hint = f"did you mean {' or '.join(near)}?" if near else f"known: {few(known)}"
         raise InputError(
-            f"{dialect.name} has no tag {shown!r} (--skip {shown} leaves such lines out); {hint}"
+            f"{dialect.name} has no tag {found!r} (--skip {found} leaves such lines out); {hint}"
         )
 
     def _skipped(self, tag: Tag, d: int) -> str:
@@ -283,5 +283,4 @@ def _check_name(word: bytes) -> None:
     try:
         word.decode()
     except UnicodeDecodeError:
-        shown = word[:40].decode("ascii", "backslashreplace")
-        raise InputError(f"names in UTF-8 expected, not {shown!r}") from None
+        raise InputError(f"names in UTF-8 expected, not {shown(word)!r}") from None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -183,13 +183,16 @@ def _sensors(path: Path, rows: Rows) -> dict[int, _Pose]:
     return known
 
 
-def _moved(
+def _places(
     path: Path, rows: Rows, sensors: dict[int, _Pose], said: str
-) -> Iterator[tuple[int, FloatArray, FloatArray]]:
-    """The sensors of measurements that are not at their body's origin."""
-    for sensor in distinct(rows.sensors[rows.sensors != BODY]).tolist():
+) -> tuple[IntArray, Frames]:
+    """The measurements whose sensors are not at their body's origin, and where these are."""
+    d = rows.translations.shape[1]
+    distinct_ones, which = np.unique(rows.sensors, return_inverse=True)
+    frames, moved = Frames.none(len(distinct_ones), d), np.zeros(len(distinct_ones), dtype=bool)
+    for k, sensor in enumerate(distinct_ones.tolist()):
         # Without a line of parameters, 0 is the body itself.
-        if sensor not in sensors and sensor != 0:
+        if sensor not in sensors and sensor not in (BODY, 0):
             here = "PARAMS_SE3OFFSET", sensor, *[0] * 6, 1
             raise FormatError(
                 path,
@@ -197,23 +200,27 @@ def _moved(
                 f"{said} sensor {sensor}, which is unknown: a line {' '.join(map(str, here))} "
                 "puts it at its body's origin",
             )
-        R, t = sensors.get(sensor, (np.eye(0), np.empty(0)))
-        if t.any() or (np.eye(len(t)) != R).any():
-            yield sensor, R, t
+        if sensor in sensors:
+            R, t = sensors[sensor]
+            frames.rotations[k], frames.translations[k] = R, t
+            moved[k] = bool(t.any() or (np.eye(d) != R).any())
+    own = np.flatnonzero(moved[which])
+    return own, frames.subset(which[own])
 
 
 def _in_body_frame(path: Path, sightings: Rows, sensors: dict[int, _Pose]) -> Rows:
     """Sightings in the frames of the bodies that carry the sensors."""
     t, information = sightings.translations, sightings.information
-    d = t.shape[1]
-    for sensor, R, moved in _moved(path, sightings, sensors, "a sighting is by"):
-        own = sightings.sensors == sensor
-        t[own] = t[own] @ R.T + moved
-        if information is not None:
-            matrices = information.matrices[:, :d, :d]
-            matrices[own] = symmetric(R @ matrices[own] @ R.T)
-            all_of_them = np.arange(len(own))
-            information = Information(of_positions(matrices), all_of_them, information.residual)
+    own, at = _places(path, sightings, sensors, "a sighting is by")
+    if not len(own):
+        return sightings
+    d, R = t.shape[1], at.rotations
+    t[own] = (R @ t[own, :, None])[:, :, 0] + at.translations
+    if information is not None:
+        matrices = information.matrices[:, :d, :d]
+        matrices[own] = symmetric(R @ matrices[own] @ np.swapaxes(R, 1, 2))
+        every = np.arange(len(sightings))
+        information = Information(of_positions(matrices), every, information.residual)
     return replace(sightings, translations=t, information=information)
 
 
@@ -224,13 +231,14 @@ def _mounts(
 
     Those of positions do not count, as in g2o's EdgeSE3XYZPrior.
     """
-    where = None
-    for sensor, R, t in _moved(path, priors, sensors, "a prior is about"):
-        own = priors.sensors == sensor
-        counts[BODILY] += int(np.sum(own & priors.bodily))
-        chosen = own & ~priors.bodily
-        where = where or Frames.none(len(priors), len(t))
-        where.rotations[chosen], where.translations[chosen] = R, t
+    own, at = _places(path, priors, sensors, "a prior is about")
+    bodily = priors.bodily[own]
+    counts[BODILY] += int(bodily.sum())
+    if bodily.all():
+        return None
+    where, chosen = Frames.none(len(priors), priors.translations.shape[1]), own[~bodily]
+    where.rotations[chosen] = at.rotations[~bodily]
+    where.translations[chosen] = at.translations[~bodily]
     return where
 
 

@@ -10,6 +10,7 @@ from typing import Any, BinaryIO
 
 from certpgo.errors import FormatError, NoEdges
 from certpgo.graph import Instance
+from certpgo.io.chunks import LONGEST_LINE, TOO_LONG
 from certpgo.io.format import format_of
 from certpgo.io.reading import read
 
@@ -72,5 +73,7 @@ def _pieces(stream: BinaryIO, most: int) -> Iterator[tuple[int, list[bytes]]]:
         for first in range(0, len(lines), most):
             yield number + first, lines[first : first + most]
         number += len(lines)
+        if len(rest) > LONGEST_LINE:
+            raise FormatError(NAME, number + 1, TOO_LONG)
         if not text:
             return

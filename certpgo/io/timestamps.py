@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal, DecimalException
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,8 @@ from certpgo.linalg.arrays import IntArray
 
 #: Larger numbers of seconds, after the year 2262, are read as nanoseconds.
 _LAST_SECOND = np.iinfo(np.int64).max // SECOND
+#: Larger numbers than have so many digits are beyond 64 bits.
+_DIGITS = 20
 
 
 def decimals(words: Sequence[bytes]) -> IntArray:
@@ -29,11 +31,18 @@ def decimals(words: Sequence[bytes]) -> IntArray:
         A word is no number, or beyond 64 bits.
     """
     try:
-        numbers = [int(Decimal(word.decode()).scaleb(9).to_integral_value()) for word in words]
+        numbers = [_billionths(word.decode()) for word in words]
         parts = [divmod(number, SECOND) for number in numbers]
         return np.array(parts, dtype=np.int64).reshape(-1, 2)
-    except (InvalidOperation, UnicodeDecodeError, ValueError, OverflowError):
+    except (DecimalException, UnicodeDecodeError, ValueError, OverflowError):
         raise InputError("timestamps in seconds expected") from None
+
+
+def _billionths(word: str) -> int:
+    number = Decimal(word)
+    if number.adjusted() > _DIGITS:  # whose digits would fill the memory
+        raise ValueError
+    return int(number.scaleb(9).to_integral_value())
 
 
 def times_and_ids(parts: IntArray) -> tuple[IntArray, IntArray | None]:

@@ -40,6 +40,8 @@ def _freeze(values: ArrayLike, dtype: Any) -> NDArray[Any]:
 
 def numbered(ids: IntArray, queries: IntArray) -> IntArray:
     """Position in ``ids`` (ascending) of each of ``queries``; -1 if absent."""
+    if not len(ids):
+        return np.full(np.shape(queries), -1)
     place = np.minimum(np.searchsorted(ids, queries), len(ids) - 1)
     return np.asarray(np.where(ids[place] == queries, place, -1), dtype=np.intp)
 

@@ -71,7 +71,7 @@ def read_vtk(path: Path) -> FloatArray:
     if kind == b"BINARY":
         data = np.frombuffer(rest[: min(3 * count, len(rest) // size) * size], f">f{size}")
     else:
-        words = rest.split(None, 3 * count)[: 3 * count]
+        words = rest.split()[: 3 * count]
         try:
             data = np.array(list(map(float, words)))
         except ValueError:

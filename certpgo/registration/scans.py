@@ -123,6 +123,8 @@ def _read_pcd(path: Path) -> FloatArray:
             types = [PCD_TYPES[kind] for kind in kinds]
             record = np.dtype([(n, t, (c,)) for n, t, c in zip(names, types, times, strict=True)])
             axes = [sum(times[: names.index(axis)]) for axis in "xyz"]
+            if count < 0 or min(times) < 1:
+                raise ValueError("counts of at least 1")
         except (KeyError, ValueError, IndexError) as error:
             what = "FIELDS with x y z, SIZE, TYPE, COUNT and POINTS expected"
             raise FormatError(path, line, f"a PCD header: {what} ({error})") from None
@@ -135,7 +137,7 @@ def _read_pcd(path: Path) -> FloatArray:
         if said["DATA"] != ["binary"]:
             shown = " ".join(said["DATA"])
             raise FormatError(path, line, f"DATA ascii or binary expected, not {shown}")
-        content = file.read(count * record.itemsize)
+        content = file.read()[: count * record.itemsize]
     if (found := len(content) // record.itemsize) < count:
         raise FormatError(path, None, f"{count} points announced, {found} found")
     table = np.frombuffer(content, record)

@@ -10,6 +10,7 @@ follows from the seed and its number: ``--only NUMBER`` reads that one again, he
 from __future__ import annotations
 
 import argparse
+import json
 import multiprocessing
 import resource
 import signal
@@ -42,7 +43,9 @@ from certpgo.io.datasets.synthetic import helix
 from certpgo.io.digits import writing_of
 from certpgo.io.exact import quaternion
 from certpgo.io.format import formats
+from certpgo.registration.scans import read_scan
 from certpgo.solve.solving import solve
+from reports.studies import _containers as containers
 
 SECONDS, MEGABYTES = 2.0, 500
 #: Seconds after which a call is taken for one that never ends.
@@ -66,8 +69,8 @@ class Sample:
     ----------
     files : contents by name
     main : the file that is read, or "." for the folder
-    kind : how contents are mutated: "text", "zip" or "mat"
-    role : what it is read as: a file by every reader, a "proof" or "timestamps"
+    kind : how contents are mutated: "text", "zip", "mat", "json", "database" or "records"
+    role : what it is read as: a file by every reader, a "proof", "timestamps" or a "scan"
     """
 
     files: dict[str, bytes]
@@ -100,6 +103,8 @@ def samples() -> dict[str, Sample]:
             found[suffix[1:]] = Sample({f"e{suffix}": written(suffix, what)}, f"e{suffix}")
         graph, estimate = written(".g2o", space), written(".npz", truth)
         found["g2o"] = Sample({"g.g2o": graph}, "g.g2o")
+        open3d = written(".json", space)
+        found["open3d"] = Sample({"g.json": open3d}, "g.json", "json")
         found["pyfg"] = Sample({"g.pyfg": written(".pyfg", space)}, "g.pyfg")
         found["npz"] = Sample({"g.npz": written(".npz", space)}, "g.npz", "zip")
         found["npz estimate"] = Sample({"e.npz": estimate}, "e.npz", "zip")
@@ -110,11 +115,56 @@ def samples() -> dict[str, Sample]:
         proof = (folder / "g.cert").read_bytes()
         found["proof"] = Sample({"g.cert": proof, "g.g2o": graph}, "g.cert", "zip", "proof")
     found |= _texts(rng, truth.rotations, truth.translations)
+    found |= _others(json.loads(open3d))
     A = sparse.csc_matrix(np.triu(np.ones((7, 7)), 1))
     for name, options in (("mat", {}), ("mat compressed", {"do_compression": True})):
         stream = BytesIO()
         matlab.savemat(stream, {"A": A + A.T}, **options)
         found[name] = Sample({"g.mat": stream.getvalue()}, "g.mat", "mat")
+    return found
+
+
+def _others(open3d: dict[str, Any]) -> dict[str, Sample]:
+    """JSON that is not written, databases, states of Cartographer, and scans."""
+    eye = np.eye(3).tolist()
+    views = [
+        {"key": k, "value": {"ptr_wrapper": {"data": {"filename": f"{k}.jpg", "id_pose": k}}}}
+        for k in range(3)
+    ]
+    openmvg = {
+        "sfm_data_version": "0.3",
+        "views": views,
+        "extrinsics": [
+            {"key": k, "value": {"rotation": eye, "center": [k, 0, 0]}} for k in range(3)
+        ],
+    }
+    pose = {"type": "Pose2", "x": 1.0, "y": 0.0, "theta": 0.1}
+    weighed = {"covariance": np.eye(3).ravel().tolist()}
+    between = [
+        {"type": "BetweenFactorPose2", "key1": i, "key2": j, "measurement": pose, **weighed}
+        for i, j in ((0, 1), (1, 2), (0, 2))
+    ]
+    prior = {"type": "PriorFactorPose2", "key": 0, "prior": pose, **weighed}
+    jrl = {
+        "name": "sample",
+        "robots": ["a"],
+        "measurements": {"a": [{"stamp": 0, "measurements": [*between, prior]}]},
+        "groundtruth": {"a": [{**pose, "key": k} for k in range(3)]},
+        "outlier_factors": {"a": [[0, 2]]},
+    }
+    texts = {"sfm_data.json": openmvg, "g.jrl": jrl}
+    found = {
+        name: Sample({name: json.dumps(content).encode()}, name, "json")
+        for name, content in texts.items()
+    }
+    for name, content in containers.databases().items():
+        found[name] = Sample({"g.db": content}, "g.db", "database")
+    cycle = [((0, 0), (0, 0)), ((0, 0), (0, 1)), ((0, 1), (0, 1)), ((0, 1), (0, 0))]
+    measured = [containers.constraint(*ends, 0.5) for ends in cycle]
+    found["pbstream"] = Sample({"g.pbstream": containers.state(measured)}, "g.pbstream", "records")
+    for name, content in containers.scans().items():
+        file = f"scan.{name.split()[0]}"
+        found[f"scan {name}"] = Sample({file: content}, file, role="scan")
     return found
 
 
@@ -162,6 +212,14 @@ def _texts(rng: Generator, R: np.ndarray, t: np.ndarray) -> dict[str, Sample]:
                 "1.5 0 0\n" + "".join(f"{flat(row)}\n" for row in [*R[k], t[k]]) for k in range(n)
             ),
         ),
+        "sim3": ("g.g2o", tagged("VERTEX_SIM3:EXPMAP", "EDGE_SIM3:EXPMAP", 7, 7)),
+        "planar": ("e.txt", "".join(f"{k} {flat(t[k, :2])} 0.{k}\n" for k in range(n))),
+        "columns": (
+            "e.csv",
+            "#sec,nsec,x,y,z,qx,qy,qz,qw\n"
+            + "".join(f"{k},5,{x[0]},{x[1]},{x[2]},0,0,0,1\n" for k, x in enumerate(t)),
+        ),
+        "euroc": ("e.csv", "".join(f"{k},{x[0]},{x[1]},0,1,0,0,0\n" for k, x in enumerate(t))),
         "iterate": (
             "Y.txt",
             f"3 {4 * n}\n" + "".join(f"{flat(row)}\n" for row in lifted),
@@ -367,6 +425,9 @@ MUTATIONS: dict[str, tuple[Mutation, ...]] = {
     "text": (*_ANY, *[_of_words] * 5, *[_of_lines] * 3),
     "zip": (*_ANY, _of_integers, *[_of_archive] * 10),
     "mat": (*_ANY, *[_of_integers] * 4, *[_of_matrix] * 6),
+    "json": (*_ANY, *[containers.of_json] * 10),
+    "database": (*_ANY, _of_integers, *[containers.of_database] * 10),
+    "records": (*_ANY, *map(containers.of_records, (*_ANY, *_ANY))),
 }
 
 
@@ -456,6 +517,9 @@ class Fuzzer:
             return
         if sample.role == "timestamps":
             yield "times", lambda: io.read_estimate(self._tum, instance, timestamps=path)
+            return
+        if sample.role == "scan":
+            yield "scan", lambda: read_scan(path)
             return
         form = None
         if rng.random() < 0.1:

@@ -152,7 +152,7 @@ def test_other_databases_are_refused(database, tmp_path):
         made.execute("CREATE TABLE notes (text TEXT)")
     with pytest.raises(FormatError, match="no known format"):
         certpgo.read(path)
-    with pytest.raises(FormatError, match="image_id and name in table images"):
+    with pytest.raises(FormatError, match="image_id, name in table images"):
         certpgo.read(path, format="colmap-database")
     broken = tmp_path / "broken.db"
     broken.write_bytes(b"SQLite format 3\0" + b"\0" * 100)

@@ -1,8 +1,13 @@
 """Whatever the bytes of a file, its reader gives an answer or one line that names the file."""
 
+import gzip
+import json
+import sqlite3
 import struct
+import time
 import zipfile
 import zlib
+from contextlib import closing
 from io import BytesIO
 
 import numpy as np
@@ -16,6 +21,9 @@ from certpgo.errors import FormatError
 from certpgo.io import compressed
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.io.matlab import sparse_pattern
+from certpgo.io.timestamps import node_times
+from certpgo.registration.scans import read_scan
+from reports.studies import _containers
 
 #: Of the benchmark, which reads 100,000.
 SAMPLE = 350
@@ -343,3 +351,193 @@ def test_a_folder_is_no_file_of_poses(tmp_path):
 def test_underscores_are_no_digits(file):
     path = file("0 1 " + "1 0 0 0 1 0 0 0 1 " + "0 0 1_0\n", "EGs.txt")
     refused(path, ":1: i j, 9 numbers")
+
+
+def test_a_tag_of_any_bytes_is_skipped_with_a_notice(tmp_path):
+    path = tmp_path / "g.g2o"
+    path.write_bytes(b"VERTEX_\xff 0 1 2\n" + EDGE + b"\n")
+    instance = io.read(path, quiet=True)
+    assert instance.graph.num_edges == 1
+    assert any(r"VERTEX_\xff line skipped" in said for said in instance.notices)
+
+
+def test_a_time_beyond_memory_is_refused(file):
+    path = file("#timestamp,x,y,z,qw,qx,qy,qz\n1e999999999999999999,0,0,0,1,0,0,0\n", "a.csv")
+    refused(path, ":2: timestamps in seconds expected", io.read_estimate)
+    path = file("#timestamp,x,y,z,qw,qx,qy,qz\n1e999999999,0,0,0,1,0,0,0\n", "a.csv")
+    refused(path, ":2: timestamps in seconds expected", io.read_estimate)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ({"extrinsics": "KEY", "views": []}, "extrinsics with key"),
+        ({"extrinsics": "DIGITS", "views": []}, "numbers of fewer digits"),
+    ],
+)
+def test_keys_of_json_that_are_no_ids(file, content, said):
+    value = {"rotation": np.eye(3).tolist(), "center": [0, 0, 0]}
+    text = json.dumps({"sfm_data_version": "0.3", **content})
+    for key in ("Infinity", str(10**30)) if said.startswith("extr") else ("9" * 5000,):
+        entry = f'[{{"key": {key}, "value": {json.dumps(value)}}}]'
+        path = file(text.replace('"KEY"', entry).replace('"DIGITS"', entry), "sfm_data.json")
+        refused(path, said, io.read_estimate)
+
+
+# --- SQLite ---------------------------------------------------------------------------------------
+
+ENDLESS = "WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM c) SELECT"
+
+
+def changed(tmp_path, name, *statements):
+    path = tmp_path / "g.db"
+    path.write_bytes(_containers.databases()[name])
+    with closing(sqlite3.connect(path)) as made, made:
+        for statement in statements:
+            made.execute(statement)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "statements", "said"),
+    [
+        (
+            "colmap database",
+            [
+                "DROP TABLE two_view_geometries",
+                f"CREATE VIEW two_view_geometries AS {ENDLESS} x AS pair_id, x AS rows, "
+                "2 AS config, x AS qvec, x AS tvec FROM c",
+            ],
+            "two_view_geometries is a view",
+        ),
+        (
+            "rtabmap",
+            ["DROP TABLE Node", f"CREATE VIEW Node AS {ENDLESS} x AS id, x AS stamp FROM c"],
+            "Node is a view",
+        ),
+        ("colmap database", ["UPDATE two_view_geometries SET rows = -5"], "not -5"),
+        ("colmap database", ["UPDATE two_view_geometries SET rows = 'many'"], "not 'many'"),
+        ("colmap database", ["UPDATE images SET name = NULL"], "texts expected as name"),
+        ("rtabmap", ["UPDATE Link SET type = 'a'"], "integers expected as type, not 'a'"),
+        ("rtabmap", ["UPDATE Node SET id = -1 WHERE id = 3", "DROP TABLE Link"], "no known format"),
+        (
+            "rtabmap",
+            ["ALTER TABLE Link ADD COLUMN big AS (zeroblob(1 << 29))"],
+            "",
+        ),
+    ],
+)
+def test_databases_of_other_things(tmp_path, name, statements, said):
+    path = changed(tmp_path, name, *statements)
+    if said:
+        refused(path, said)
+    else:
+        assert io.read(path, quiet=True).graph.num_edges == 4
+
+
+def test_a_database_whose_nodes_have_no_poses(tmp_path):
+    path = changed(tmp_path, "rtabmap", "DELETE FROM Node")
+    assert io.read(path, quiet=True).initial is None
+    refused(path, "table Node: at least one pose expected", io.read_estimate)
+
+
+def test_the_steps_of_a_query_are_bounded(tmp_path, monkeypatch):
+    # A column that is computed may take any time.
+    path = changed(
+        tmp_path,
+        "rtabmap",
+        "ALTER TABLE Link RENAME COLUMN transform TO stored",
+        "ALTER TABLE Link ADD COLUMN transform AS (hex(zeroblob(length(stored) << 20)))",
+    )
+    refused(path, "a database of rtabmap expected")
+    for name in ("_PER_BYTE", "_STEP"):
+        monkeypatch.setattr(f"certpgo.io.sqlite.{name}", int(name == "_STEP"))
+    refused(changed(tmp_path, "rtabmap"), "interrupted")
+
+
+# --- What expands, as text ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "begin", "more"),
+    [
+        ("g.g2o.gz", EDGE + b"\n", b"# " + b"a" * 998 + b"\n"),
+        ("g.jrl.gz", b'{"robots": [], "measurements": "', b"a" * 1000),
+        ("times.txt.gz", b"1\n", b"# " + b"a" * 998 + b"\n"),
+    ],
+)
+def test_compressed_text_out_of_proportion(tmp_path, small, name, begin, more):
+    path = tmp_path / name
+    path.write_bytes(gzip.compress(begin + more * 4000))
+    if name.startswith("times"):
+        refused(path, "out of proportion", node_times)
+    else:
+        refused(path, "out of proportion")
+
+
+def test_a_line_without_end(tmp_path, monkeypatch):
+    monkeypatch.setattr("certpgo.io.chunks._CHUNK_BYTES", 50)
+    monkeypatch.setattr("certpgo.io.chunks.LONGEST_LINE", 100)
+    path = tmp_path / "g.g2o"
+    path.write_bytes(EDGE + b"\n" + EDGE + b" " * 200)
+    refused(path, ":2: lines of at most")
+
+
+def test_json_that_takes_too_much_memory(file, monkeypatch):
+    path = file('{"class_name": "PoseGraph", "nodes": [' + "[]," * 20_000 + "[]]}", "g.json")
+    refused(path, "nodes[0]: an object expected")
+    monkeypatch.setattr("certpgo.io.json_files._SMALL", 1 << 20)
+    monkeypatch.setattr("certpgo.io.json_files.RATIO", 10)
+    refused(path, "in memory, out of proportion")
+
+
+def test_states_out_of_proportion(tmp_path, small, monkeypatch):
+    path = tmp_path / "m.pbstream"
+    message = _containers.message
+    path.write_bytes(_containers.records([message(f1=message(f9=bytes(8 << 20)))]))
+    refused(path, "out of proportion")
+    monkeypatch.setattr("certpgo.io.formats.pbstream._FEW", 100)
+    many = message(f1=message(f2=[b""] * 20_000))  # they compress to nearly nothing
+    path.write_bytes(_containers.records([many]))
+    refused(path, "this is damaged")
+
+
+@pytest.mark.parametrize("changes", [{"f1": 2**64 - 1}, {"f1": 1}, {"f1": b"x"}, {"f5": 3}])
+def test_states_of_other_values(tmp_path, changes):
+    path, message = tmp_path / "m.pbstream", _containers.message
+    ends = {"f1": message(f1=0, f2=0), "f2": message(f1=0, f2=0)}
+    constraint = message(**ends, f3=_containers.rigid(1.0), f6=10.0, f7=20.0)
+    node = message(**{"f1": _containers.TICKS, "f5": _containers.rigid(0.0), **changes})
+    graph = message(f2=constraint, f4=message(f1=node, f2=message(f1=_containers.rigid(0.0))))
+    path.write_bytes(_containers.records([message(f1=graph)]))
+    refused(path, "timestamps expected of the years" if changes == {"f1": 1} else "damaged")
+
+
+def test_many_sensors_take_time_in_proportion(file):
+    """One sensor for each of 20,000 sightings: as the body's own, in a few array operations."""
+    n = 20_000
+    sensors = "".join(f"PARAMS_SE3OFFSET {k} {k} 0 0 0 0 0 1\n" for k in range(n))
+    seen = "".join(f"EDGE_SE3_TRACKXYZ 0 {k + 9} {k} 1 0 0\n" for k in range(n))
+    start = time.process_time()
+    graph = io.read(file(sensors + seen), quiet=True).graph
+    assert time.process_time() - start < 3.0  # a loop over sensors and sightings takes a minute
+    assert (graph.translations == np.arange(n)[:, None] * [1, 0, 0] + [1, 0, 0]).all()
+
+
+# --- Scans ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "said"),
+    [
+        ("pcd binary", "POINTS 3", "POINTS -1", "counts of at least 1"),
+        ("pcd binary", "COUNT 1 1 1", "COUNT 0 0 0", "counts of at least 1"),
+        ("pcd binary", "POINTS 3", f"POINTS {10**12}", f"{10**12} points announced, 3 found"),
+        ("vtk", "POINTS 3", "POINTS 99999999999999999999", "points announced, 3 found"),
+        ("vtk binary", "POINTS 3", "POINTS 99999999999999999999", "points announced, 3 found"),
+    ],
+)
+def test_counts_of_points_that_are_not_there(tmp_path, name, old, new, said):
+    path = tmp_path / f"scan.{name.split()[0]}"
+    path.write_bytes(_containers.scans()[name].replace(old.encode(), new.encode()))
+    refused(path, said, read_scan)

@@ -1,4 +1,4 @@
-"""States of Cartographer, whose messages are encoded here by hand."""
+"""States of Cartographer, whose messages are encoded by hand."""
 
 import gzip
 import struct
@@ -8,56 +8,7 @@ import pytest
 
 import certpgo
 from certpgo import FormatError, io
-
-MAGIC = struct.pack("<Q", 0x7B1D1F7B5BF501DB)
-#: 2022-02-14, in ticks of 100 ns since the year 1.
-TICKS = (62135596800 + 1644823128) * 10**7 + 5 * 10**6
-
-
-def varint(value):
-    out = b""
-    while value > 127:
-        out, value = out + bytes([value & 127 | 128]), value >> 7
-    return out + bytes([value])
-
-
-def message(**fields):
-    """Fields called f1, f2, ...: ints, floats, or bytes (a list of these is repeated)."""
-    out = b""
-    for name, given in fields.items():
-        for value in given if isinstance(given, list) else [given]:
-            number = int(name[1:]) << 3
-            if isinstance(value, float):
-                out += varint(number | 1) + struct.pack("<d", value)
-            elif isinstance(value, int):
-                out += varint(number) + varint(value)
-            else:
-                out += varint(number | 2) + varint(len(value)) + value
-    return out
-
-
-def rigid(x, z=0.0, q=(0.0, 0.0, 0.0, 1.0)):
-    turned = {f"f{k}": c for k, c in enumerate(q, 1)}
-    return message(f1=message(f1=x, f3=z), f2=message(**turned))
-
-
-def constraint(submap, node, x, tag=0, **pose):
-    ends = (message(f1=k[0], f2=k[1]) for k in (submap, node))
-    found = rigid(x, **pose)
-    return message(**dict(zip(("f1", "f2"), ends, strict=True)), f3=found, f5=tag, f6=10.0, f7=20.0)
-
-
-def state(constraints, *, indexed=True):
-    index = [{"f7": k} if indexed and k else {} for k in range(2)]
-    nodes = [message(f1=TICKS + k * 10**7, f5=rigid(float(k)), **index[k]) for k in range(2)]
-    submaps = [
-        message(f1=rigid(float(k)), **({"f2": k} if indexed and k else {})) for k in range(2)
-    ]
-    trajectory = message(f1=nodes, f2=submaps)
-    records = [message(f1=2), message(f1=message(f2=constraints, f4=trajectory)), message(f3=b"")]
-    packed = [gzip.compress(record) for record in records]
-    return MAGIC + b"".join(struct.pack("<Q", len(record)) + record for record in packed)
-
+from reports.studies._containers import MAGIC, constraint, message, state
 
 CYCLE = [
     constraint((0, 0), (0, 0), 0.0),

@@ -177,7 +177,7 @@ def test_progress_counts_the_bytes(monkeypatch, file):
     told = []
     io.read(path, progress=lambda done, total: told.append((done, total)))
     size = path.stat().st_size
-    assert told == [(50, size), (size, size)]
+    assert told == [(53, size), (size, size)]  # the first three are tried as a mark of UTF-8
 
 
 @pytest.mark.parametrize("name", ["a.g2o", "a.txt"])

@@ -21,10 +21,18 @@ from certpgo.graph.phrases import counted
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Format, ReadOptions
 from certpgo.io.nodes import distinct
-from certpgo.io.sqlite import MAGIC, columns_of, found_rows, numbers_of
+from certpgo.io.sqlite import MAGIC, Kind, columns_of, found_rows, kinds_of, numbers_of
 from certpgo.linalg.arrays import numbered
 
 _PROGRAM = "COLMAP"
+_IMAGES: dict[str, Kind] = {"image_id": "integers", "name": "texts"}
+_GEOMETRIES: dict[str, Kind] = {
+    "pair_id": "integers",
+    "rows": "integers",
+    "config": "integers",
+    "qvec": "anything",
+    "tvec": "anything",
+}
 _MAX_IMAGES = 2**31 - 1
 #: Configurations without a geometry: undefined, degenerate, a watermark, several at once.
 _NO_GEOMETRY = (0, 1, 7, 8)
@@ -40,28 +48,26 @@ def _recognises(path: Path, head: bytes) -> bool:
     if not head.startswith(MAGIC):
         return False
     try:
-        return columns_of(path, "two_view_geometries", _PROGRAM) != ()
+        return "two_view_geometries" in kinds_of(path, _PROGRAM)
     except FormatError:
         return path.suffix == ".db"
 
 
 def _read_graph(path: Path, options: ReadOptions) -> Instance:
-    expected = {"images": ("image_id", "name"), "two_view_geometries": ("pair_id", "rows")}
-    for table, needed in expected.items():
-        if not {*needed} <= {*columns_of(path, table, _PROGRAM)}:
-            said = f"a database of COLMAP expected, with {' and '.join(needed)} in table {table}"
-            raise FormatError(path, None, said)
-    if "qvec" not in columns_of(path, "two_view_geometries", _PROGRAM):
+    names = dict(found_rows(path, "images", _IMAGES, _PROGRAM))
+    columns = columns_of(path, "two_view_geometries", _PROGRAM)
+    if "rows" in columns and "qvec" not in columns:
         raise FormatError(path, None, f"two_view_geometries: no column qvec: {_HOW}")
-    names = dict(found_rows(path, "SELECT image_id, name FROM images", _PROGRAM))
-    query = "SELECT pair_id, rows, config, qvec, tvec FROM two_view_geometries ORDER BY pair_id"
+    geometries = found_rows(path, "two_view_geometries", _GEOMETRIES, _PROGRAM)
     pairs, inliers, q = [], [], []
     left_out: Counter[str] = Counter()
-    for pair, count, config, qvec, tvec in found_rows(path, query, _PROGRAM):
-        i, j = divmod(int(pair), _MAX_IMAGES)
+    for pair, count, config, qvec, tvec in sorted(geometries, key=lambda row: row[0]):
+        i, j = divmod(pair, _MAX_IMAGES)
         place = f"two_view_geometries: images {i} and {j}"
         if i not in names or j not in names:
             raise FormatError(path, None, f"{place}: images of the database expected")
+        if count < 0:
+            raise FormatError(path, None, f"{place}: rows: a number of inliers, not {count}")
         if config in _NO_GEOMETRY or not count:
             left_out["pair{s} without a verified geometry left out"] += 1
             continue

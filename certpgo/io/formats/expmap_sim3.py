@@ -27,6 +27,7 @@ from certpgo.io.build_graph import instance_from_lines, poses_from_lines
 from certpgo.io.dialect import Dialect, Poses, Tag, first_tags
 from certpgo.io.exact.information import InformationLayout
 from certpgo.io.format import Format
+from certpgo.io.lines import FARTHEST
 from certpgo.linalg import similarities
 from certpgo.linalg.arrays import FloatArray, IntArray
 
@@ -44,11 +45,18 @@ _LAYOUT = InformationLayout(
     tuple(tuple(_UPPER[i, _ROWS].tolist()) for i in _ROWS),
     28,
 )
+#: Largest component of a rotation vector, radians: of larger ones the doubles leave no angle.
+_LARGEST_TURN = 1e9
 #: Largest logarithm of a scale.
 _FARTHEST = 69.0
 
 
 def _poses(d: int, numbers: FloatArray) -> Poses:
+    far = np.abs(numbers[:, :6]) > np.repeat([_LARGEST_TURN, FARTHEST], 3)
+    if far.any():
+        said = f"rotation vectors up to {_LARGEST_TURN:.0e} and translations up to {FARTHEST:.0e}"
+        raise InputError(f"{said} expected, not {numbers[:, :6][far][0]:g}")
+    _scales(numbers)  # which refuses those that are out of range
     R, t, _ = similarities.exp(numbers)
     return R, t, 0
 

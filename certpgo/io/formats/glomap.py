@@ -9,6 +9,7 @@ Our R_12 and R_i are the transposes. Names have an extension, which identifies t
 from __future__ import annotations
 
 import re
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -69,8 +70,7 @@ def _read_poses(path: Path) -> LabelledPoses:
     texts, R = _table(path, 1, 4, _GLOBAL)
     names = texts[:, 0].tolist()
     if len(set(names)) < len(names):
-        twice = next(name for k, name in enumerate(names) if name in names[:k])
-        raise FormatError(path, None, f"image {twice} appears twice")
+        raise FormatError(path, None, f"image {Counter(names).most_common(1)[0][0]} appears twice")
     return LabelledPoses(np.swapaxes(R, 1, 2), None, names=tuple(names))
 
 

@@ -16,7 +16,6 @@ translation. Other measurements are refused unless they are skipped by their typ
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
@@ -31,10 +30,11 @@ from certpgo.graph.edges import symmetric
 from certpgo.graph.information import joined_information
 from certpgo.graph.phrases import counted
 from certpgo.io.build_graph import anchored
-from certpgo.io.compressed import opened, uncompressed_name
+from certpgo.io.compressed import uncompressed_name
 from certpgo.io.edge_weights import Weighing, weighed
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Format, LabelledPoses, ReadOptions
+from certpgo.io.json_files import read_json
 from certpgo.io.nodes import Nodes, distinct
 from certpgo.io.records import Rows
 from certpgo.linalg.arrays import FloatArray, numbered
@@ -68,12 +68,7 @@ class _Reader:
 
     def content(self) -> dict[str, Any]:
         """The object in the file."""
-        try:
-            with opened(self._path) as file:
-                content = json.loads(file.read())
-        except (ValueError, RecursionError) as error:
-            raise self.refuse(f"JSON expected: {error}".splitlines()[0]) from None
-        return self._object(content, "the file")
+        return self._object(read_json(self._path), "the file")
 
     def _object(self, value: Any, place: str) -> dict[str, Any]:
         if not isinstance(value, dict):

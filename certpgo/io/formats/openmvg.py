@@ -18,7 +18,7 @@ import numpy as np
 from certpgo.errors import FormatError, InputError
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Format, LabelledPoses
-from certpgo.io.json_files import read_json
+from certpgo.io.json_files import as_id, read_json
 
 _VERSION = b'"sfm_data_version"'
 
@@ -31,11 +31,11 @@ def _read_poses(path: Path) -> LabelledPoses:
     content = read_json(path)
     try:
         extrinsics = content["extrinsics"]
-        poses = {int(entry["key"]): entry["value"] for entry in extrinsics}
+        poses = {as_id(entry["key"]): entry["value"] for entry in extrinsics}
         named = _names(content["views"])
         parts = [[*pose["rotation"], pose["center"]] for pose in poses.values()]
         table = np.array(parts, dtype=np.float64).reshape(len(poses), 12)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         expected = "extrinsics with key, and rotation (3 x 3) and center (3), and views expected"
         raise FormatError(path, None, f"{expected} ({error!r})") from None
     if not len(table) or len(table) < len(extrinsics) or not np.isfinite(table).all():
@@ -56,7 +56,7 @@ def _names(views: list[Any]) -> dict[int, str]:
     found: dict[int, str] = {}
     for view in views:
         data = view["value"]["ptr_wrapper"]["data"]
-        found.setdefault(int(data["id_pose"]), str(data["filename"]))
+        found.setdefault(as_id(data["id_pose"]), str(data["filename"]))
     return found
 
 

@@ -19,7 +19,7 @@ What else Cartographer minimises (odometry, IMU, Huber's loss of loop closures) 
 
 from __future__ import annotations
 
-import gzip
+import math
 import struct
 import zlib
 from collections import defaultdict
@@ -38,10 +38,14 @@ from certpgo.io.compressed import largest
 from certpgo.io.edge_weights import weighed
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Format, LabelledPoses, ReadOptions
-from certpgo.linalg.arrays import FloatArray
+from certpgo.linalg.arrays import FloatArray, IntArray
 
 _MAGIC = struct.pack("<Q", 0x7B1D1F7B5BF501DB)
 _SIZE = struct.Struct("<Q")
+#: For zlib: with gzip's header.
+_GZIP = 31
+#: Fields that a file of any size may have.
+_FEW = 1 << 16
 #: Ticks of 100 ns from the year 1 to 1970.
 _EPOCH = 719162 * 86400 * 10**7
 #: Fields of a message: numbers, or the bytes of a text or message.
@@ -63,9 +67,31 @@ def _recognises(path: Path, head: bytes) -> bool:
     return head.startswith(_MAGIC)
 
 
-def _fields(data: bytes) -> _Fields:
-    """The fields of a message; a ValueError or struct.error if it is none."""
-    found: _Fields = defaultdict(list)
+class _Messages:
+    """Reads messages, with no more fields than the file has bytes; a ValueError says that not."""
+
+    def __init__(self, path: Path) -> None:
+        self._room = max(path.stat().st_size, _FEW)
+
+    def fields(self, data: bytes) -> _Fields:
+        """The fields of a message."""
+        found: _Fields = defaultdict(list)
+        for number, value in _values(data):
+            self._room -= 1
+            if self._room < 0:
+                raise ValueError
+            found[number].append(value)
+        return found
+
+    def pose(self, data: bytes) -> FloatArray:
+        """The position, then the quaternion, x y z w."""
+        parts = self.fields(data)
+        t, q = (self.fields(_one(parts, number, b"")) for number in (1, 2))
+        return np.array([_number(t, k) for k in (1, 2, 3)] + [_number(q, k) for k in (1, 2, 3, 4)])
+
+
+def _values(data: bytes) -> Iterator[tuple[int, Any]]:
+    """The numbers of fields and their values; a ValueError or struct.error if it is no message."""
     value: Any
     at = 0
     while at < len(data):
@@ -84,8 +110,7 @@ def _fields(data: bytes) -> _Fields:
             value, at = data[at : at + size], at + size
         else:
             raise ValueError
-        found[tag >> 3].append(value)
-    return found
+        yield tag >> 3, value
 
 
 def _varint(data: bytes, at: int) -> tuple[int, int]:
@@ -104,10 +129,20 @@ def _one(fields: _Fields, number: int, otherwise: Any) -> Any:
     return fields[number][-1] if number in fields else otherwise
 
 
-def _pose(data: bytes) -> FloatArray:
-    parts = _fields(data)
-    t, q = (_fields(_one(parts, number, b"")) for number in (1, 2))
-    return np.array([_one(t, k, 0.0) for k in (1, 2, 3)] + [_one(q, k, 0.0) for k in (1, 2, 3, 4)])
+def _number(fields: _Fields, number: int) -> float:
+    """A finite number; ValueError if it is none."""
+    value = _one(fields, number, 0.0)
+    if not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError
+    return float(value)
+
+
+def _integer(fields: _Fields, number: int) -> int:
+    """An integer of 63 bits; ValueError if it is none."""
+    value = _one(fields, number, 0)
+    if not isinstance(value, int) or value >= 2**63:
+        raise ValueError
+    return value
 
 
 def _records(path: Path) -> Iterator[bytes]:
@@ -118,44 +153,50 @@ def _records(path: Path) -> Iterator[bytes]:
         begin, at = at + _SIZE.size, at + _SIZE.size + size
         if at > len(content):
             raise ValueError
-        record = gzip.decompress(content[begin:at])
+        stream = zlib.decompressobj(_GZIP)
+        record = stream.decompress(content[begin:at], room + 1)
         room -= len(record)
         if room < 0:
             raise FormatError(path, None, "expands out of proportion to its size")
+        if not stream.eof:
+            raise ValueError
         yield record
 
 
 def _read(path: Path) -> _State:
+    messages = _Messages(path)
     try:
         for record in _records(path):
-            for graph in _fields(record).get(1, []):
+            for graph in messages.fields(record).get(1, []):
                 if isinstance(graph, bytes):
-                    return _state(_fields(graph))
-    except (ValueError, struct.error, EOFError, zlib.error, gzip.BadGzipFile, TypeError):
+                    return _state(messages, messages.fields(graph))
+    except FormatError:
+        raise
+    except (ValueError, struct.error, zlib.error, TypeError):
         raise FormatError(path, None, "a state of Cartographer expected; this is damaged") from None
     raise FormatError(path, None, "no pose graph in this state of Cartographer")
 
 
-def _state(graph: _Fields) -> _State:
+def _state(messages: _Messages, graph: _Fields) -> _State:
     poses: dict[_Key, FloatArray] = {}
     ticks: dict[_Key, int] = {}
-    trajectories = [_fields(data) for data in graph[4]]
+    trajectories = [messages.fields(data) for data in graph[4]]
     for number, trajectory in zip(_numbers(trajectories, 3), trajectories, strict=True):
         for kind, field, pose, index in (("submap", 2, 1, 2), ("node", 1, 5, 7)):
-            entries = [_fields(data) for data in trajectory[field]]
+            entries = [messages.fields(data) for data in trajectory[field]]
             for k, entry in zip(_numbers(entries, index), entries, strict=True):
-                poses[kind, number, k] = _pose(_one(entry, pose, b""))
+                poses[kind, number, k] = messages.pose(_one(entry, pose, b""))
                 if kind == "node":
-                    ticks[kind, number, k] = int(_one(entry, 1, 0))
+                    ticks[kind, number, k] = _integer(entry, 1)
     constraints = []
-    for entry in map(_fields, graph[2]):
+    for entry in map(messages.fields, graph[2]):
         ends = []
         for kind, field in (("submap", 1), ("node", 2)):
-            where = _fields(_one(entry, field, b""))
-            ends.append((kind, int(_one(where, 1, 0)), int(_one(where, 2, 0))))
-        weights = float(_one(entry, 6, 0.0)), float(_one(entry, 7, 0.0))
-        tag = int(_one(entry, 5, 0))
-        constraints.append((ends[0], ends[1], _pose(_one(entry, 3, b"")), *weights, tag))
+            where = messages.fields(_one(entry, field, b""))
+            ends.append((kind, _integer(where, 1), _integer(where, 2)))
+        measured = messages.pose(_one(entry, 3, b""))
+        weights = _number(entry, 6), _number(entry, 7)
+        constraints.append((ends[0], ends[1], measured, *weights, _integer(entry, 5)))
     return _State(poses, ticks, constraints)
 
 
@@ -163,12 +204,15 @@ def _numbers(entries: list[_Fields], field: int) -> list[int]:
     """What numbers entries have; in files of early versions, which state none, their places."""
     if not any(field in entry for entry in entries):
         return list(range(len(entries)))
-    return [int(_one(entry, field, 0)) for entry in entries]
+    return [_integer(entry, field) for entry in entries]
 
 
-def _times(state: _State, keys: list[_Key]) -> list[int]:
+def _times(path: Path, state: _State, keys: list[_Key]) -> IntArray:
     """Nanoseconds since 1970, `NO_TIME` for submaps."""
-    return [100 * (state.ticks[k] - _EPOCH) if k in state.ticks else NO_TIME for k in keys]
+    times = [100 * (state.ticks[k] - _EPOCH) if k in state.ticks else NO_TIME for k in keys]
+    if not all(NO_TIME <= time < -NO_TIME for time in times):
+        raise FormatError(path, None, "timestamps expected of the years 1678 to 2261")
+    return np.array(times)
 
 
 def _rigid(path: Path, poses: FloatArray, d: int) -> tuple[FloatArray, FloatArray]:
@@ -193,7 +237,8 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
     keys = sorted({key for pair in ends for key in pair})
     place = {key: k for k, key in enumerate(keys)}
     R, t = _rigid(path, measured, d)
-    weights = np.array([row[3:5] for row in state.constraints]) ** 2
+    with np.errstate(over="ignore"):
+        weights = np.array([row[3:5] for row in state.constraints]) ** 2
     information = np.repeat(weights, (d, d * (d - 1) // 2), axis=1)
     matrices = information[:, :, None] * np.eye(information.shape[1])
     names = tuple(f"{kind}{trajectory}/{index}" for kind, trajectory, index in keys)
@@ -223,7 +268,7 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
         notices=(*weighing.notices, *([said] if loops else [])),
         names=names,
         information=own,
-        times_ns=np.array(_times(state, keys)),
+        times_ns=_times(path, state, keys),
     )
 
 
@@ -234,7 +279,7 @@ def _read_poses(path: Path) -> LabelledPoses:
         raise FormatError(path, None, "no nodes of trajectories in this state of Cartographer")
     R, t = _rigid(path, np.array([state.poses[key] for key in keys]), 3)
     names = tuple(f"{kind}{trajectory}/{index}" for kind, trajectory, index in keys)
-    return LabelledPoses(R, t, times_ns=np.array(_times(state, keys)), names=names)
+    return LabelledPoses(R, t, times_ns=_times(path, state, keys), names=names)
 
 
 FORMAT = Format(

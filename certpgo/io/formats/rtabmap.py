@@ -29,14 +29,20 @@ from certpgo.io.format import Format, LabelledPoses, ReadOptions, estimate_at
 from certpgo.io.nodes import Nodes, distinct
 from certpgo.io.records import Rows
 from certpgo.io.rtabmap_links import BETWEEN, PRIOR, skipped_links
-from certpgo.io.sqlite import MAGIC, columns_of, found_rows, numbers_of
+from certpgo.io.sqlite import MAGIC, Kind, columns_of, found_rows, kinds_of, numbers_of
 from certpgo.io.timestamps import decimals, times_and_ids
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, numbered
 
 _PROGRAM = "rtabmap"
-_NEEDED = {
-    "Node": ("id", "stamp", "pose"),
-    "Link": ("from_id", "to_id", "type", "information_matrix", "transform"),
+_NEEDED: dict[str, dict[str, Kind]] = {
+    "Node": {"id": "integers", "stamp": "anything", "pose": "anything"},
+    "Link": {
+        "from_id": "integers",
+        "to_id": "integers",
+        "type": "integers",
+        "information_matrix": "anything",
+        "transform": "anything",
+    },
 }
 #: Information below which a prior's rotation is not measured.
 _UNMEASURED = 1.0 / 9999.0
@@ -67,7 +73,7 @@ def _recognises(path: Path, head: bytes) -> bool:
     if not head.startswith(MAGIC):
         return False
     try:
-        return all(columns_of(path, table, _PROGRAM) for table in _NEEDED)
+        return _NEEDED.keys() <= kinds_of(path, _PROGRAM).keys()
     except FormatError:
         return False
 
@@ -108,21 +114,15 @@ def _gps_fixes(path: Path) -> int:
     """How many nodes have a GPS fix: six doubles, from stamp to bearing."""
     if "gps" not in columns_of(path, "Node", _PROGRAM):
         return 0
-    query = "SELECT COUNT(*) FROM Node WHERE length(gps) = 48"
-    return int(next(iter(found_rows(path, query, _PROGRAM)))[0])
+    fixes = found_rows(path, "Node", {"gps": "anything"}, _PROGRAM)
+    return sum(isinstance(fix, bytes) and len(fix) == 48 for (fix,) in fixes)
 
 
 def _links(path: Path) -> tuple[IntArray, _Links]:
     """The types of all links, and those between poses and of priors that have a transform."""
-    for table, needed in _NEEDED.items():
-        if not {*needed} <= {*columns_of(path, table, _PROGRAM)}:
-            said = f"a database of rtabmap expected, with {', '.join(needed)} in table {table}"
-            raise FormatError(path, None, f"{said} (of version 0.11 or later)")
-    query = f"SELECT {', '.join(_NEEDED['Link'])} FROM Link ORDER BY rowid"
     kinds, found = [], []
-    for i, j, kind, information, transform in found_rows(path, query, _PROGRAM):
-        if not all(isinstance(number, int) for number in (i, j, kind)):
-            raise FormatError(path, None, "table Link: integers expected as ids and types")
+    links = found_rows(path, "Link", _NEEDED["Link"], _PROGRAM)
+    for i, j, kind, information, transform in links:
         kinds.append(kind)
         if kind not in (*BETWEEN, PRIOR):
             continue
@@ -206,10 +206,8 @@ def _with_priors(path: Path, instance: Instance, priors: _Links, options: ReadOp
 
 def _with_poses(path: Path, instance: Instance) -> Instance:
     """The instance with times, and with odometry's poses as initial values if all are known."""
-    poses = _read_poses(path)
-    if poses.ids is None:
-        return instance
-    place = numbered(poses.ids, instance.ids[: instance.world])
+    poses = _nodes(path)
+    place = numbered(poses.keys.ids_of(len(poses.rotations)), instance.ids[: instance.world])
     if (place < 0).any():
         return instance
     times = None if poses.times_ns is None else poses.times_ns[place]
@@ -219,7 +217,15 @@ def _with_poses(path: Path, instance: Instance) -> Instance:
 
 
 def _read_poses(path: Path) -> LabelledPoses:
-    rows = found_rows(path, "SELECT id, stamp, pose FROM Node ORDER BY id", _PROGRAM)
+    poses = _nodes(path)
+    if not len(poses.rotations):
+        raise FormatError(path, None, "table Node: at least one pose expected")
+    return poses
+
+
+def _nodes(path: Path) -> LabelledPoses:
+    """The nodes that have a pose."""
+    rows = sorted(found_rows(path, "Node", _NEEDED["Node"], _PROGRAM), key=lambda row: row[0])
     known = [
         (node, stamp, M)
         for node, stamp, pose in rows
