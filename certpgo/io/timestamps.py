@@ -45,17 +45,25 @@ def _billionths(word: str) -> int:
     return int(number.scaleb(9).to_integral_value())
 
 
-def times_and_ids(parts: IntArray) -> tuple[IntArray, IntArray | None]:
+def times_and_ids(parts: IntArray, unit: int = 0) -> tuple[IntArray, IntArray | None]:
     """Times (k,) in nanoseconds, and the numbers as integers, which may be ids, if all are whole.
 
-    Numbers too large for seconds are nanoseconds if all are whole.
+    Parameters
+    ----------
+    unit : of the numbers, nanoseconds. Where the file does not say it (0) they are seconds, or
+        nanoseconds if they are too large for seconds and all are whole.
 
     Raises
     ------
     InputError
-        They are neither.
+        They are neither, or beyond 64 bits.
     """
     whole, rest = parts.T
+    if unit not in (0, SECOND):
+        if (np.abs(whole) > np.iinfo(np.int64).max // unit - 1).any():
+            raise InputError("timestamps expected of the years 1678 to 2261")
+        distinct = not rest.any() and len(np.unique(whole)) == len(whole)
+        return whole * unit + rest * unit // SECOND, whole if distinct else None
     near = bool((np.minimum(rest, SECOND - rest) <= ROUNDED).all())
     ids = whole + (rest > SECOND // 2)
     if not near or len(np.unique(ids)) < len(ids):

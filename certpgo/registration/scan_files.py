@@ -13,7 +13,7 @@ from certpgo.linalg.arrays import FloatArray
 #: How a file of VTK's legacy format begins.
 VTK = b"# vtk DataFile"
 _AXES = ("x", "y", "z")
-_POINTS = re.compile(rb"^POINTS\s+(\d+)\s+(float|double)[ \t\r]*$", re.MULTILINE)
+_POINTS = re.compile(rb"^POINTS\s+(\d{1,30})\s+(float|double)[ \t\r]*$", re.MULTILINE)
 #: A point of KITTI's Velodyne scans: x, y, z and what is reflected.
 _KITTI = np.dtype("<f4"), 4
 

@@ -125,7 +125,7 @@ def _read_pcd(path: Path) -> FloatArray:
             axes = [sum(times[: names.index(axis)]) for axis in "xyz"]
             if count < 0 or min(times) < 1:
                 raise ValueError("counts of at least 1")
-        except (KeyError, ValueError, IndexError) as error:
+        except (KeyError, ValueError, IndexError, TypeError) as error:
             what = "FIELDS with x y z, SIZE, TYPE, COUNT and POINTS expected"
             raise FormatError(path, line, f"a PCD header: {what} ({error})") from None
         if said["DATA"] == ["ascii"]:

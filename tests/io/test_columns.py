@@ -101,3 +101,91 @@ def test_damaged_files_are_refused_or_read(file):
             path.write_bytes(bytes(damaged))
             with suppress(FormatError):
                 io.read_estimate(path)
+
+
+#: Of a pose turned by 45 degrees about x, at (1, 2, 3).
+Q, P = "0.3826834323650898,0,0,0.9238795325112867", "1,2,3"
+
+
+@pytest.mark.parametrize(
+    ("header", "row", "time", "node"),
+    [
+        ("ns,pose_index,qx,qy,qz,qw,tx,ty,tz", f"1665777891914299904,7,{Q},{P}", 1914299904, 7),
+        ("pose_index,qx,qy,qz,qw,tx,ty,tz", f"7,{Q},{P}", None, 7),
+        ("#sec,nsec,x,y,z,qx,qy,qz,qw", f"1665777891,914299904,{P},{Q}", 1914299904, None),
+        ("nsec,sec,x,y,z,qx,qy,qz,qw", f"914299904,1665777891,{P},{Q}", 1914299904, None),
+        ("timestamp_ns x y z qx qy qz qw", f"1665777891914299904,{P},{Q}", 1914299904, None),
+        ("timestamp [ms],x,y,z,qx,qy,qz,qw", f"1665777891914.25,{P},{Q}", 1914250000, None),
+        ("timestamp_us,x,y,z,qx,qy,qz,qw", f"1665777891914250,{P},{Q}", 1914250000, None),
+        ("timestamp [s],x,y,z,qx,qy,qz,qw", f"1665777891.914299904,{P},{Q}", 1914299904, None),
+        (
+            "time,pose.position.x,pose.position.y,pose.position.z,pose.orientation.x,"
+            "pose.orientation.y,pose.orientation.z,pose.orientation.w,pose_max",
+            f"1665777891.914299904,{P},{Q},5",
+            1914299904,
+            None,
+        ),
+        ("t,p_x,p_y,p_z,q_x,q_y,q_z,q_w,t_max,prefix_x", f"1665777891.5,{P},{Q},8,9", 15e8, None),
+    ],
+)
+def test_columns_are_known_by_their_whole_names(file, header, row, time, node):
+    separator = "," if "," in header else " "
+    text = f"{header}\n{row.replace(',', separator)}\n"
+    estimate = io.read_estimate(file(text, "poses.txt"))
+    keys = estimate.keys
+    start = 1665777890 * 10**9
+    assert (None if time is None else start + int(time)) == (keys.times_ns and keys.times_ns[0])
+    assert node is None or keys.ids.tolist() == [node]
+    np.testing.assert_array_equal(estimate.translations, [[1, 2, 3]])
+    np.testing.assert_allclose(so.log(estimate.rotations)[0], EIGHTH, atol=1e-12)
+
+
+def test_small_nanoseconds_are_not_seconds(file):
+    text = f"timestamp [ns],x,y,z,qx,qy,qz,qw\n0,{P},{Q}\n50000000,{P},{Q}\n"
+    estimate = io.read_estimate(file(text, "data.csv"))
+    assert estimate.keys.times_ns.tolist() == [0, 50_000_000]
+    assert estimate.keys.ids.tolist() == [0, 50_000_000]
+
+
+@pytest.mark.parametrize(
+    ("header", "said"),
+    [
+        ("t,x,y,z,qx,qy,qz,qw,tx", "two columns are x: which is meant is not known"),
+        ("time,x,y,z,qx,qy,qz,qw,stamp", "two columns are times"),
+        ("time,x,y,z,qx,qy,qz,qw,ns", "two columns are times"),
+        ("index,x,y,z,qx,qy,qz,qw,id", "two columns are ids"),
+        ("t,a,b,c,d,e,f,g,h", "9 columns separated by commas"),
+        ("sec,x,y,z,qx,qy,qz,qw,nsec", ":2: whole seconds, and nanoseconds below a second"),
+    ],
+)
+def test_columns_that_are_not_certain_are_refused(file, header, said):
+    row = "1.5,1,2,3,0,0,0,1,7\n"
+    with pytest.raises(FormatError, match=said):
+        io.read_estimate(file(f"{header}\n{row}", "poses.txt"))
+    if "9 columns" in said:
+        return  # no header at all is EuRoC's order
+    with pytest.raises(FormatError, match=said):
+        io.read_estimate(file(f"# {header}\n{row}", "poses.txt"))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("5 0 0 0 1 9 1 0\n7 0.6 0 0 0.8 9 1 0\n", ":1: a unit .* 5 to 8, not one of norm 9.11"),
+        ("5 0 0 0 1 9 1 0\n", "columns 2 to 5 are one, as in qx qy qz qw x y z or qw qx qy qz x y"),
+        ("5,0,0,0,1,9,1,0\n", "columns 2 to 5 are one, as in qx qy qz qw x y z or qw qx qy qz x y"),
+        ("1 9 1 0 0 0 0 1\n2 9 1 0 0 0 0 3\n", ":2: a unit quaternion .* not one of norm 3$"),
+        (
+            "t,qx,qy,qz,qw,x,y,z\n1,4,5,6,0,0,0,1\n",
+            ":2: .* columns 2 to 5.*; columns 5 to 8 are one, as in x y z qx qy qz qw or x y z qw",
+        ),
+    ],
+)
+def test_a_quaternion_far_from_norm_1_is_other_columns(file, text, said):
+    with pytest.raises(FormatError, match=said):
+        io.read_estimate(file(text, "poses.txt"))
+
+
+def test_rounded_quaternions_are_read(file):
+    estimate = io.read_estimate(file("1 0 0 0 0.7 0 0 0.7\n", "e.tum"))
+    np.testing.assert_allclose(so.log(estimate.rotations)[0], [np.pi / 2, 0, 0], atol=1e-12)

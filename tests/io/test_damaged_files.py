@@ -534,6 +534,8 @@ def test_many_sensors_take_time_in_proportion(file):
         ("pcd binary", "COUNT 1 1 1", "COUNT 0 0 0", "counts of at least 1"),
         ("pcd binary", "POINTS 3", f"POINTS {10**12}", f"{10**12} points announced, 3 found"),
         ("vtk", "POINTS 3", "POINTS 99999999999999999999", "points announced, 3 found"),
+        ("vtk", "POINTS 3", "POINTS " + "9" * 5000, "POINTS n float or double expected"),
+        ("pcd", "SIZE 4 4 4", "SIZE 1 4 4", "data type"),
         ("vtk binary", "POINTS 3", "POINTS 99999999999999999999", "points announced, 3 found"),
     ],
 )

@@ -8,17 +8,22 @@ Quaternions are x y z w, the real part last.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from certpgo.errors import InputError
 from certpgo.io.exact.circle import half_angles
-from certpgo.linalg.arrays import FloatArray
+from certpgo.linalg.arrays import BoolArray, FloatArray
 
 #: How far a 3x3 matrix in a file may be from a rotation, entrywise in M^T M - I.
 MATRIX_TOLERANCE = 1e-3
 
 #: A quaternion whose norm is off 1 by more is worth a notice.
 NORM_TOLERANCE = 1e-3
+
+#: Numbers of a norm that is off 1 by more are no quaternion of a trajectory.
+UNIT_TOLERANCE = 0.1
 
 
 def rotations(q: FloatArray) -> FloatArray:
@@ -38,6 +43,44 @@ def rotations(q: FloatArray) -> FloatArray:
         R[:, i, j] = 2.0 * (a - b) / norm
         R[:, j, i] = 2.0 * (a + b) / norm
     return R
+
+
+def unit_rotations(poses: FloatArray, columns: Sequence[int]) -> FloatArray:
+    """Rotations (k, 3, 3) of rows x y z qx qy qz qw (k, 7), whose quaternions are unit ones.
+
+    Parameters
+    ----------
+    columns : (7,) of the file in which these numbers are
+
+    Raises
+    ------
+    InputError
+        A quaternion is zero, or far from a unit one, as other columns are read for it; the message
+        says which would fit.
+    """
+    R = rotations(poses[:, 3:])
+    far = _off_unit(poses[:, 3:])
+    if not far.any():
+        return R
+    row, q = poses[np.argmax(far)], poses[np.argmax(far), 3:]
+    with np.errstate(over="ignore"):
+        norm = float(np.linalg.norm(q))
+    first, last = min(columns[3:]), max(columns[3:])
+    said = f"a unit quaternion expected in columns {first} to {last}, not one of norm {norm:.3g}"
+    in_order = row[np.argsort(columns)]
+    for begin, orders in (
+        (0, "qx qy qz qw x y z or qw qx qy qz x y z"),
+        (3, "x y z qx qy qz qw or x y z qw qx qy qz"),
+    ):
+        place = sorted(columns)[begin : begin + 4]
+        if place != sorted(columns[3:]) and not _off_unit(in_order[None, begin : begin + 4]).any():
+            said += f"; columns {place[0]} to {place[-1]} are one, as in {orders}"
+    raise InputError(said)
+
+
+def _off_unit(q: FloatArray) -> BoolArray:
+    with np.errstate(over="ignore"):
+        return np.asarray(np.abs(np.linalg.norm(q, axis=-1) - 1.0) > UNIT_TOLERANCE)
 
 
 def planar_rotations(theta: FloatArray) -> FloatArray:

@@ -1,16 +1,18 @@
-"""Trajectories with named columns, or rows separated by commas: EuRoC, TUM-VI, rtabmap.
+"""Trajectories with named columns, or rows separated by commas: EuRoC, TUM-VI, Kimera, rtabmap.
 
 The columns are those that a first line names, ``#`` and units in brackets aside:
 
-    #timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], ...
+    #timestamp [ns], p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], ...
+    ns,pose_index,qx,qy,qz,qw,tx,ty,tz
+    #sec,nsec,x,y,z,qx,qy,qz,qw
     #timestamp x y z qx qy qz qw id
     num,t,x,y,z,qx,qy,qz,qw
 
 The first is of the ground truth of EuRoC (state_groundtruth_estimate0/data.csv; Burri et al., The
-EuRoC micro aerial vehicle datasets, IJRR 2016) and TUM-VI, the second of rtabmap
-(corelib/src/Graph.cpp, format 11), the third of MCD. Without names, rows separated by commas have
-EuRoC's first eight columns, as evo reads them (evo/tools/file_interface.py). Timestamps are
-seconds, or whole nanoseconds.
+EuRoC micro aerial vehicle datasets, IJRR 2016) and TUM-VI, the second of Kimera-Multi and DPGO, the
+third of the Newer College dataset, then rtabmap's (corelib/src/Graph.cpp, format 11) and MCD's.
+Without names, rows separated by commas have EuRoC's first eight columns, as evo reads them
+(evo/tools/file_interface.py). Timestamps without a unit are seconds, or whole nanoseconds.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.errors import FormatError, InputError
+from certpgo.graph.keys import SECOND
 from certpgo.io.chunks import floats_of_rows, is_number, lines_of_rows, parsed, text_lines
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Format, LabelledPoses
@@ -30,14 +33,38 @@ from certpgo.io.nodes import refuse_duplicates
 from certpgo.io.timestamps import decimals, times_and_ids
 from certpgo.linalg.arrays import FloatArray, IntArray
 
-_UNIT = re.compile(r"\[[^\]]*\]|\([^)]*\)")
+_UNIT = re.compile(r"[\[(]([^\])]*)[\])]")
 _EUROC = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
 _POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
-_NAMES = {"timestamp": "t", "time": "t", "stamp": "t", "num": "id", "index": "id"}
-#: Such as q_RS_w, p_RS_R_x, q.w, tx and pos_x.
-_COORDINATE = re.compile(
-    r"(?:q|quat|rot)[\w.]*?[_.]?(?P<turn>[wxyz])|(?:p|t|pos|position)[\w.]*?[_.]?(?P<step>[xyz])"
-)
+#: Times in two columns.
+_PAIR = {"t s", "t ns"}
+#: Billionths of a second in a unit of time.
+_UNITS = {"s": SECOND, "sec": SECOND, "ms": 10**6, "us": 10**3, "ns": 1, "nsec": 1}
+#: How names of components begin: of a vector in frames, or of a field of a message.
+_FRAMES = ("", "_rs_r", "_rs", "_wb_w", "_wb", "_wi", "_ws", "_wc", "_gi")
+_MESSAGES = ("", "pose.", "pose.pose.", "field.pose.", "field.pose.pose.")
+
+
+def _meanings() -> dict[str, str]:
+    """What a column holds, by its name in small letters: t, t in a unit, id, x, ..., qw."""
+    found = dict.fromkeys(("t", "time", "stamp", "timestamp", "ts"), "t")
+    found |= {f"{name}_{unit}": f"t {unit}" for name in found for unit in _UNITS}
+    found |= dict.fromkeys(("sec", "secs", "seconds"), "t s")
+    found |= dict.fromkeys(("ns", "nsec", "nsecs", "nanosec", "nanoseconds"), "t ns")
+    found |= dict.fromkeys(("id", "num", "index", "pose_index", "pose_id", "node_id", "node"), "id")
+    vectors = {"": ("position", "translation"), "q": ("orientation", "quaternion", "rotation")}
+    short = {"": ("p", "t", "pos", "trans"), "q": ("q", "quat", "rot")}
+    for turn, axes in (("", "xyz"), ("q", "wxyz")):
+        begins = [f"{name}_" for name in (*vectors[turn], *short[turn])]
+        begins += [f"{name}." for name in (*vectors[turn], *short[turn])]
+        begins += [f"{short[turn][0]}{frames}_" for frames in _FRAMES]
+        begins += [f"{message}{vectors[turn][0]}." for message in _MESSAGES]
+        begins += ["", "p", "t"] if not turn else ["q"]
+        found |= {f"{begin}{axis}": f"{turn}{axis}" for begin in begins for axis in axes}
+    return found
+
+
+_MEANINGS = _meanings()
 
 
 @dataclass(frozen=True)
@@ -61,15 +88,17 @@ class _Layout:
         lines = [line.strip() for line in head.splitlines() if line.strip()]
         first = lines[0] if lines else b""
         separator = b"," if b"," in (lines[1] if len(lines) > 1 else first) else None
-        text = _UNIT.sub("", first.decode("utf-8", "replace")).lstrip("# ").lower()
-        words = text.split(",") if "," in text else text.split()
-        names = tuple(_named(word.strip()) for word in words)
+        text = first.decode("utf-8", "replace").lstrip("# ").lower()
+        words = text.split(",") if "," in text else _UNIT.sub("", text).split()
+        names = tuple(_named(word) for word in words)
         if set(_POSE) <= set(names):
             return cls(names, separator, first)
         rows = [line for line in lines if not line.startswith(b"#")]
         numbers = rows[0].split(b",") if rows else []
         if len(numbers) < len(_EUROC) or not all(map(is_number, numbers)):
             return None
+        if first is not rows[0] and len(words) == len(numbers):
+            return None  # names that are not known
         unnamed = ("",) * (len(numbers) - len(_EUROC))
         return cls((*_EUROC, *unnamed), b",")
 
@@ -79,8 +108,29 @@ class _Layout:
         said = ", ".join(name or "..." for name in self.names[:9])
         return f"{len(self.names)} columns, {said}{', ...' * (len(self.names) > 9)}"
 
-    def rows(self, text: bytes) -> tuple[FloatArray, IntArray, IntArray]:
-        """Poses (k, 7), times as `decimals` (k, 2), and ids (k,); 0 where there are none."""
+    @property
+    def times(self) -> set[str]:
+        """The columns with times: none, one, or seconds and nanoseconds."""
+        return {name for name in self.names if name.partition(" ")[0] == "t"}
+
+    @property
+    def unit(self) -> int:
+        """Billionths of a second that a time is stated in; 0 if it is not said, or for a pair."""
+        (name,) = self.times if len(self.times) == 1 else ("t",)
+        return _UNITS[name.split()[1]] if name != "t" else 0
+
+    def refuse_two(self) -> None:
+        """Refuse two columns of one meaning by an InputError."""
+        known = [name for name in self.names if name in (*_POSE, "id", *self.times)]
+        twice = [name for name in known if known.count(name) > 1]
+        if not twice and len(self.times) > 1 and self.times != _PAIR:
+            twice = ["t"]
+        if twice:
+            called = {"t": "times", "id": "ids"}.get(twice[0].split()[0], twice[0])
+            raise InputError(f"two columns are {called}: which is meant is not known")
+
+    def rows(self, text: bytes) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
+        """Rotations, translations, times as `decimals` (k, 2), and ids (k, 2); 0 for none."""
         rows = (line.strip() for line in text.split(b"\n"))
         words = [self._words(row) for row in rows if row and row != self.header]
         if not {len(row) for row in words} <= {len(self.names)}:
@@ -88,8 +138,8 @@ class _Layout:
             raise InputError(f"{self.expected} expected; {found} found")
         place = [self.names.index(name) for name in _POSE]
         poses = floats_of_rows([[row[k] for k in place] for row in words], 7, self.expected)
-        quaternion.rotations(poses[:, 3:])  # which refuses zeros
-        return poses, self._numbers(words, "t"), self._numbers(words, "id")
+        R = quaternion.unit_rotations(poses, [k + 1 for k in place])
+        return R, poses[:, :3], self._times(words), self._numbers(words, "id")
 
     def _words(self, line: bytes) -> list[bytes]:
         words = [word.strip() for word in line.split(self.separator)]
@@ -100,12 +150,23 @@ class _Layout:
             return np.zeros((len(rows), 2), dtype=np.int64)
         return decimals([row[self.names.index(name)] for row in rows])
 
+    def _times(self, rows: list[list[bytes]]) -> IntArray:
+        if self.times != _PAIR:
+            return self._numbers(rows, next(iter(self.times), ""))
+        seconds, rest = (self._numbers(rows, name) for name in ("t s", "t ns"))
+        if seconds[:, 1].any() or rest[:, 1].any() or not ((rest >= 0) & (rest < SECOND)).all():
+            raise InputError("whole seconds, and nanoseconds below a second, expected")
+        return np.stack([seconds[:, 0], rest[:, 0]], axis=1)
+
 
 def _named(word: str) -> str:
-    """What a column holds by its name: t, id, x, ..., qw; or the name itself."""
-    if found := _COORDINATE.fullmatch(word):
-        return f"q{found['turn']}" if found["turn"] else str(found["step"])
-    return _NAMES.get(word, word)
+    """What a column holds by its name and unit: t, t ns, id, x, ..., qw; or the name itself."""
+    unit = _UNIT.search(word)
+    name = _UNIT.sub("", word).strip()
+    found = _MEANINGS.get(name, name)
+    if found == "t" and unit is not None and unit[1].strip() in _UNITS:
+        return f"t {unit[1].strip()}"
+    return found
 
 
 def _recognises(path: Path, head: bytes) -> bool:
@@ -117,15 +178,18 @@ def _read_poses(path: Path) -> LabelledPoses:
     layout = _Layout.of(b"\n".join(first))
     if layout is None:
         raise FormatError(path, None, f"columns expected: {', '.join(('timestamp', *_POSE))}")
+    try:
+        layout.refuse_two()
+    except InputError as error:
+        raise FormatError(path, 1, str(error)) from None
     parts = list(parsed(path, layout.rows))
-    poses, stamps, numbers = (np.concatenate(columns) for columns in zip(*parts, strict=True))
-    if not len(poses):
+    R, t, stamps, numbers = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    if not len(R):
         raise FormatError(path, None, f"no rows of {layout.expected}")
-    R, t = quaternion.rotations(poses[:, 3:]), poses[:, :3]
     times, ids = None, None
     try:
-        if "t" in layout.names:
-            times, ids = times_and_ids(stamps)
+        if layout.times:
+            times, ids = times_and_ids(stamps, layout.unit)
     except InputError as error:
         raise FormatError(path, None, str(error)) from None
     if "id" in layout.names:

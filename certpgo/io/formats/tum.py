@@ -32,7 +32,7 @@ def _read_poses(path: Path) -> LabelledPoses:
 
 
 def _convert(rows: FloatArray) -> tuple[FloatArray, ...]:
-    return rows[:, 1:4], quaternion.rotations(rows[:, 4:])
+    return rows[:, 1:4], quaternion.unit_rotations(rows[:, 1:], range(2, 9))
 
 
 def _write_poses(path: Path, estimate: Estimate, keys: Keys) -> None:
