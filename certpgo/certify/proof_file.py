@@ -294,7 +294,7 @@ def _claim(
         **({} if similar else _map_of(instance)),
     }
     if cost is not None:
-        meant = "quaternion" if instance.graph.d == 3 else "tangent"
+        meant = costs.COSTS[cost].rotation_information if instance.graph.d == 3 else "tangent"
         claim |= {"version": 2, "cost": cost, "rotation_information": meant}
     members = component.read_bytes() if restricted else None
     try:

@@ -315,13 +315,13 @@ def _refuse_part(
 
 
 def _disagreement(problem: Judged, found: Assessment) -> Disagreement | None:
-    """Measurements that disagree with the rest, by their residual angles and chordal cost."""
+    """Measurements that disagree with the rest, by their terms of the cost."""
     from certpgo.objective.similarity_problem import SimilarityProblem
-    from certpgo.solve.outliers import disagreement
+    from certpgo.solve.outliers import Posed, disagreement
 
-    if problem.is_lifted or found.certificate.rejected or isinstance(problem, SimilarityProblem):
+    if not isinstance(problem, Posed) or isinstance(problem, SimilarityProblem):
         return None
-    return disagreement(problem.chordal, found.best, refit=not found.best_is_optimal)
+    return disagreement(problem, found.best, refit=not found.best_is_optimal)
 
 
 def _batch(

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 
 from certpgo.errors import InputError, SpecError
 from certpgo.graph import Graph, Instance, PoseGraph
-from certpgo.graph.information import InformationGraph
+from certpgo.graph.information import Information, InformationGraph
 from certpgo.graph.kinds import Kind
 from certpgo.graph.phrases import counted
 from certpgo.graph.priors import require_determined, require_held
@@ -209,7 +213,7 @@ def information_problem(instance: Instance, cost: str) -> InformationProblem:
     if not isinstance(instance.graph, PoseGraph) or instance.information is None:
         needed = f"--cost {cost} needs poses with information matrices on every edge"
         raise InputError(f"{source}: {needed}; {_lack(instance)}")
-    graph = InformationGraph(instance.graph, instance.information.matrices)
+    graph = weighed_by(cost, instance.graph, instance.information, instance.options)
     if not graph.rotation.kappa.any():
         raise InputError(f"{source}: --cost {cost} needs relative poses, not positions alone")
     if _armed(instance) and not _takes_arms(cost):
@@ -222,6 +226,25 @@ def information_problem(instance: Instance, cost: str) -> InformationProblem:
     problem = InformationProblem(edge_cost(graph, cost))
     problem.refuse_indefinite(instance.name)  # no path, as tables keep it
     return problem
+
+
+def weighed_by(
+    cost: str, graph: PoseGraph, information: Information, options: Mapping[str, Any]
+) -> InformationGraph:
+    """Measurements with the weights of a cost, which knows what rotational information is of.
+
+    So does its kappa, whatever was said when the file was read.
+
+    Parameters
+    ----------
+    options : with which the file was read
+    """
+    if graph.d == 3:
+        read = options.get("rotation_information", "tangent")
+        halved = [one == "quaternion" for one in (read, COSTS[cost].rotation_information)]
+        factors = np.full(graph.num_edges, 4.0 ** (halved[0] - halved[1]))
+        graph = replace(graph, rotation=graph.rotation.reweighted(factors))
+    return InformationGraph(graph, information.matrices)
 
 
 def edge_cost(graph: InformationGraph, cost: str) -> EdgeCost:

@@ -110,6 +110,9 @@ class EdgeCost(ABC):
     compiled_residual: ClassVar[str] = ""
     #: Whether residuals of translations do not depend on what is known of the rotation.
     decoupled: ClassVar[bool] = False
+    #: What rotational information in space is of: a ``"tangent"`` vector, or the vector part of a
+    #: ``"quaternion"``, which is half of it.
+    rotation_information: ClassVar[str] = "tangent"
 
     @property
     def turned_share(self) -> float:

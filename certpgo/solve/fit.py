@@ -163,13 +163,15 @@ def fit_of(
 def _as_roots(
     problem: Problem | InformationProblem | RangeProblem, estimate: Estimate
 ) -> float | None:
-    """chi^2 if information were its square root; exact for multiples of the identity."""
-    chordal = problem.chordal if isinstance(problem, InformationProblem) else problem
-    if not isinstance(chordal, PoseProblem) or chordal.graph.is_general:
+    """chi^2 if information were its square root; under F for multiples of the identity alone."""
+    if isinstance(problem, InformationProblem):
+        e = problem.edge_cost.residuals(*problem.relative(estimate))
+        return float((np.einsum("mab,mb->ma", np.triu(problem.edge_cost.weights), e) ** 2).sum())
+    if not isinstance(problem, PoseProblem) or problem.graph.is_general:
         return None
-    terms, _ = squares(chordal, estimate)
-    kappa = chordal.graph.rotation.kappa * (2.0 if chordal.d == 3 else 1.0)
-    return float((terms * np.stack([chordal.graph.tau, kappa], axis=1)).sum())
+    terms, _ = squares(problem, estimate)
+    kappa = problem.graph.rotation.kappa * (2.0 if problem.d == 3 else 1.0)
+    return float((terms * np.stack([problem.graph.tau, kappa], axis=1)).sum())
 
 
 def goodness_of_fit(

@@ -1,7 +1,7 @@
 """Detection and rejection of measurements that disagree with the rest, by their residuals.
 
-Weights state the noise: the terms of F of correct measurements have a known distribution
-(`quantile`), and fewer than one in a hundred clean graphs have a term above its ``1 - 0.01 / m``
+Weights state the noise: the terms of correct measurements have a known distribution
+(`quantiles`), and fewer than one in a hundred clean graphs have a term above its ``1 - 0.01 / m``
 quantile. Least squares spreads the error of a wrong measurement over its neighbours, so outliers
 are identified by a robust fit where that is worth its time. Weights may also state nothing (weights
 of 1 on rotations) or too little noise: then the noise is estimated from the median residual, and
@@ -23,13 +23,15 @@ from certpgo.graph.phrases import counted
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.chi_squared import flagged_from, numbers_measured, quantiles
+from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import Problem, RotationProblem
 from certpgo.optimize.initialization import start_of
+from certpgo.optimize.levenberg_marquardt import descend
 from certpgo.optimize.methods._robust import connected, remark
 from certpgo.optimize.methods.adaptive_trimming import EXACT, PLENTY, AdaptiveTrimming
 from certpgo.optimize.methods.graduated_non_convexity import GraduatedNonConvexity, largest_angle
 from certpgo.optimize.monitor import Monitor, silent
-from certpgo.optimize.riemannian_newton import newton
+from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 from certpgo.optimize.solution import Solution
 
 #: Multiple of the estimated noise accepted as noise where weights do not state it: real residuals
@@ -43,6 +45,12 @@ BELIEVABLE = 0.25
 MANY = 0.05
 #: Fits to estimate the noise at most, and the relative reduction that justifies another.
 ROUNDS, GAIN = 6, 0.2
+#: Choices under the cost of another program at most, and how well the fits between them converge.
+CHOICES, CLOSE = 20, 1e-6
+#: Rejected measurements that are tried again at most, and up to how many prices they cost.
+TRIALS, WORTH = 30, 30.0
+#: Problems whose measurements are chosen.
+Posed = Problem | InformationProblem
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -107,15 +115,15 @@ class Selection(Brief):
         """(m,) which measurements were rejected."""
         return np.asarray(self.weights == 0.0)
 
-    def note(self, problem: Problem) -> str:
+    def note(self, problem: Posed) -> str:
         """How the measurements were chosen, with remarks."""
         scale = "" if self.scale == 1.0 else f"{self.scale:.3g} times "
         chosen = f"chosen by {self.method}, assuming {scale}the noise stated by the weights"
-        return "; ".join(filter(None, (chosen, remark(problem, self.weights))))
+        return "; ".join(filter(None, (chosen, remark(problem.chordal, self.weights))))
 
 
 def disagreement(
-    problem: Problem, estimate: Estimate, *, refit: bool = False, monitor: Monitor = silent
+    problem: Posed, estimate: Estimate, *, refit: bool = False, monitor: Monitor = silent
 ) -> Disagreement | None:
     """The measurements that disagree with the rest, by their residuals.
 
@@ -154,14 +162,14 @@ def disagreement(
         with suppress(NumericalError, np.linalg.LinAlgError):
             chosen = select(problem, fit=estimate, monitor=monitor)
             found, angles = chosen.rejected, problem.residual_angles(chosen.estimate)
-    turned = problem.graph.measures_rotation
+    turned = problem.measured.measures_rotation
     edges = np.flatnonzero(found if stated else found & ((angles > UNREMARKABLE) | ~turned))
     if len(edges) == 0:
         return None
     return Disagreement(edges, problem.graph.num_edges, float(angles[edges].max()))
 
 
-def agrees(problem: Problem, estimate: Estimate) -> bool:
+def agrees(problem: Posed, estimate: Estimate) -> bool:
     """Whether all residuals are consistent with the weights or, failing that, with one another."""
     costs = problem.edge_costs(estimate)
     if not np.isfinite(costs).all():
@@ -173,34 +181,34 @@ def agrees(problem: Problem, estimate: Estimate) -> bool:
     return not outlying(problem, costs, _noise(problem, estimate)).any()
 
 
-def states_noise(problem: Problem) -> bool:
+def states_noise(problem: Posed) -> bool:
     """Whether some angle contradicts the weights; weights of 1, about 40 degrees, allow all."""
-    return largest_angle(problem, math.sqrt(quantiles(problem, 0.99).max())) < math.pi
+    return largest_angle(problem.chordal, math.sqrt(quantiles(problem, 0.99).max())) < math.pi
 
 
-def noise_scale(problem: Problem, costs: FloatArray, kept: BoolArray | None = None) -> float:
+def noise_scale(problem: Posed, costs: FloatArray, kept: BoolArray | None = None) -> float:
     """Noise by the median residual, relative to the standard deviation that the weights state.
 
     Parameters
     ----------
-    costs : (m,) terms of F. The fit uses up as many numbers as determine the nodes; residuals of
-        exact measurements are rounding, and count as `EXACT`
+    costs : (m,) terms of the cost. The fit uses up as many numbers as determine the nodes;
+        residuals of exact measurements are rounding, and count as `EXACT`
     kept : (m,) the measurements that were fitted, by default all
     """
     d, q = problem.d, so.tangent_dim(problem.d)
     turned, moved = numbers_measured(problem)
     kept = np.ones(len(costs), dtype=bool) if kept is None else kept
     total = float((turned + moved)[kept].sum())
-    poses = len(problem.poses)
+    poses = len(problem.chordal.poses)
     used = (poses - 1) * (q + d * bool(moved.any())) + (problem.n - poses) * d
     redundant = max(total - used, total / int(kept.sum())) / total
     relative = float(np.median(costs[kept] / quantiles(problem, 0.5)[kept]))
-    exact = EXACT * math.sqrt(2.0 * problem.rotation.median_kappa)
+    exact = EXACT * math.sqrt(2.0 * problem.chordal.rotation.median_kappa)
     return max(math.sqrt(relative / redundant), exact)
 
 
 def select(
-    problem: Problem,
+    problem: Posed,
     *,
     fit: Estimate | None = None,
     initial: Estimate | None = None,
@@ -213,6 +221,10 @@ def select(
     from ``initial`` or the tree of the earliest measurements, with the noise that the weights
     state. If they state none, or hardly more than a tree agrees with it, the noise is estimated:
     from the residuals of a fit to all measurements, then repeatedly from those of the kept ones.
+
+    Under the cost of another program that is how the choice begins, by F with the kappa of that
+    cost. Then fits to the kept measurements under the cost itself, and choices by its terms, take
+    turns until the choice stands.
 
     Parameters
     ----------
@@ -237,6 +249,9 @@ def select(
     >>> chosen.method, bool((chosen.rejected == instance.outliers).all())
     ('adaptive_trimming', True)
     """
+    if isinstance(problem, InformationProblem):
+        begun = select(problem.chordal, fit=fit, initial=initial, trusted=trusted, monitor=monitor)
+        return _under(problem, begun, trusted, monitor)
     if isinstance(problem, RotationProblem) and problem.graph.num_edges >= PLENTY * problem.n:
         name = "adaptive_trimming"
         found = AdaptiveTrimming().solve(problem, initial=initial, monitor=monitor)
@@ -245,12 +260,69 @@ def select(
     else:
         name = "graduated_non_convexity"
         found, scale = _graduated(problem, fit, initial, trusted, monitor)
-    costs = problem.edge_costs(found.estimate)
+    weights = _kept(problem, found.estimate, scale, trusted)
+    weights, estimate = _reconsidered(problem, weights, found.estimate, scale, monitor)
+    return Selection(weights, estimate, name, scale)
+
+
+def _kept(problem: Posed, estimate: Estimate, scale: float, trusted: IntArray | None) -> FloatArray:
+    """(m,) 1 for what agrees with an estimate, is trusted or connects the graph, otherwise 0."""
+    costs = problem.edge_costs(estimate)
     kept = ~outlying(problem, costs, scale)
     if trusted is not None:
         kept[trusted] = True
-    weights = connected(problem, np.where(kept, 1.0, 0.0), costs)
-    return Selection(weights, found.estimate, name, scale)
+    return connected(problem.chordal, np.where(kept, 1.0, 0.0), costs)
+
+
+def _under(
+    problem: InformationProblem, begun: Selection, trusted: IntArray | None, monitor: Monitor
+) -> Selection:
+    """The choice by the terms of the cost of another program, from that by F."""
+    weights, estimate, scale = begun.weights, begun.estimate, begun.scale
+    for _ in range(CHOICES):
+        estimate = _fit(problem.reweighted(weights), estimate, monitor)
+        if begun.scale != 1.0:
+            scale = WIDER * noise_scale(problem, problem.edge_costs(estimate), weights > 0.0)
+        before, weights = weights, _kept(problem, estimate, scale, trusted)
+        if (weights == before).all():
+            break
+    weights, estimate = _reconsidered(problem, weights, estimate, scale, monitor)
+    return Selection(weights, estimate, begun.method, scale)
+
+
+def _fit(problem: Posed, start: Estimate, monitor: Monitor) -> Estimate:
+    """A fit near another one."""
+    if isinstance(problem, InformationProblem):
+        return descend(problem, start, tolerance=CLOSE, monitor=monitor).estimate
+    return newton(problem, start, NewtonSettings(tolerance=CLOSE), monitor=monitor).estimate
+
+
+def _reconsidered(
+    problem: Posed,
+    weights: FloatArray,
+    estimate: Estimate,
+    scale: float,
+    monitor: Monitor,
+) -> tuple[FloatArray, Estimate]:
+    """The choice and its fit, with what is cheaper to keep than to leave out for its price.
+
+    A right measurement that is left out is farther off than one that takes part in the fit. Noise
+    that is estimated is too rough for that.
+    """
+    if scale != 1.0:
+        return weights, estimate
+    prices = quantiles(problem, flagged_from(problem))
+    costs = problem.edge_costs(estimate)
+    least = float(np.where(weights > 0.0, costs, prices).sum())
+    doubtful = np.flatnonzero((weights == 0.0) & (costs < WORTH * prices))
+    for e in doubtful[np.argsort(costs[doubtful], kind="stable")][:TRIALS]:
+        trial = weights.copy()
+        trial[e] = 1.0
+        found = _fit(problem.reweighted(trial), estimate, monitor)
+        cost = float(np.where(trial > 0.0, problem.edge_costs(found), prices).sum())
+        if cost < least:
+            weights, estimate, least = trial, found, cost
+    return weights, estimate
 
 
 def _graduated(
@@ -294,10 +366,10 @@ def _confirms_weights(problem: Problem, found: Solution) -> bool:
     return found.kept is None or found.kept - tree >= BELIEVABLE * (m - tree)
 
 
-def outlying(problem: Problem, costs: FloatArray, scale: float) -> BoolArray:
-    """(m,) which terms of F, ``costs`` (m,), are too large for noise of this scale."""
+def outlying(problem: Posed, costs: FloatArray, scale: float) -> BoolArray:
+    """(m,) which terms of the cost, ``costs`` (m,), are too large for noise of this scale."""
     return np.asarray(costs > scale**2 * quantiles(problem, flagged_from(problem)))
 
 
-def _noise(problem: Problem, estimate: Estimate) -> float:
+def _noise(problem: Posed, estimate: Estimate) -> float:
     return noise_scale(problem, problem.edge_costs(estimate))

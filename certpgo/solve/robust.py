@@ -16,7 +16,6 @@ from certpgo.graph import Estimate, Graph, Instance
 from certpgo.io.accept_paths import AnyPath, measured
 from certpgo.linalg.arrays import IntArray
 from certpgo.objective.choose_cost import CHORDAL, problem_under
-from certpgo.objective.problem import problem_of
 from certpgo.objective.truncated_problem import UncertifiableError, refuse_quantile
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor
@@ -49,8 +48,8 @@ def solve_robustly(
     Parameters
     ----------
     graph : the measurements, an instance, or the path of its file
-    cost : what is minimised for the kept measurements, as in `certpgo.solve`; by default F, by
-        which measurements are rejected in any case
+    cost : what is minimised, and by which measurements are chosen, as in `certpgo.solve`; by
+        default F
     initial : initial estimate of the robust fit; n poses, in metres
     trusted : (k,) indices of measurements that are known to be right, such as those of odometry:
         they are never rejected, and lead the choice among the others
@@ -91,16 +90,15 @@ def solve_robustly(
     given = measured(graph)
     source = given if isinstance(given, Instance) else None
     posed = problem_under(given, CHORDAL if cost is None else cost)
-    problem = problem_of(given if source is None else source.graph)
     chosen = (settings or DEFAULT).changed(options)
     limit = chosen.time_limit
     if initial is not None:
-        problem.check(initial)
+        posed.check(initial)
     with watched(monitor) as shown:
         stop = Stop(shown, objective="the chordal cost F of all measurements, in a robust fit")
         with stop.within(limit):
             with stop.watch.phase("select"):
-                selection = select(problem, initial=initial, trusted=trusted, monitor=stop)
+                selection = select(posed, initial=initial, trusted=trusted, monitor=stop)
             left = None if limit is None else limit - min(limit, stop.watch.total)
             ended = stop.ended_by
             found = search(
@@ -109,7 +107,7 @@ def solve_robustly(
                 Start(selection.estimate, "the robust fit"),
                 shown,
             )
-        rejection, note = None, f"{selection.note(problem)}; {found.solution.note}"
+        rejection, note = None, f"{selection.note(posed)}; {found.solution.note}"
         rejected = np.flatnonzero(selection.rejected)
         if len(rejected) and Status.INTERRUPTED in (ended, found.solution.status):
             note = f"{note}; rejections are not certified: interrupted"

@@ -89,20 +89,18 @@ def suspicion(
     names : of the nodes
     settings : of the search without them
     """
-    # The law that residuals follow is that of the chordal weights, whatever the cost.
-    chordal = problem.chordal
-    found = disagreement(chordal, estimate, refit=True)
+    found = disagreement(problem, estimate, refit=True)
     if found is None:
         return None
-    weights = np.ones(chordal.graph.num_edges)
+    weights = np.ones(problem.graph.num_edges)
     weights[found.edges] = 0.0
     # What nothing else connects stays.
-    weights = connected(chordal, weights, chordal.edge_costs(estimate))
+    weights = connected(problem.chordal, weights, problem.edge_costs(estimate))
     out = np.flatnonzero(weights == 0.0)
     if len(out) == 0:
         return None
     start = Start(estimate, "the optimum with them")
     without = found_anew(problem.reweighted(weights), settings, start)
-    pairs = chordal.graph.edges[out].tolist()
+    pairs = problem.graph.edges[out].tolist()
     nodes = tuple((names[i], names[j]) for i, j in pairs)
     return Suspicion(numbers[out], nodes, found, certificate, without)

@@ -30,6 +30,7 @@ from certpgo.objective.information_problem import InformationProblem
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.solution import Level, Solution, Status
+from certpgo.solve.outliers import disagreement, ignore
 from certpgo.solve.search_loop import Report, Search, case_under
 from certpgo.solve.settings import OUTLIERS_PATIENCE, SolveSettings
 from certpgo.solve.staircase import Staircase
@@ -41,7 +42,8 @@ SURROGATES = 10
 class SurrogateSearch(Search):
     """The search under another program's cost: points of its surrogates' relaxations.
 
-    Measurements that disagree with the rest are looked for in the chordal search before it.
+    Measurements that disagree with the rest are those that do under the cost; they are looked for
+    after the first descent. Where the chordal search before it finds many, it is short.
     """
 
     posed: InformationProblem
@@ -56,12 +58,12 @@ class SurrogateSearch(Search):
 
     def begin(self, initial: Start | None, report: Report | None) -> None:
         """Descend from the best estimate under F."""
-        start = self.chordal_start(report) if initial is None else initial
+        start = self.chordal_start() if initial is None else initial
         self.start = self.origin = start.name
         self.keep(self.descend(start.estimate))
         self.lose_patience()
 
-    def chordal_start(self, report: Report | None) -> Start:
+    def chordal_start(self) -> Start:
         """The best estimate under F, found in half of the time."""
         limit, problem = self.settings.time_limit, self.posed.chordal
         tier = None if self.tier is Tier.PROOF else self.tier
@@ -72,15 +74,28 @@ class SurrogateSearch(Search):
             time_limit=None if limit is None else 0.5 * limit,
         )
         case = case_under(problem, half, self.stop.monitor)
-        self.chordal = found = Staircase(problem, case, half).solved(None, None, report)
+        self.chordal = found = Staircase(problem, case, half).solved(None, None, ignore)
         for phase, seconds in found.solution.seconds.items():
             self.watch.seconds[phase] = self.watch.seconds.get(phase, 0.0) + seconds
         self.stop.interrupted |= found.solution.status is Status.INTERRUPTED
-        self.disagreement = found.disagreement
         if found.disagreement is not None and found.disagreement.is_widespread(found.graph):
             self.hurry()
         best = "optimum" if found.verdict is Verdict.CERTIFIED else "best estimate found"
         return Start(found.estimate, f"the {best} under the chordal cost")
+
+    def look_for_outliers(self, report: Report | None) -> None:
+        """Look for measurements that disagree with the rest, and report them."""
+        if report is None:
+            return
+        with self.watch.phase("residuals"):
+            self.disagreement = disagreement(
+                self.posed,
+                self.best.estimate,
+                refit=not self.is_certified,
+                monitor=lambda _: self.stop.stop_requested,
+            )
+        if self.disagreement is not None:
+            report(self.disagreement)
 
     def hurry(self) -> None:
         """Search for a short time only after a first bound, unless a time limit was set."""

@@ -16,7 +16,7 @@ from certpgo.graph.information import InformationGraph
 from certpgo.graph.priors import require_determined
 from certpgo.graph.scale import Scale
 from certpgo.linalg.arrays import BoolArray, IntArray
-from certpgo.objective.choose_cost import CHORDAL, COSTS, edge_cost, own_cost
+from certpgo.objective.choose_cost import CHORDAL, COSTS, edge_cost, own_cost, weighed_by
 from certpgo.objective.enclosure import enclosure
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import Problem, problem_of
@@ -74,7 +74,8 @@ class Terms:
                 f"the information matrix of {ids[i]}-{ids[j]} is not positive definite: the cost "
                 f"of {self.cost} has no lower bound there, the chordal cost has"
             )
-        return InformationGraph(graph, information.matrices)
+        options = measured.options if isinstance(measured, Instance) else {}
+        return weighed_by(self.cost, graph, information, options)
 
     def upper(self, part: Part, estimate: Estimate) -> float:
         """The cost of an estimate, rounded up."""

@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 from strategies import definite, pose_graph, rng_of
 
-from certpgo import certify, solve_robustly
+from certpgo import certify, read, solve_robustly
 from certpgo.certify.certificate import Verdict
 from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.graph.information import InformationGraph
@@ -76,3 +78,52 @@ def test_edges_with_matrix_weights_are_solved_but_their_rejections_not_certified
     assert answer.solution.rejected.tolist() == [graph.num_edges - 1]
     assert answer.rejection is None
     assert "rejections are not certified: edges with matrix weights" in answer.solution.note
+
+
+def drawn_as_g2o_states(path, seed, n=30, loops=30):
+    """A g2o file in space whose noise is drawn from its matrices as g2o reads them, and residuals.
+
+    The last loop closure is wrong. The (m, 6) residuals of the others are those at the truth.
+    """
+    rng = rng_of(seed)
+    pairs = [(k, k + 1) for k in range(n - 1)]
+    pairs += [sorted(rng.choice(n, 2, replace=False)) for _ in range(loops)]
+    i, j = np.array(pairs).T
+    R, t = Rotation.random(n, rng=rng), 3.0 * rng.normal(size=(n, 3))
+    scale = np.array([20.0, 20.0, 20.0, 100.0, 100.0, 100.0])
+    Omega = definite(rng, len(pairs), 6, condition=30.0) * scale[:, None] * scale
+    covariance = np.linalg.inv(Omega)
+    e = np.einsum("mab,mb->ma", np.linalg.cholesky(covariance), rng.normal(size=(len(pairs), 6)))
+    # y = R~^T (v - t~) and b, the vector part of R~^T Q.
+    b = e[:, 3:]
+    E = Rotation.from_quat(np.column_stack([b, np.sqrt(1.0 - (b**2).sum(axis=1))]))
+    measured = R[i].inv() * R[j] * E.inv()
+    v = R[i].inv().apply(t[j] - t[i])
+    moved = v - measured.apply(e[:, :3])
+    quats = measured.as_quat()
+    quats[-1], moved[-1] = Rotation.random(rng=rng).as_quat(), moved[-1] + 10.0
+    upper = Omega[:, *np.triu_indices(6)]
+    rows = np.column_stack([moved, quats, upper])
+    lines = [f"EDGE_SE3:QUAT {a} {c} " for a, c in zip(i, j, strict=True)]
+    text = (line + " ".join(map(repr, row.tolist())) for line, row in zip(lines, rows, strict=True))
+    path.write_text("\n".join(text) + "\n")
+    return np.einsum("ma,mab,mb->m", e, Omega, e)[:-1]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_one_wrong_loop_is_rejected_alone_where_noise_is_as_g2o_states_it(tmp_path, seed):
+    """Whatever F was told that the rotational information is of."""
+    path = tmp_path / "spatial.g2o"
+    stated = drawn_as_g2o_states(path, seed)
+    assert stated.max() < chi2.isf(0.01 / (len(stated) + 1), 6)  # so that none but that is wrong
+    found = []
+    for about in ("tangent", "quaternion"):
+        instance = read(path, rotation_information=about, quiet=True)
+        answer = solve_robustly(instance, cost="g2o")
+        assert answer.solution.rejected.tolist() == [len(stated)]
+        assert answer.rejection.scale == 1.0
+        assert answer.rejection.prices == pytest.approx(
+            chi2.isf(0.01 / instance.num_measurements, 6)
+        )
+        found.append(answer.rejection.certificate.cost_upper)
+    assert found[0] == pytest.approx(found[1], rel=1e-12)

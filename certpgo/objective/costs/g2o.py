@@ -48,6 +48,7 @@ class G2oCost(EdgeCost):
     compiled_residual: ClassVar[str] = "quaternion"
     provable: ClassVar[bool] = True
     decoupled: ClassVar[bool] = True
+    rotation_information: ClassVar[str] = "quaternion"
 
     @property
     def turned_share(self) -> float:
