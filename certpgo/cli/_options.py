@@ -74,8 +74,9 @@ Timestamps = Annotated[
         metavar="ids|index|FILE",
         rich_help_panel=MATCHING,
         show_default="node ids if they can be",
-        help="How to match poses with nodes: timestamps are node ids (ids), poses are in the order "
-        "of the nodes (index), or timestamps are times and FILE has those of the nodes, by line.",
+        help="How to match poses, and those of the truth, with nodes: timestamps are node ids "
+        "(ids), poses are in the order of the nodes (index), or timestamps are times and FILE has "
+        "those of the nodes, by line.",
     ),
 ]
 MaxDifference = Annotated[

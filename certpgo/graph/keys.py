@@ -109,6 +109,11 @@ class Keys:
         """Whether each of n poses is a point."""
         return np.zeros(n, dtype=bool) if self.points is None else self.points
 
+    @property
+    def are_positions(self) -> bool:
+        """Whether all are points: a trajectory of positions alone, whose rotations mean nothing."""
+        return self.points is not None and bool(self.points.all())
+
     def facts(self) -> Iterator[tuple[str, str]]:
         """Names and values of what there is, for people."""
         if self.ids is not None and len(self.ids):

@@ -15,7 +15,7 @@ from certpgo.graph import Estimate, Instance, PoseGraph
 from certpgo.graph.components import restricted
 from certpgo.graph.graph import require_connected
 from certpgo.graph.held import displaced
-from certpgo.graph.keys import NO_TIME, Keys, in_seconds
+from certpgo.graph.keys import Keys, in_seconds
 from certpgo.graph.phrases import counted
 from certpgo.graph.points import with_points
 from certpgo.graph.trees import compose, spanning_tree
@@ -37,7 +37,14 @@ from certpgo.io.matching import (
     nearest,
 )
 from certpgo.io.names import name_numbers
-from certpgo.io.timestamps import file_of_times, node_times, refuse_number, refuse_repeats, timed
+from certpgo.io.timestamps import (
+    IGNORED,
+    file_of_times,
+    node_times,
+    refuse_number,
+    refuse_repeats,
+    timed,
+)
 from certpgo.linalg.arrays import IntArray
 
 
@@ -182,7 +189,8 @@ def read_truth(
     Parameters
     ----------
     path : a file of poses as for `read_estimate`, a Bundler file, or an iSAM file of noise-free
-        relative poses, which are integrated along a spanning tree from the smallest id
+        relative poses, which are integrated along a spanning tree from the smallest id; or
+        positions alone, ``timestamp x y z`` or such columns, which then are points in the keys
     instance : the graph it is for; other poses are ignored
     timestamps, max_difference : as for `read_estimate`
     offset : seconds added to the truth's timestamps
@@ -252,9 +260,17 @@ def truth_among(
     poses: LabelledPoses, instance: Instance, how: Matching
 ) -> tuple[IntArray, Estimate, Match]:
     """The nodes of an instance that have one of these poses, ascending, their poses, and how."""
+    if poses.in_space is not None and instance.graph.d == 3:
+        poses = poses.in_space
     poses = _fitting(poses, instance)
+    if poses.unturned and not isinstance(instance.graph, PoseGraph):
+        raise InputError("positions alone, but the graph measures rotations alone")
     found = match(poses, instance, how)
-    return *known_poses(poses, instance, found), found
+    nodes, estimate = known_poses(poses, instance, found)
+    if poses.unturned:
+        keys = replace(estimate.keys, points=np.ones(len(nodes), dtype=bool))
+        estimate = estimate.keyed(keys)
+    return nodes, estimate, found
 
 
 def warn_of(path: Path, notices: Iterable[str]) -> None:
@@ -291,7 +307,11 @@ def _poses(path: Path, name: str | None, topic: str | None) -> LabelledPoses:
     form = format_of(path, name, topic)
     if form.read_poses is None:
         raise FormatError(path, None, f"{form.name} files hold {form.holds}, no estimate")
-    return form.read_poses(path)
+    poses = form.read_poses(path)
+    if poses.unturned:
+        said = "positions alone are no estimate: they are read as ground truth (--truth)"
+        raise FormatError(path, None, said)
+    return poses
 
 
 def _of_nodes(instance: Instance, poses: LabelledPoses, found: Match) -> Estimate:
@@ -333,7 +353,7 @@ def _in_own_order(poses: LabelledPoses, times: Path | None, how: Matching) -> Es
     elif how.timestamps == "ids" and keys.ids_are_times:
         keys = replace(keys, times_ns=None)
     elif poses.times_ns is not None:
-        refuse_repeats(poses.times_ns[poses.times_ns != NO_TIME])
+        refuse_repeats(poses.times_ns, IGNORED)
     t = poses.translations
     if t is not None and not t.any():
         t = None
@@ -373,5 +393,6 @@ def _fitting(poses: LabelledPoses, instance: Instance) -> LabelledPoses:
         return poses
     planar = d == 2 and not R[:, 2, :2].any() and not R[:, :2, 2].any() and (R[:, 2, 2] > 0.0).all()
     if not planar or (t is not None and t[:, 2].any()):
-        raise InputError(f"{R.shape[-1]}D poses, but the graph is {d}D")
+        said = "" if poses.in_space is None else ": four numbers a line are id x y yaw"
+        raise InputError(f"{R.shape[-1]}D poses, but the graph is {d}D{said}")
     return replace(poses, rotations=R[:, :2, :2], translations=None if t is None else t[:, :2])

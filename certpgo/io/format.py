@@ -81,6 +81,8 @@ class LabelledPoses:
     names : (k,) of images, for formats with names
     points : (k,) which are points, without rotation; None for none
     scales : (k,) of similarities; None for poses
+    unturned : whether the file has positions alone, and the rotations mean nothing
+    in_space : positions that the numbers of planar poses are, if they are not that
     """
 
     rotations: FloatArray
@@ -90,13 +92,24 @@ class LabelledPoses:
     names: tuple[str, ...] = ()
     points: BoolArray | None = None
     scales: FloatArray | None = None
+    unturned: bool = False
+    in_space: LabelledPoses | None = None
+
+    @classmethod
+    def positions(
+        cls, t: FloatArray, ids: IntArray | None, times_ns: IntArray | None
+    ) -> LabelledPoses:
+        """Positions (k, 3) alone."""
+        return cls(np.tile(np.eye(3), (len(t), 1, 1)), t, ids, times_ns, unturned=True)
 
     @classmethod
     def of(cls, estimate: Estimate) -> LabelledPoses:
         """The poses of an estimate with its keys."""
         keys = estimate.keys
-        named = keys.ids, keys.times_ns, keys.names, keys.points
-        return cls(estimate.rotations, estimate.translations, *named, estimate.scales)
+        unturned = keys.are_positions
+        named = keys.ids, keys.times_ns, keys.names, None if unturned else keys.points
+        R, t = estimate.rotations, estimate.translations
+        return cls(R, t, *named, estimate.scales, unturned)
 
     @property
     def keys(self) -> Keys:
@@ -108,7 +121,7 @@ class LabelledPoses:
         t, keys = self.translations, self.keys.subset(chosen)
         named = keys.ids, keys.times_ns, keys.names, keys.points
         t, s = (None if x is None else x[chosen] for x in (t, self.scales))
-        return LabelledPoses(self.rotations[chosen], t, *named, s)
+        return LabelledPoses(self.rotations[chosen], t, *named, s, self.unturned)
 
     def without_points(self) -> LabelledPoses:
         """The poses alone."""

@@ -14,7 +14,7 @@ from certpgo.graph.keys import NO_TIME, SECOND, Keys, in_seconds
 from certpgo.graph.phrases import counted
 from certpgo.io.format import LabelledPoses, estimate_at
 from certpgo.io.names import named_ids
-from certpgo.io.timestamps import refuse_repeats
+from certpgo.io.timestamps import IGNORED, refuse_repeats
 from certpgo.linalg.arrays import IntArray
 
 #: Seconds by which a pose's time may differ from its node's, as evo's default.
@@ -51,8 +51,8 @@ class Matching:
         return cls(None if chosen is None else str(chosen), max_difference, offset)
 
     def of_truth(self, offset: float) -> Matching:
-        """The same for ground truth, whose timestamps are not ignored."""
-        return Matching("ids" if self.timestamps == "ids" else None, self.max_difference, offset)
+        """The same for ground truth."""
+        return replace(self, offset=offset)
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.max_difference < 1e9:
@@ -133,7 +133,7 @@ def match(poses: LabelledPoses, instance: Instance, how: Matching) -> Match:
         poses, notices = replace(poses, ids=found), (notice,) if notice else ()
     elif poses.times_ns is not None and (poses.ids is None or poses.keys.ids_are_times):
         if how.timestamps != "index":
-            refuse_repeats(poses.times_ns)
+            refuse_repeats(poses.times_ns, IGNORED)
         taken = poses.ids is not None and bool(np.isin(poses.ids, instance.ids).any())
         if how.timestamps == "index" or not taken:
             return _by_order(poses, instance, how)
@@ -257,7 +257,7 @@ def _by_time(
     nodes = np.flatnonzero(times != NO_TIME)
     given = np.flatnonzero(stamps != NO_TIME)
     shifted, known = stamps[given] + round(how.offset * SECOND), times[nodes]
-    refuse_repeats(shifted)
+    refuse_repeats(shifted, IGNORED)
     if not len(given):
         raise InputError("no poses with times")
     found = nearest(known, shifted, how.max_difference)

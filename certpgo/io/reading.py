@@ -177,6 +177,8 @@ def _with_choices(instance: Instance, keep: Keep, weights: ChosenWeights) -> Ins
 def _with_truth(instance: Instance, path: Path) -> Instance:
     nodes, estimate, found = matched_truth(path, instance, Matching())
     n = instance.graph.num_nodes
+    if estimate.keys.are_positions:
+        raise InputError(f"{path}: positions alone, without rotations; use read_truth")
     if instance.world is not None and np.array_equal(nodes, np.arange(n - 1)):
         nodes, estimate = np.arange(n), instance.with_world(estimate)
     if len(nodes) < n:

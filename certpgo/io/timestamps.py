@@ -18,6 +18,8 @@ from certpgo.linalg.arrays import IntArray
 
 #: Larger numbers of seconds, after the year 2262, are read as nanoseconds.
 _LAST_SECOND = np.iinfo(np.int64).max // SECOND
+#: What is possible where timestamps occur twice.
+IGNORED = "--timestamps index ignores timestamps"
 #: Larger numbers than have so many digits are beyond 64 bits.
 _DIGITS = 20
 
@@ -104,7 +106,7 @@ def node_times(path: Path) -> IntArray:
             raise FormatError(path, number, "a timestamp in seconds expected") from None
     try:
         times, _ = times_and_ids(np.concatenate([np.empty((0, 2), np.int64), *parts]))
-        refuse_repeats(times)
+        refuse_repeats(times, "a time of its own for each node expected")
     except InputError as error:
         raise FormatError(path, None, str(error)) from None
     return times
@@ -147,12 +149,14 @@ def timed_by(estimate: Estimate, instance: Instance) -> Instance:
     return replace(instance, times_ns=keys.times_ns[: len(instance.ids[: instance.world])])
 
 
-def refuse_repeats(times: IntArray) -> None:
-    """Refuse a time that occurs twice by an InputError."""
-    ordered = np.sort(times)
-    repeats = ordered[1:][ordered[1:] == ordered[:-1]]
-    if len(repeats):
-        raise InputError(f"timestamp {int(repeats[0]) / SECOND!r} appears twice")
+def refuse_repeats(times: IntArray, instead: str) -> None:
+    """Refuse a time that occurs twice by an InputError, which says what is possible instead."""
+    order = np.argsort(times, kind="stable")
+    again = (times[order[1:]] == times[order[:-1]]) & (times[order[1:]] != NO_TIME)
+    if again.any():
+        first, second = order[np.argmax(again) :][:2].tolist()
+        said = f"timestamp {int(times[first]) / SECOND!r} appears twice"
+        raise InputError(f"{said}, as numbers {first + 1} and {second + 1} of the file: {instead}")
 
 
 def refuse_number(path: Path, times: IntArray, n: int) -> None:

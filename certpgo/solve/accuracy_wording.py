@@ -86,8 +86,10 @@ def accuracy(errors: TrajectoryErrors) -> Iterable[tuple[str, str]]:
         ("ATE", errors.ate_m, errors.ate_deg, aligned),
         ("RPE", errors.rpe_m, errors.rpe_deg, steps),
     ):
-        of_positions = "" if metres is None else f"{metres:.6g} {unit}, "
-        yield name, f"{of_positions}{degrees:.6g} degrees  (root mean square, {over}, {how})"
+        parts = [] if metres is None else [f"{metres:.6g} {unit}"]
+        parts += [] if degrees is None else [f"{degrees:.6g} degrees"]
+        if parts:
+            yield name, f"{', '.join(parts)}  (root mean square, {over}, {how})"
 
 
 def comparison(a: Assessment, instance: Instance) -> Iterable[tuple[str, str]]:

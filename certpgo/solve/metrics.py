@@ -83,16 +83,18 @@ class TrajectoryErrors:
     Attributes
     ----------
     poses : number of poses that were compared
-    ate_m, ate_deg : absolute errors of positions and rotations, after alignment of positions
-    rpe_m, rpe_deg : errors of the steps from each pose to the next, in the frame of the first
+    ate_m, ate_deg : absolute errors of positions and rotations, after alignment of positions; of
+        a truth of positions alone degrees are None
+    rpe_m, rpe_deg : errors of the steps from each pose to the next, in the frame of the first; None
+        where the truth has no such frames
     scaled : whether alignment was by a similarity, so that lengths are in the truth's unit
     """
 
     poses: int
     ate_m: float | None
-    ate_deg: float
+    ate_deg: float | None
     rpe_m: float | None
-    rpe_deg: float
+    rpe_deg: float | None
     scaled: bool = False
 
 
@@ -145,7 +147,8 @@ def trajectory_errors(
 
     Parameters
     ----------
-    estimate, truth : the same k poses or rotations, in the order of the trajectory
+    estimate, truth : the same k poses or rotations, in the order of the trajectory; the truth may
+        be positions alone, all of which are points in its keys
     scaled : whether alignment changes the scale, too, as that of the estimate means nothing
 
     Raises
@@ -156,6 +159,9 @@ def trajectory_errors(
     if (estimate.translations is None) != (truth.translations is None):
         raise InputError("the estimate or the truth has no translations")
     moved = estimate.moved(*alignment(estimate, truth, scaled=scaled))
+    if truth.keys.are_positions:
+        at = _rms_metres(moved, truth)
+        return TrajectoryErrors(truth.num_nodes, at, None, None, None, scaled)
     step, true_step = _steps(moved), _steps(truth)
     return TrajectoryErrors(
         truth.num_nodes,
@@ -178,7 +184,8 @@ def alignment(
     given, true = estimate.translations, truth.translations
     if given is None or true is None:
         return align(estimate, truth), None, 1.0
-    if _is_on_a_line(given) or _is_on_a_line(true):
+    unturned = estimate.keys.are_positions or truth.keys.are_positions
+    if not unturned and (_is_on_a_line(given) or _is_on_a_line(true)):
         return _onto(true, given, align(estimate, truth), scaled)
     [S], _, _ = procrustes(true[None], given[None])
     return _onto(true, given, S, scaled)

@@ -2,9 +2,11 @@
 
 import gzip
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from strategies import pose_graph
 
 import certpgo
@@ -13,7 +15,9 @@ from certpgo.errors import FormatError, GraphError, InputError, InputNotice
 from certpgo.graph import Estimate, Instance
 from certpgo.graph.components import restricted
 from certpgo.graph.keys import Keys
+from certpgo.io.datasets.synthetic import helix
 from certpgo.io.timestamps import timed
+from certpgo.solve.metrics import trajectory_errors
 
 N = 5
 
@@ -261,3 +265,71 @@ def test_times_that_robots_share_tell_no_nodes_apart(file, tmp_path):
     assert places(path, instance) == [0, 1, 2, 3]
     certpgo.write(tmp_path / "out.pyfg", instance.initial)
     assert "VERTEX_SE2 1.5 B1 3.0" in (tmp_path / "out.pyfg").read_text()
+
+
+def test_repeated_stamps_are_ignored_of_the_truth_too(file):
+    """Of evo's issue 331: all are the same. The truth is off by 0.1 m at its last pose."""
+    edges = "".join(f"EDGE_SE3:QUAT {k} {k + 1} 1 0 0 0 0 0 1\n" for k in range(3))
+    graph = file(edges, "g.g2o")
+    at = [(0, 0), (1, 0), (1, 1), (0, 1)]
+    rows = ["16.5 {} {} 0 0 0 0 1\n".format(*place) for place in at]
+    estimate = file("".join(rows), "est.txt")
+    truth = file("".join([*rows[:3], "16.5 0 1.1 0 0 0 0 1\n"]), "gt.txt")
+    instance = io.read(graph, quiet=True)
+    for read in (io.read_estimate, io.read_truth):
+        with pytest.raises(FormatError, match=r"16\.5 appears twice, as numbers 1 and 2 .* index"):
+            read(truth, instance)
+    with pytest.raises(FormatError, match=r"16\.5 appears twice, as numbers 1 and 2"):
+        io.read_estimate(estimate)
+    found = io.read_estimate(estimate, instance, timestamps="index")
+    nodes, known = io.read_truth(truth, instance, timestamps="index")
+    errors = trajectory_errors(found.subset(nodes), known)
+    t = known.translations - known.translations.mean(axis=0)
+    given = found.translations - found.translations.mean(axis=0)
+    turn, _ = Rotation.align_vectors(t, given)
+    rms = np.sqrt(((turn.apply(given) - t) ** 2).sum(axis=1).mean())
+    assert errors.ate_m == pytest.approx(rms, rel=1e-9)
+
+
+def test_truth_of_positions_alone(file):
+    """With rotations, without, and without names: the same ATE in metres, and no degrees."""
+    rng = np.random.default_rng(5)
+    instance = helix(12, rng)
+    t = instance.truth.translations
+    near = Estimate(instance.truth.rotations, t + rng.normal(0.0, 0.1, t.shape))
+    pad = "0 0 0 1"
+    texts = {
+        "a.tum": "".join(
+            f"{k} {x!r} {y!r} {z!r} {pad}\n" for k, (x, y, z) in enumerate(t.tolist())
+        ),
+        "a.csv": "timestamp,x,y,z\n"
+        + "".join(f"{k},{x!r},{y!r},{z!r}\n" for k, (x, y, z) in enumerate(t.tolist())),
+        "a.txt": "".join(f"{k} {x!r} {y!r} {z!r}\n" for k, (x, y, z) in enumerate(t.tolist())),
+        "b.txt": "".join(
+            f"{k + 0.25} {x!r} {y!r} {z!r}\n" for k, (x, y, z) in enumerate(t.tolist())
+        ),
+    }
+    found = {}
+    for name, text in texts.items():
+        with warnings.catch_warnings(action="ignore"):
+            nodes, truth = io.read_truth(file(text, name), instance)
+        found[name] = trajectory_errors(near.subset(nodes), truth)
+    for name in ("a.csv", "a.txt", "b.txt"):
+        assert found[name].ate_m == pytest.approx(found["a.tum"].ate_m, rel=1e-12)
+        assert found[name].ate_deg is found[name].rpe_m is found[name].rpe_deg is None
+        with pytest.raises(FormatError, match=r"positions alone|id x y yaw"):
+            io.read_estimate(file(texts[name], name), instance)
+    graph = file("", "g.g2o")
+    certpgo.write(graph, replace(instance, truth=None))
+    with pytest.raises(InputError, match="positions alone, without rotations"):
+        io.read(graph, truth=file(texts["a.csv"], "a.csv"), quiet=True)
+    rotations = Instance("turns", instance.graph.rotation, instance.ids)
+    with pytest.raises(FormatError, match="the graph measures rotations alone"):
+        io.read_truth(file(texts["a.csv"], "a.csv"), rotations)
+
+
+def test_planar_poses_with_times(file):
+    text = "0.5 0 0 0\n1.5 1 0 1.5707963267948966\n"
+    estimate = io.read_estimate(file(text, "poses.txt"))
+    assert estimate.keys.times_ns.tolist() == [500_000_000, 1_500_000_000]
+    np.testing.assert_allclose(estimate.rotations[1], [[0, -1], [1, 0]], atol=1e-15)

@@ -12,7 +12,8 @@ The first is of the ground truth of EuRoC (state_groundtruth_estimate0/data.csv;
 EuRoC micro aerial vehicle datasets, IJRR 2016) and TUM-VI, the second of Kimera-Multi and DPGO, the
 third of the Newer College dataset, then rtabmap's (corelib/src/Graph.cpp, format 11) and MCD's.
 Without names, rows separated by commas have EuRoC's first eight columns, as evo reads them
-(evo/tools/file_interface.py). Timestamps without a unit are seconds, or whole nanoseconds.
+(evo/tools/file_interface.py). Columns x and y, perhaps z, without a quaternion are positions alone,
+which are a truth and no estimate. Timestamps without a unit are seconds, or whole nanoseconds.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ from certpgo.linalg.arrays import FloatArray, IntArray
 _UNIT = re.compile(r"[\[(]([^\])]*)[\])]")
 _EUROC = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
 _POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
+_TURNED = {*_POSE[3:]}
 #: Times in two columns.
 _PAIR = {"t s", "t ns"}
 #: Billionths of a second in a unit of time.
@@ -91,7 +93,7 @@ class _Layout:
         text = first.decode("utf-8", "replace").lstrip("# ").lower()
         words = text.split(",") if "," in text else _UNIT.sub("", text).split()
         names = tuple(_named(word) for word in words)
-        if set(_POSE) <= set(names):
+        if set(_POSE if _TURNED & {*names} else "xy") <= {*names}:
             return cls(names, separator, first)
         rows = [line for line in lines if not line.startswith(b"#")]
         numbers = rows[0].split(b",") if rows else []
@@ -114,6 +116,11 @@ class _Layout:
         return {name for name in self.names if name.partition(" ")[0] == "t"}
 
     @property
+    def is_turned(self) -> bool:
+        """Whether there are rotations, not positions alone."""
+        return bool(_TURNED & {*self.names})
+
+    @property
     def unit(self) -> int:
         """Billionths of a second that a time is stated in; 0 if it is not said, or for a pair."""
         (name,) = self.times if len(self.times) == 1 else ("t",)
@@ -130,15 +137,22 @@ class _Layout:
             raise InputError(f"two columns are {called}: which is meant is not known")
 
     def rows(self, text: bytes) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
-        """Rotations, translations, times as `decimals` (k, 2), and ids (k, 2); 0 for none."""
+        """Rotations, translations, times as `decimals` (k, 2), and ids (k, 2); 0 for none.
+
+        Of positions alone the rotations are the identity.
+        """
         rows = (line.strip() for line in text.split(b"\n"))
         words = [self._words(row) for row in rows if row and row != self.header]
         if not {len(row) for row in words} <= {len(self.names)}:
             found = next(len(row) for row in words if len(row) != len(self.names))
             raise InputError(f"{self.expected} expected; {found} found")
-        place = [self.names.index(name) for name in _POSE]
-        poses = floats_of_rows([[row[k] for k in place] for row in words], 7, self.expected)
-        R = quaternion.unit_rotations(poses, [k + 1 for k in place])
+        place = [self.names.index(name) for name in _POSE if name in self.names]
+        used = [[row[k] for k in place] for row in words]
+        poses = floats_of_rows(used, len(place), self.expected)
+        if self.is_turned:
+            R = quaternion.unit_rotations(poses, [k + 1 for k in place])
+        else:
+            R, poses = np.tile(np.eye(3), (len(poses), 1, 1)), np.pad(poses, ((0, 0), (0, 1)))
         return R, poses[:, :3], self._times(words), self._numbers(words, "id")
 
     def _words(self, line: bytes) -> list[bytes]:
@@ -198,6 +212,8 @@ def _read_poses(path: Path) -> LabelledPoses:
         ids = numbers[:, 0]
         lines = lines_of_rows(path)
         refuse_duplicates(path, ids, lines[len(lines) - len(ids) :])
+    if not layout.is_turned:
+        return LabelledPoses.positions(t, ids, times)
     return LabelledPoses(R, t, ids=ids, times_ns=times)
 
 

@@ -1,35 +1,43 @@
-"""Planar trajectories: lines ``id x y yaw``, metres and radians.
+"""Planar trajectories: lines ``id x y yaw`` or ``timestamp x y yaw``, metres and radians.
 
-Ceres Solver's example examples/slam/pose_graph_2d writes them (poses_optimized.txt).
+Ceres Solver's example examples/slam/pose_graph_2d writes them (poses_optimized.txt). As the truth
+of a graph in space such lines are positions alone, ``timestamp x y z``.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
-from certpgo.io.chunks import first_row, lines_of_rows, read_rows, whole
+from certpgo.errors import FormatError, InputError
+from certpgo.io.chunks import first_row, lines_of_rows, read_rows
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Chart, Format, LabelledPoses
 from certpgo.io.nodes import refuse_duplicates
-from certpgo.linalg.arrays import FloatArray
+from certpgo.io.timestamps import decimals, times_and_ids
+from certpgo.linalg.arrays import FloatArray, IntArray
 
 
 def _recognises(path: Path, head: bytes) -> bool:
-    row = first_row(head)
-    return len(row) == 4 and row[0].is_integer()
+    return len(first_row(head)) == 4
 
 
 def _read_poses(path: Path) -> LabelledPoses:
-    numbers, t, R = read_rows(path, 4, "id x y yaw", _convert)
-    ids = numbers.astype(np.intp)
-    refuse_duplicates(path, ids, lines_of_rows(path))
-    return LabelledPoses(R, t, ids=ids)
+    stamps, at = read_rows(path, 4, "id x y yaw", _convert, first=decimals)
+    times: IntArray | None
+    try:
+        times, ids = times_and_ids(stamps)
+        R = quaternion.planar_rotations(at[:, 2])
+    except InputError as error:
+        raise FormatError(path, None, str(error)) from None
+    in_space = LabelledPoses.positions(at, ids, times)
+    if not stamps[:, 1].any():
+        times, ids = None, stamps[:, 0]
+        refuse_duplicates(path, ids, lines_of_rows(path))
+    return LabelledPoses(R, at[:, :2], ids=ids, times_ns=times, in_space=in_space)
 
 
 def _convert(rows: FloatArray) -> tuple[FloatArray, ...]:
-    return whole(rows[:, 0]), rows[:, 1:3], quaternion.planar_rotations(rows[:, 3])
+    return (rows[:, 1:],)
 
 
 FORMAT = Format(
