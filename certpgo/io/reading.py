@@ -61,7 +61,8 @@ def read(
     path : a g2o, PyFG, TORO, iSAM, Open3D (JSON), .mat (viewing graph), .npz or GLOMAP relative
         poses file, a bag of ROS with rtabmap's graph, a 1DSfM folder or its EGs.txt; or several
         files of one format of text, read as one graph: ids mean the same node in all, the first
-        vertex of a node counts, and so does a measurement that several files have
+        vertex of a node counts, and so does a measurement that several files have, as often as one
+        of them has it
     keep : of parallel edges, ``"all"`` (their terms add), or the ``"first"`` or ``"last"``
     rotation_information : what the rotational information refers to: ``"tangent"`` (default of g2o
         and TORO), ``"quaternion"`` (its vector part, half the angle: kappa is a quarter) or

@@ -2,7 +2,8 @@
 
 Ids and names mean the same node in all of them. A vertex that several files have has the values of
 the first. A measurement that is in several files, in the same numbers, is one measurement: robots
-often store both the measurements between them. Parallel measurements of one file are kept.
+often store both the measurements between them. Parallel measurements of one file are kept: one that
+a file has twice counts twice, whichever files have it too.
 """
 
 from __future__ import annotations
@@ -85,14 +86,25 @@ def counted_once(content: Records, path: Path, firsts: Sequence[int]) -> None:
 
 
 def _again(keys: IntArray, rows: Rows, firsts: Sequence[int]) -> BoolArray:
-    """(k,) which rows have the keys (k, c) of one in an earlier file."""
+    """(k,) which rows an earlier file has: the n-th of a file with these keys (k, c) its n-th."""
     if not len(rows):
         return np.zeros(0, dtype=bool)
     file = np.searchsorted(firsts, rows.lines, side="right")
-    _, which = np.unique(keys, axis=0, return_inverse=True)
+    which = np.unique(keys, axis=0, return_inverse=True)[1].ravel()
+    _, which = np.unique(np.stack([which, _ranks(file, which)]), axis=1, return_inverse=True)
     first = np.full(which.max() + 1, len(firsts) + 1)
     np.minimum.at(first, which.ravel(), file)
     return np.asarray(file > first[which.ravel()])
+
+
+def _ranks(*keys: IntArray) -> IntArray:
+    """(k,) how many earlier rows have the same keys."""
+    order = np.lexsort(keys)
+    begins = np.any([np.diff(key[order], prepend=-1) != 0 for key in keys], axis=0)
+    ranks = np.empty(len(order), dtype=np.intp)
+    at = np.arange(len(order))
+    ranks[order] = at - np.maximum.accumulate(np.where(begins, at, 0))
+    return ranks
 
 
 def _numbers(rows: Rows) -> IntArray:

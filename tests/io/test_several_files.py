@@ -99,3 +99,18 @@ def test_files_of_other_kinds_are_refused(files, tmp_path):
 def test_nothing_is_no_graph():
     with pytest.raises(InputError, match="a file is expected"):
         certpgo.read([])
+
+
+def test_the_order_of_files_changes_no_measurement(tmp_path):
+    """One file has a measurement twice, the other the same once: it counts twice."""
+    line = "EDGE_SE2 {} {} {} 0 {} 1 0 0 1 0 1\n".format
+    once, twice = tmp_path / "once.g2o", tmp_path / "twice.g2o"
+    twice.write_text(2 * line(0, 1, 1, 0) + line(1, 2, 1, 0.5))
+    once.write_text(line(0, 1, "1.0", "-0.0") + 2 * line(2, 0, -2, 0) + line(0, 2, 2, 0))
+    found = []
+    for files in ([twice, once], [once, twice], [once, twice, once], [twice, twice, once]):
+        graph = certpgo.read(files, quiet=True).graph
+        assert sorted(graph.edges.tolist()) == [[0, 1], [0, 1], [0, 2], [1, 2], [2, 0], [2, 0]]
+        found.append(certpgo.solve(graph).cost)
+    # SciPy's least squares over three poses.
+    assert found == pytest.approx(4 * [0.31300116412957807], rel=1e-9)
