@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -87,7 +87,9 @@ class _Merged(Result):
     between: Instance
 
     def write(self, outputs: Outputs) -> None:
-        outputs.write(replace(self.merged.instance, initial=self.merged.answer.estimate))
+        from certpgo.io.writing import with_answer
+
+        outputs.write(with_answer(self.merged.kept, self.merged.answer.estimate))
 
     def _worst(self) -> list[tuple[int, list[int], float, float, bool]]:
         """Measurements between maps: number in their file, nodes, term, tail, if it disagrees."""
@@ -137,4 +139,10 @@ class _Merged(Result):
         table("Between the maps", ["nodes", "term of F", "probability", ""], rows)
 
     def notices(self, outputs: Outputs) -> list[str]:
-        return _verdict.warnings(self.merged.fit)
+        from certpgo.graph.phrases import counted
+
+        merged, said = self.merged, list(_verdict.warnings(self.merged.fit))
+        if outputs.estimate is not None and merged.left_out:
+            count = counted(len(merged.disagreeing), "measurement{s}")
+            said.append(f"{outputs.estimate} is without the {count} left out")
+        return said

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -100,7 +100,9 @@ class _Sparsified(Result):
     by: By
 
     def write(self, outputs: Outputs) -> None:
-        outputs.write(replace(self.found.instance, initial=self.found.answer.estimate))
+        from certpgo.io.writing import with_answer
+
+        outputs.write(with_answer(self.found.instance, self.found.answer.estimate))
 
     def show(self, outputs: Outputs) -> None:
         typer.echo(str(self.found))
@@ -116,7 +118,7 @@ class _Sparsified(Result):
             "graph": whole.name,
             "by": self.by,
             "loop_closures": found.loops,
-            "kept": whole.ids[whole.graph.edges[found.chosen]].tolist(),
+            "kept": whole.pairs[found.chosen].tolist(),
             "connectivity": found.connectivity,
             "connectivity_bound": found.bound,
             "connectivity_of_all": found.full,

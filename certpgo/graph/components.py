@@ -9,6 +9,7 @@ import numpy as np
 
 from certpgo.graph.dataset import Instance
 from certpgo.graph.graph import PoseGraph, require_connected
+from certpgo.graph.held import with_held
 from certpgo.linalg.arrays import BoolArray, IntArray, numbered
 
 #: How to treat a disconnected graph: refuse it, solve each component, or the largest only.
@@ -54,6 +55,8 @@ def component(instance: Instance, label: int) -> Instance:
 
 def restricted(instance: Instance, nodes: IntArray, name: str) -> Instance:
     """The instance of a subset of nodes, ascending, and the edges between them."""
+    if instance.released is not None:
+        return with_held(restricted(instance.released, nodes, name))
     graph = instance.graph
     inside = np.asarray(np.isin(graph.edges, nodes).all(axis=1))
     place = {int(node): k for k, node in enumerate(nodes)}

@@ -70,6 +70,7 @@ class Instance(Speaking):
         where it has none, or other weights were chosen
     stated : (m, 2) nodes that the source names in each measurement, where the graph has those that
         hold them, see `certpgo.graph.held`; None for the graph's own
+    released : as the source states it, where nodes are held: what is written; None if not known
     numbers : (m,) what lists and tables call the `measurements`: their numbers among all of the
         source, -1 for a constraint. None for 0 ... m-1, where none of the source is left out
     times_ns : the nodes' times, nanoseconds, of all nodes but the world, `NO_TIME` for a node
@@ -102,6 +103,7 @@ class Instance(Speaking):
     moved_by: int = 0
     times_ns: IntArray | None = None
     stated: IntArray | None = None
+    released: Instance | None = None
     numbers: IntArray | None = None
 
     def __post_init__(self) -> None:
@@ -337,9 +339,13 @@ class Instance(Speaking):
 
     def with_edges(self, chosen: IntArray | BoolArray) -> Instance:
         """The instance with only the chosen measurements, by index or flag, of all nodes."""
-        numbers, m = self.known_numbers, self.graph.num_edges
+        numbers, m, released = self.known_numbers, self.graph.num_edges, self.released
+        if released is not None:
+            left_out = np.setdiff1d(numbers[:m], numbers[:m][chosen])
+            released = released.with_edges(~np.isin(released.known_numbers, left_out))
         return replace(
             self,
+            released=released,
             graph=self.graph.with_edges(chosen),
             outliers=None if self.outliers is None else self.outliers[chosen],
             stated=None if self.stated is None else self.stated[chosen],

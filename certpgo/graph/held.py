@@ -45,7 +45,7 @@ def with_held(instance: Instance, *, hold: bool = True) -> Instance:
     Raises
     ------
     InputError
-        There are distances.
+        There are distances, or all measurements are between fixed nodes.
     """
     if isinstance(instance.graph, SimilarityGraph) and not hold:
         return _without_unit(instance, instance.graph)
@@ -69,6 +69,9 @@ def with_held(instance: Instance, *, hold: bool = True) -> Instance:
     root, others = int(poses[0]), fixed[fixed != poses[0]]
     held = np.append(others, [] if instance.world is None else instance.world).astype(np.intp)
     there = instance.initial.anchored(root)
+    if np.isin(instance.graph.edges, [root, *held.tolist()]).all():
+        nodes = f"nodes {named} are fixed, and all measurements are between them"
+        raise InputError(f"{where}: {nodes}: nothing is to be estimated {release}")
     graph, information, between = _on_one(instance, there, root, held)
     within, stated = int((~between).sum()), instance.graph.edges[between]
     graph, information = _with_exact(instance, graph, information, there, root, others)
@@ -81,6 +84,7 @@ def with_held(instance: Instance, *, hold: bool = True) -> Instance:
         instance,
         graph=graph,
         information=information,
+        released=instance,
         stated=np.concatenate([stated, graph.edges[len(stated) :]]),
         numbers=np.append(instance.known_numbers[between], np.full(added, -1)),
         outliers=None,
@@ -98,6 +102,24 @@ def _without_unit(instance: Instance, graph: SimilarityGraph) -> Instance:
     said = "no scale is held: the unit is the root mean square of all"
     free = replace(graph, free=~graph.is_point)
     return replace(instance, graph=free, fixed=(), notices=(*instance.notices, said))
+
+
+def as_stated(instance: Instance) -> Instance:
+    """The instance as its source states it: what is held are fixed nodes, at the initial values."""
+    source = instance.released
+    if source is None:
+        return instance
+    values = instance.initial
+    if values is not None and source.world is None:
+        values = instance.in_world(values)
+    n = source.graph.num_nodes
+    return replace(
+        source,
+        ids=instance.ids[:n],
+        names=instance.names[:n],
+        times_ns=instance.times_ns,
+        initial=values,
+    )
 
 
 def refuse_held(instance: Instance) -> None:

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from certpgo.errors import InputError, InputNotice, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph, SimilarityGraph
+from certpgo.graph.held import as_stated
 from certpgo.graph.keys import SECOND, Keys
 from certpgo.graph.kinds import Kind
 from certpgo.graph.phrases import counted
@@ -105,6 +106,8 @@ def write(
         raise InputError(f"{path}: {form.name} cannot be written for a graph")
     graph_writer = form.write_graph
     whole = _as_instance(path, what, ids)
+    if form.name != "npz":
+        whole = as_stated(whole)
     graph = whole.graph
     if graph.rotation.is_general:
         raise InputError(f"{path}: no format holds matrix weights or couplings")
@@ -112,15 +115,11 @@ def write(
         raise InputError(f"{path}: only .g2o and .npz files hold similarities")
     if form.name != "npz":
         _refuse_arms(path, whole, form)
-    if form.name != "npz" and _is_partly_unwritable(whole):
-        raise InputError(
-            f"{path}: only .npz files hold edges that measure only a rotation or a translation, "
-            "except for priors and points"
-        )
+        _refuse_partial(path, whole, form)
     if not form.holds_ranges:
         _refuse_ranges(path, whole)
-    if whole.fixed and form.name == "pyfg":
-        lost = "pyfg files hold no fixed nodes: they are not written"
+    if whole.fixed and form.name not in ("npz", "g2o"):
+        lost = f"{form.name} files hold no fixed nodes: they are not written"
         warnings.warn(f"{path}: {lost}", InputNotice, stacklevel=2)
     atomically(path, lambda temporary: graph_writer(temporary, whole))
     keys = whole.keys.subset(np.arange(len(whole.ids[: whole.world])))
@@ -214,14 +213,18 @@ def _says(names: tuple[str, ...], ids: IntArray | None) -> bool:
     return numbers is not None and ids is not None and np.array_equal(numbers, ids)
 
 
-def _is_partly_unwritable(whole: Instance) -> bool:
-    """Whether edges measure a part, and are neither priors nor sightings."""
+def _refuse_partial(path: Path, whole: Instance, form: Format) -> None:
+    """Refuse edges that measure a part, and are neither priors from the world nor sightings."""
     if not isinstance(whole.graph, PoseGraph):
-        return False
-    partial = {Kind.ROTATION, Kind.TRANSLATION}
-    if whole.world is None:
-        partial |= {Kind.POSITION, Kind.ATTITUDE}
-    return not partial.isdisjoint(whole.measurements.counts)
+        return
+    found = whole.measurements.are
+    of_world = whole.world is None and found(Kind.POSITION, Kind.ATTITUDE).any()
+    holding = ".npz" if of_world else ".g2o and .npz"
+    if of_world or (form.name != "g2o" and found(Kind.ROTATION, Kind.TRANSLATION).any()):
+        raise InputError(
+            f"{path}: only {holding} files hold edges that measure only a rotation or a "
+            "translation, except for priors and points"
+        )
 
 
 def _refuse_arms(path: Path, whole: Instance, form: Format) -> None:
@@ -229,8 +232,8 @@ def _refuse_arms(path: Path, whole: Instance, form: Format) -> None:
     graph = whole.graph
     if whole.stated is not None:
         raise InputError(
-            f"{path}: only .npz files hold fixed nodes as constraints: read with --no-fixed "
-            "(fixed=False), the graph is written as it was"
+            f"{path}: this graph is of an .npz file that holds fixed nodes as constraints, which "
+            "only .npz files do"
         )
     if not isinstance(graph, PoseGraph) or graph.arms is None:
         return
@@ -282,7 +285,7 @@ def _anchored(
             return instance.in_world(estimate)
         estimate = estimate.subset(np.arange(instance.world))
         ids, initial = ids[:-1], None if initial is None else instance.in_world(initial)
-    node = _first_pose(ids, instance)
+    node = first_pose(ids, instance)
     if anchor == "none":
         return estimate
     if anchor == "identity":
@@ -296,17 +299,45 @@ def _anchored(
     return estimate.anchored(node, initial)
 
 
+def with_answer(instance: Instance, estimate: Estimate) -> Instance:
+    """The instance with an estimate as its initial values, in the frame of the source.
+
+    Nodes that are held stay where they are, without rounding. Of others that the source fixes only
+    the one by which the frame is chosen stays fixed: all others have moved.
+    """
+    held, before = list(instance.held), instance.initial
+    if not held and instance.world is None:
+        first = frame_node(instance)
+        found = estimate.anchored(first, before)
+        return replace(instance, initial=found, fixed=tuple({first} & {*instance.fixed}))
+    found = instance.with_world(in_file_frame(estimate, instance))
+    if before is None:
+        return replace(instance, initial=found)
+    R, t = found.rotations.copy(), found.translations
+    R[held] = before.rotations[held]
+    if t is not None and before.translations is not None:
+        t = t.copy()
+        t[held] = before.translations[held]
+    return replace(instance, initial=replace(found, rotations=R, translations=t))
+
+
 def in_file_frame(estimate: Estimate, instance: Instance) -> Estimate:
     """An estimate in the frame in which `write` writes it by default."""
     return _anchored(estimate, instance.ids, instance, None)
 
 
-def _first_pose(ids: IntArray, instance: Instance | None) -> int:
+def first_pose(ids: IntArray, instance: Instance | None) -> int:
     """The pose with the smallest id, or of those that are held; a point holds no rotation."""
     nodes = np.arange(len(ids)) if instance is None else instance.poses
     if instance is not None and instance.held:  # what is held stays where it is
         nodes = nodes[np.isin(nodes, instance.held)]
     return int(nodes[np.argmin(ids[nodes])])
+
+
+def frame_node(instance: Instance) -> int:
+    """The pose by which a graph's frame is chosen: the first that is fixed, else the first."""
+    fixed = [k for k in instance.poses.tolist() if k in instance.fixed]
+    return fixed[0] if fixed else first_pose(instance.ids, instance)
 
 
 def _same_pose(a: Estimate, b: Estimate, node: int) -> bool:

@@ -26,6 +26,7 @@ from certpgo.graph.kinds import Kind
 from certpgo.graph.labels import WORLD, Label, Landmark, called, in_order
 from certpgo.graph.origins import in_one_world
 from certpgo.graph.phrases import counted, few
+from certpgo.io.writing import frame_node
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.chi_squared import FALSE_ALARMS
 from certpgo.objective.choose_cost import CHORDAL, certifiable, range_problem
@@ -47,7 +48,8 @@ class Merged(Speaking):
     Attributes
     ----------
     instance : the merged graph: measurements of the maps in order, then those between them, and
-        distances likewise
+        distances likewise. Its one fixed node or initial value, if any, is where the first map with
+        initial values has a pose
     answer : its best estimate, with the certificate
     parts : the certified answer of each map alone
     between : (k,) rows of the measurements between the maps in `Instance.measurements`
@@ -89,11 +91,15 @@ class Merged(Speaking):
     @cached_property
     def fit(self) -> Fit | None:
         """chi^2 of the measurements that the answer is about, where all state their noise."""
-        judged = self.instance
-        if self.left_out:
-            rows = np.arange(judged.graph.num_edges)
-            judged = judged.with_edges(~np.isin(rows, self.disagreeing))
-        return replace(self.answer, instance=judged).fit
+        return replace(self.answer, instance=self.kept).fit
+
+    @cached_property
+    def kept(self) -> Instance:
+        """The measurements that the answer is about."""
+        if not self.left_out:
+            return self.instance
+        rows = np.arange(self.instance.graph.num_edges)
+        return self.instance.with_edges(~np.isin(rows, self.disagreeing))
 
     @property
     def _headline(self) -> str:
@@ -179,7 +185,8 @@ def merge(
     instances = [_as_instance(one) for one in maps]
     for one in (*instances, between):
         refuse_held(one)
-    whole, across = _joined(instances, _labelled(instances, offset), between)
+    names = _labelled(instances, offset)
+    whole, across = _joined(instances, names, between)
     problem = problem_of(whole.graph) if whole.ranges is None else range_problem(whole)
     if robust and problem.is_lifted:
         raise InputError("robust fits are of poses: maps with distances are merged without")
@@ -190,6 +197,7 @@ def merge(
     parts = tuple(by_threads(alone, instances))
     answer = search(problem, chosen)
     if isinstance(problem, RangeProblem):
+        whole = _in_first_frame(whole, instances, names, answer.estimate)
         tails = _tails(problem, answer.estimate)
         disagreeing = across[tails[across] < FALSE_ALARMS / len(tails)]
         return _merged(whole, answer, parts, across, problem, disagreeing)
@@ -201,6 +209,7 @@ def merge(
         disagreeing = across[selection.rejected[across]]
         if left_out := robust and len(disagreeing) > 0:
             answer = search(problem.reweighted(selection.weights), chosen)
+    whole = _in_first_frame(whole, instances, names, answer.estimate)
     return _merged(whole, answer, parts, across, problem, disagreeing, left_out=left_out)
 
 
@@ -218,6 +227,27 @@ def _merged(
     terms = problem.edge_costs(answer.estimate)[across]
     tails = _tails(problem, answer.estimate)[across]
     return Merged(whole, answer, parts, across, terms, tails, disagreeing, left_out)
+
+
+def _in_first_frame(
+    whole: Instance, maps: Sequence[Instance], names: Sequence[Sequence[Label]], estimate: Estimate
+) -> Instance:
+    """The merged graph with an estimate as its initial values, in the frame of the first map.
+
+    That is the first one with initial values, or the world where there are priors. What other maps
+    fix chose their frames, and is free.
+    """
+    if whole.world is not None:
+        return replace(whole, initial=estimate.anchored(whole.world))
+    for one, labels in zip(maps, names, strict=True):
+        if (values := one.initial) is None:
+            continue
+        first = frame_node(one)
+        node = whole.labels.index(labels[first])
+        t = None if values.translations is None else values.translations[first]
+        placed = estimate.anchored(node).moved(values.rotations[first], t)
+        return replace(whole, initial=placed, fixed=(node,) if first in one.fixed else ())
+    return replace(whole, initial=estimate.anchored(frame_node(whole)))
 
 
 def _tails(problem: Problem | RangeProblem, estimate: Estimate) -> FloatArray:

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import certpgo
 from certpgo.errors import InputError
+from certpgo.graph.components import restricted
 from certpgo.graph.held import displaced
 from certpgo.graph.streaming import streamed
 from certpgo.linalg import rotations as so
@@ -208,10 +209,10 @@ def test_what_cannot_be_held_is_said(tmp_path):
     instance = certpgo.read(path, quiet=True)
     with pytest.raises(InputError, match="gtsam knows no sensors apart"):
         certpgo.solve(instance, cost="gtsam")
-    with pytest.raises(InputError, match=r"only \.npz files hold fixed nodes as constraints"):
-        certpgo.write(tmp_path / "out.g2o", instance)
     certpgo.write(tmp_path / "out.npz", instance)
     again = certpgo.read(tmp_path / "out.npz", quiet=True)
+    with pytest.raises(InputError, match=r"holds fixed nodes as constraints, which only \.npz"):
+        certpgo.write(tmp_path / "out.g2o", again)
     assert again.notices == instance.notices
     assert (again.graph.arms == instance.graph.arms).all()
     assert (again.pairs == instance.pairs).all()
@@ -279,3 +280,86 @@ def test_constraints_are_no_measurements(tmp_path):
     assert held.num_measurements == held.graph.num_edges - 2
     assert free.num_measurements == free.graph.num_edges
     assert held.measurements.in_words[-1] == "2 constraints of fixed nodes"
+
+
+def measured_in_part(path, d, rng):
+    """A file with all that g2o holds: fixed nodes, priors, and information on parts of poses."""
+    size, p = (7, 6) if d == 3 else (3, 3)
+    vertex, edge, prior, position = {
+        2: ("VERTEX_SE2", "EDGE_SE2", "EDGE_PRIOR_SE2", "EDGE_PRIOR_SE2_XY"),
+        3: ("VERTEX_SE3:QUAT", "EDGE_SE3:QUAT", "EDGE_SE3_PRIOR", "EDGE_SE3_XYZPRIOR"),
+    }[d]
+    sensor = " 4" if d == 3 else ""
+
+    def pose(x):
+        turn = Rotation.from_rotvec(rng.normal(0, 0.1, 3) * ([1, 1, 1] if d == 3 else [0, 0, 1]))
+        return _text(d, np.array([x, *rng.normal(0, 0.1, 2)]), turn)
+
+    def information(rows):
+        A = 3.0 * rng.normal(size=(p, p)) + 10.0 * np.eye(p)
+        M = (A @ A.T) * np.isin(np.arange(p), rows) * np.isin(np.arange(p), rows)[:, None]
+        return " ".join(repr(float(x)) for x in M[np.triu_indices(p)])
+
+    every, moved, turned, some = range(p), range(d), range(d, p), [0, *range(d, p)]
+    lines = [f"PARAMS_SE3OFFSET 4 {_text(3, *SENSOR)}"] if d == 3 else []
+    lines += [
+        f"{vertex} {k} {_text(d, np.array([k, 0, 0]), Rotation.identity())}" for k in range(5)
+    ]
+    lines += ["FIX 3 0"]
+    ends = [(0, 1, every), (1, 2, some), (2, 3, every), (3, 4, every), (0, 2, moved)]
+    for i, j, rows in [*ends, (1, 3, turned), (0, 3, every), (4, 0, every)]:
+        lines += [f"{edge} {i} {j} {pose(j - i)} {information(rows)}"]
+    for k, rows in ((1, every), (2, moved), (4, turned)):
+        lines += [f"{prior} {k}{sensor} {pose(k)} {information(rows)}"]
+    whole = "4 0 4" if d == 2 else "4 0 0 4 0 4"
+    lines += [f"{position} 2{sensor} {' '.join('0' * d)} {whole}"]
+    path.write_text("\n".join(lines) + "\n")
+    assert len(pose(0.0).split()) == size
+    return path
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_what_a_g2o_file_holds_is_written_to_g2o_again(tmp_path, d):
+    instance = certpgo.read(
+        measured_in_part(tmp_path / "g.g2o", d, np.random.default_rng(d)), quiet=True
+    )
+    certpgo.write(tmp_path / "again.g2o", instance)
+    again = certpgo.read(tmp_path / "again.g2o", quiet=True)
+    assert again.held == instance.held
+    assert (again.pairs == instance.pairs).all()
+    assert (again.known_numbers == instance.known_numbers).all()
+    assert again.measurements.counts == instance.measurements.counts
+    for name in ("rotations", "translations"):
+        np.testing.assert_array_equal(getattr(again.initial, name), getattr(instance.initial, name))
+    for cost in ("chordal", "g2o"):
+        there, here = (problem_under(one, cost) for one in (again, instance))
+        for k in range(3):
+            point = certpgo.Estimate(
+                so.random(np.random.default_rng(k), 6, d),
+                np.random.default_rng(k).normal(size=(6, d)),
+            )
+            assert there.cost(point) == pytest.approx(here.cost(point), rel=1e-12)
+    free = certpgo.read(tmp_path / "again.g2o", quiet=True, fixed=False)
+    assert free.graph.num_edges == 12  # also those between held nodes
+
+
+def test_nothing_is_estimated_where_all_measurements_are_between_held_nodes(tmp_path):
+    path = tmp_path / "held.g2o"
+    poses = "VERTEX_SE2 0 0 0 0\nVERTEX_SE2 1 1 0 0\nFIX 0\nFIX 1\n"
+    path.write_text(poses + "EDGE_SE2 0 1 1 0 0.1 1 0 0 1 0 1\n")
+    with pytest.raises(InputError, match=r"0, 1 are fixed, and all measurements are between them"):
+        certpgo.read(path)
+    free = certpgo.read(path, quiet=True, fixed=False)
+    assert certpgo.solve(free).cost == pytest.approx(0.0, abs=1e-20)
+
+
+def test_a_part_of_a_graph_has_the_measurements_of_held_nodes_that_it_has(tmp_path):
+    """An estimate that lacks the first held node: its measurements go, those of the others stay."""
+    path = written(tmp_path / "g.g2o", 2, np.random.default_rng(1), fixed=(0, 5, 6))
+    held, free = (certpgo.read(path, quiet=True, fixed=fixed) for fixed in (True, False))
+    some = np.arange(1, 8)
+    part = restricted(held, some, "part")
+    named = {tuple(pair) for pair in part.pairs[part.known_numbers >= 0].tolist()}
+    inside = [tuple(pair) for pair in free.pairs.tolist() if 0 not in pair]
+    assert named == {*inside} - {(5, 6)}
+    assert part.held == (4, 5)

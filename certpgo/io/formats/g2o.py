@@ -37,7 +37,6 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo.errors import InputError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, SimilarityGraph
 from certpgo.graph.information import Information
 from certpgo.graph.keys import Keys
@@ -168,10 +167,8 @@ def _prior(
     d = graph.d
     sensor = f" {mount}" if d == 3 else ""
     # Where a position's sensor is does not count, that of a pose of unknown rotation does.
-    if (graph.rotation.kappa[k] > 0.0 and graph.tau[k] > 0.0) or mount:
+    if graph.rotation.kappa[k] > 0.0 or mount:
         return f"{_PRIORS[d][0]} {node}{sensor} {pose} {weight}\n"
-    if graph.rotation.kappa[k] > 0.0:
-        raise InputError("g2o has no measurements of an attitude alone")
     return f"{_POSITIONS[d][0]} {node}{sensor} {_position(pose, d)} {of_position}\n"
 
 
@@ -214,7 +211,9 @@ def _write_graph(path: Path, instance: Instance) -> None:
     )
     if t is not None and instance.origin is not None:
         t = t + np.where(graph.edges[:, :1] == instance.world, instance.origin, 0.0)
-    numbers = pose_texts(rotation.rotations, t)
+    # What information on a translation alone is about is in the frame of the first node.
+    alone = ~graph.measures_rotation[:, None, None]
+    numbers = pose_texts(np.where(alone, np.eye(graph.d), rotation.rotations), t)
     pairs = ids[graph.edges].tolist()
     weights, of_positions = _weights(instance)
     lines = [
