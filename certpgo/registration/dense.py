@@ -7,6 +7,7 @@ of nearest points for discs on the same surface.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,9 @@ NEIGHBOURS, FEWEST = 10, 30
 #: Steps below which the search ends: radians, and metres per metre of reach.
 TURN, SHIFT = 1e-4, 1e-3
 ITERATIONS = 30
+#: Of the reach: how near partners are, across the surface, where surfaces meet; and what no scanner
+#: tells, for points that are exact.
+MET, EXACT = 0.25, 1e-3
 #: Voxels from the origin that small_gicp can number.
 FARTHEST = 2**20 - 1
 
@@ -45,6 +49,17 @@ class PreparedCloud:
         numbers, squares = self.tree.batch_nearest_neighbor_search(queries)
         return np.asarray(numbers, dtype=np.intp), np.sqrt(squares)
 
+    @cached_property
+    def roughness(self) -> float:
+        """Distance of the nearest neighbour across the surface, rms, metres.
+
+        Two scans of the surface with this noise and spacing are as far apart, or nearer by chance.
+        """
+        nearest, _ = self.tree.batch_knn_search(self.points, 2)
+        second = np.asarray(nearest, dtype=np.intp)[:, 1]
+        off = np.sum(self.normals * (self.points - self.points[second]), axis=1)
+        return float(np.sqrt(np.mean(off**2)))
+
 
 @dataclass(frozen=True, eq=False)
 class DenseRegistration:
@@ -58,6 +73,8 @@ class DenseRegistration:
     inliers : pairs of points within reach
     rmse : root mean square distance of the pairs across the target's surface, metres
     overlap : share of the source's points that have a partner, 0 to 1
+    meeting : share of these that are within a quarter of the reach across the surface, 0 to 1: of
+        surfaces that only cross, .37 by chance
     """
 
     R: FloatArray
@@ -66,6 +83,7 @@ class DenseRegistration:
     inliers: int
     rmse: float
     overlap: float
+    meeting: float
 
 
 def prepare(points: FloatArray, *, voxel: float = 0.03) -> PreparedCloud:
@@ -120,8 +138,9 @@ def align(
     initial : R (3, 3) and t (3,) to begin with
     reach : distance up to which points are partners, metres
     sigma : standard deviation of the distance of partners across the surface, metres; by default
-        the measured one. Larger if errors of neighbouring points are alike, as those of a depth
-        camera are
+        the measured one, or that of neighbours in the target, of which a scan that is given twice
+        has no less. Larger if errors of neighbouring points are alike, as those of a depth camera
+        are
     settled : steps below which the search ends, radians and metres; by default tiny ones
     iterations : stop anyway
 
@@ -160,12 +179,13 @@ def align(
         return None
     partners = nearest[met]
     across = target.normals[partners]
-    rmse = float(np.sqrt(np.mean(np.sum(across * (moved[met] - target.points[partners]), 1) ** 2)))
-    information = _information(
-        source.points[met], across @ R, source.normals[met], reach, rmse if sigma is None else sigma
-    )
-    inliers = len(partners)
-    return DenseRegistration(R, t, information, inliers, rmse, inliers / len(met))
+    off = np.abs(np.sum(across * (moved[met] - target.points[partners]), axis=1))
+    rmse = float(np.sqrt(np.mean(off**2)))
+    if sigma is None:
+        sigma = max(rmse, target.roughness, EXACT * reach)
+    information = _information(source.points[met], across @ R, source.normals[met], reach, sigma)
+    inliers, meeting = len(partners), float(np.mean(off < MET * reach))
+    return DenseRegistration(R, t, information, inliers, rmse, inliers / len(met), meeting)
 
 
 def _information(
@@ -183,7 +203,6 @@ def _information(
     rows, others = (np.hstack([np.cross(points, n), n]) / scale for n in (theirs, own))
     moment = rows.T @ others
     values, axes = np.linalg.eigh(0.5 * (moment + moment.T))
-    # Distances that are all zero leave sigma at the rounding of the coordinates.
-    known = np.maximum(values, 0.0) / max(sigma, 1e-9 * size) ** 2 + reach**-2
+    known = np.maximum(values, 0.0) / sigma**2 + reach**-2
     information = (axes * known) @ axes.T * np.outer(scale, scale)
     return np.asarray(0.5 * (information + information.T))

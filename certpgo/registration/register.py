@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain, combinations
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -11,7 +12,9 @@ import numpy as np
 
 from certpgo.errors import InputError, SpecError
 from certpgo.graph import Estimate, Instance
-from certpgo.linalg.arrays import FloatArray
+from certpgo.graph.edges import components_of
+from certpgo.graph.trees import compose, spanning_tree
+from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.registration.dense import PreparedCloud, prepare
 from certpgo.registration.global_icp import GlobalRegistration, global_icp
 from certpgo.registration.pairwise import Pair, aligned_pairs, pose_graph
@@ -112,43 +115,103 @@ def register(
     if method not in get_args(Method):
         raise SpecError.unknown("method", method, get_args(Method))
     read = [scan if isinstance(scan, Scan) else read_scan(scan) for scan in scans]
-    if len(read) < 2:
+    if (n := len(read)) < 2:
         raise InputError("registration needs two or more scans")
     if initial is None:
-        n = len(read)
         initial = Estimate(np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3)))
-    tell = told or (lambda _: None)
-    voxel = default_voxel(read) if voxel is None else voxel
-    fine = [prepare(scan.points, voxel=voxel) for scan in read]
-    alone = method == "global_icp"
-    finest = voxel if alone else COARSE * voxel
-    clouds = fine if alone else [prepare(scan.points, voxel=finest) for scan in read]
-    _refuse_few(read, clouds)
-    coarse = global_icp(
-        clouds,
-        initial,
-        reach=FAR * voxel if reach is None else reach,
-        finest=finest,
-        monitor=lambda r: tell(
-            f"round {r.number}: {r.groups} groups, {r.rmse:.2g} m apart, reach {r.reach:.2g} m"
-        ),
-    )
-    if alone:
+    if initial.num_nodes != n or initial.translations is None or initial.d != 3:
+        raise InputError(f"{n} poses in space expected, one for each scan")
+    # Rounding decides where far scans go: in one order, whatever the order of the files.
+    order = np.array(sorted(range(n), key=lambda k: read[k].points.tobytes()))
+    ordered, back = [read[k] for k in order], np.argsort(order)
+    voxel = default_voxel(ordered) if voxel is None else voxel
+    search = _Search(ordered, voxel, reach, method, told or (lambda _: None))
+    coarse, *measured = search.run(initial.subset(order))
+    coarse = replace(coarse, estimate=coarse.estimate.subset(back).anchored(0, initial))
+    if method == "global_icp":
         return Registration(coarse.estimate, voxel, coarse)
-    pairs, sliding = aligned_pairs(
-        fine,
-        coarse.estimate,
-        reach=NEAR * voxel,
-        told=lambda done, total: tell(f"pair {done + 1} of {total}"),
-    )
+    pairs, sliding = (tuple(pair.renumbered(order.tolist()) for pair in some) for some in measured)
     instance = pose_graph(pairs, [scan.name for scan in read], coarse.estimate)
-    tell("solving")
+    search.told("solving")
     solution = solve(instance)
     estimate = solution.estimate.anchored(0, initial)
+    fine = [search.fine[k] for k in back]
     disagreement = np.array([pair.disagreement(fine, estimate) for pair in pairs])
-    return Registration(
-        estimate, voxel, coarse, tuple(pairs), tuple(sliding), disagreement, instance, solution
-    )
+    return Registration(estimate, voxel, coarse, pairs, sliding, disagreement, instance, solution)
+
+
+class _Search:
+    """Where scans are, and the pairs that tell it."""
+
+    def __init__(
+        self,
+        scans: Sequence[Scan],
+        voxel: float,
+        reach: float | None,
+        method: Method,
+        told: Callable[[str], object],
+    ) -> None:
+        self.names, self.told = [scan.name for scan in scans], told
+        self.fine = [prepare(scan.points, voxel=voxel) for scan in scans]
+        self.reach, self.near = FAR * voxel if reach is None else reach, NEAR * voxel
+        self.finest, self.clouds = voxel, self.fine
+        self.is_alone = method == "global_icp"
+        if not self.is_alone:
+            self.finest = COARSE * voxel
+            self.clouds = [prepare(scan.points, voxel=self.finest) for scan in scans]
+        _refuse_few(scans, self.clouds)
+
+    def run(self, initial: Estimate) -> tuple[GlobalRegistration, list[Pair], list[Pair]]:
+        """Global ICP, the pairs that are near it, and those that slid away."""
+        everything = range(len(self.clouds))
+        coarse = self._moved(everything, initial, self.reach)
+        if self.is_alone:
+            return coarse, [], []
+        pairs, sliding = self._measured(everything, coarse.estimate)
+        if _parts(len(self.clouds), pairs).any():
+            # A scan without a place pulls others out of theirs: two at a time have none of it.
+            known = [*pairs, *sliding]
+            known += self._two_by_two(initial, _parts(len(self.clouds), known))
+            graph = pose_graph(known, self.names, coarse.estimate).graph
+            placed = compose(graph, spanning_tree(graph, root="center"))
+            coarse = self._moved(everything, placed, self.finest)
+            pairs, sliding = self._measured(everything, coarse.estimate)
+        return coarse, pairs, sliding
+
+    def _two_by_two(self, initial: Estimate, parts: IntArray) -> Iterator[Pair]:
+        """Pairs of scans of different parts, each brought together without the others."""
+        candidates = [(a, b) for a, b in combinations(range(len(parts)), 2) if parts[a] != parts[b]]
+        for number, both in enumerate(candidates, 1):
+            self.told(f"by itself: pair {number} of {len(candidates)}")
+            coarse = self._moved(both, initial.subset(np.array(both)), self.reach)
+            for pair in chain(*self._measured(both, coarse.estimate)):
+                yield pair.renumbered(both)
+
+    def _moved(self, scans: Sequence[int], initial: Estimate, reach: float) -> GlobalRegistration:
+        """Global ICP of some scans."""
+        return global_icp(
+            [self.clouds[k] for k in scans],
+            initial,
+            reach=reach,
+            finest=self.finest,
+            monitor=lambda r: self.told(
+                f"round {r.number}: {r.groups} groups, {r.rmse:.2g} m apart, reach {r.reach:.2g} m"
+            ),
+        )
+
+    def _measured(self, scans: Sequence[int], estimate: Estimate) -> tuple[list[Pair], list[Pair]]:
+        """Pairs of some scans, near an estimate and slid away from it."""
+        return aligned_pairs(
+            [self.fine[k] for k in scans],
+            estimate,
+            reach=self.near,
+            told=lambda done, total: self.told(f"pair {done + 1} of {total}"),
+        )
+
+
+def _parts(n: int, pairs: Sequence[Pair]) -> IntArray:
+    """(n,) which part each scan is in, of those that pairs join."""
+    return components_of(n, np.array([(pair.i, pair.j) for pair in pairs]).reshape(-1, 2))
 
 
 def default_voxel(scans: Sequence[Scan]) -> float:

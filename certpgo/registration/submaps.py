@@ -11,6 +11,7 @@ import numpy as np
 from certpgo.errors import FormatError, GraphError, InputError
 from certpgo.graph import Estimate, Instance
 from certpgo.graph.edges import components_of
+from certpgo.graph.phrases import counted
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.registration.moments import Matches, matched_graph
 from certpgo.registration.ransac import RansacSettings, refine, register
@@ -102,16 +103,16 @@ def register_submaps(scans: Sequence[Scan], matches: Sequence[ScanMatches]) -> S
     """
     if len(scans) < 2:
         raise InputError("registration needs two or more scans")
-    pairs, total, left_out = list[Matches](), list[int](), list[tuple[int, int]]()
+    pairs, total, left_out = list[Matches](), list[int](), dict[tuple[int, int], int]()
     for pair in matches:
         p, q = scans[pair.i].points[pair.rows[:, 0]], scans[pair.j].points[pair.rows[:, 1]]
         agreeing = _agreeing(pair.i, pair.j, p, q)
         if agreeing is None:
-            left_out.append((pair.i, pair.j))
+            left_out[pair.i, pair.j] = len(p)
             continue
         pairs.append(agreeing)
         total.append(len(p))
-    _refuse_apart([scan.name for scan in scans], pairs)
+    _refuse_apart([scan.name for scan in scans], pairs, left_out)
     n = len(scans)
     graph = matched_graph(n, pairs)
     found = reweigh(graph)
@@ -174,13 +175,34 @@ def _residual(pair: Matches, estimate: Estimate) -> float:
     return float(np.sqrt(np.mean(off**2) / variance))
 
 
-def _refuse_apart(names: Sequence[str], pairs: Sequence[Matches]) -> None:
-    """Refuse scans that no chain of pairs joins to the first one."""
+def _refuse_apart(
+    names: Sequence[str], pairs: Sequence[Matches], left_out: dict[tuple[int, int], int]
+) -> None:
+    """Refuse scans that no chain of pairs joins to the first one.
+
+    Parameters
+    ----------
+    left_out : how many matches the pairs have of which too few agree
+    """
     ends = np.array([(pair.i, pair.j) for pair in pairs], dtype=np.intp).reshape(-1, 2)
     part = components_of(len(names), ends)
-    apart = next((name for k, name in enumerate(names) if part[k] != part[0]), None)
-    if apart is not None:
-        raise GraphError(f"{apart}: no matches that agree join it to {names[0]}")
+    apart = next((k for k in range(len(names)) if part[k] != part[0]), None)
+    if apart is None:
+        return
+    out_of_it = {
+        count: (i, j)
+        for (i, j), count in left_out.items()
+        if (part[i] == part[apart]) != (part[j] == part[apart])
+    }
+    least, most = SETTINGS.inliers, max(out_of_it, default=0)
+    why = f"no {least} matches that agree join it to {names[0]}"
+    if not out_of_it:
+        why = f"no matches join it to {names[0]}"
+    elif most < least:
+        i, j = (names[k] for k in out_of_it[most])
+        few = counted(most, "matched point{s}")
+        why = f"{few} of {i} and {j} are too few, {least} that agree are needed"
+    raise GraphError(f"{names[apart]}: {why}")
 
 
 def read_matches(path: str | Path, scans: Sequence[Scan]) -> list[ScanMatches]:

@@ -244,7 +244,7 @@ def test_keypoints_and_clouds_that_disagree_say_how_noisy_both_are():
     stated = Motion(np.eye(3), np.zeros(3), 1e6 * np.eye(6), np.ones(30, bool), 1.0)
     for shift, excess in ((0.0, 1.0), (0.001, 1.0), (0.1, 0.1**2 / 2e-6 / 6.0)):
         t = np.array([shift, 0.0, 0.0])
-        found = DenseRegistration(np.eye(3), t, 3e6 * np.eye(6), 99, 0.01, 0.9)
+        found = DenseRegistration(np.eye(3), t, 3e6 * np.eye(6), 99, 0.01, 0.9, 0.9)
         both = np.sqrt(2.0 / 3.0) * 1e-3  # so that 1/1e6 + 1/3e6 + 2 floors are 2e-6
         floors = 0.5 * both**2 * np.eye(6)
         R, mean, covariance, factor = together(stated, found, floors)

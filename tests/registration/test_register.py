@@ -15,6 +15,7 @@ from certpgo.errors import GraphError, InputError, SpecError
 from certpgo.graph import Estimate
 from certpgo.io.surfaces import Surface, read_surface, write_surface
 from certpgo.linalg import rotations as so
+from certpgo.registration.dense import align, prepare
 from certpgo.registration.scans import Scan, read_initial, read_scan
 
 pytest.importorskip("small_gicp")
@@ -105,11 +106,60 @@ def test_the_order_of_scans_does_not_matter():
     assert point_rms(scans, there.subset(np.argsort(order)), here) < 5e-4
 
 
+def hills(x, seed=21):
+    """A piece of 4 x 4 m, at x, of one surface without symmetries, in a frame of its own."""
+    rng = np.random.default_rng(seed)
+    centres, heights = rng.uniform([-6.0, -3.0], [46.0, 3.0], (400, 2)), rng.uniform(-0.5, 0.5, 400)
+    widths = rng.uniform(0.2, 0.8, 400)
+    points = np.random.default_rng(round(10 * x)).uniform(-2.0, 2.0, (4000, 2))
+    squares = ((points[:, None] + [x, 0.0] - centres) ** 2).sum(axis=2)
+    return np.c_[points, np.exp(-0.5 * squares / widths**2) @ heights]
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0), (1, 0, 2)])
+def test_a_scan_of_another_place_is_named_in_any_order(order):
+    scans = [Scan(name, hills(x)) for name, x in (("0", 0.0), ("1", 1.0), ("2", 35.0))]
+    with pytest.raises(GraphError, match=r"^2: overlaps with no other scan"):
+        certpgo.register([scans[k] for k in order])
+
+
+def test_pairs_bring_together_what_all_scans_at_once_do_not():
+    places = np.array([0.0, 0.9, 1.7])
+    scans = [Scan(f"{x}", hills(x, seed=20)) for x in places]
+    found = [certpgo.register(scans), certpgo.register(scans[::-1])]
+    for one, at in zip(found, (places, places[::-1]), strict=True):
+        assert one.solution.verdict == "CERTIFIED"
+        along = one.estimate.translations - [[1.0, 0.0, 0.0]] * (at - at[0])[:, None]
+        assert np.abs(along).max() < 0.005
+
+
+def test_a_scan_given_twice_tells_no_more_than_another_of_the_same_surface():
+    rng = np.random.default_rng(0)
+    first, second = (hills(x) + 0.01 * rng.standard_normal((4000, 3)) for x in (0.0, 0.1))
+    scans = [Scan("a", first), Scan("a", first), Scan("b", second)]
+    found = certpgo.register(scans)
+    [copied] = [pair for pair in found.pairs if {pair.i, pair.j} == {0, 1}]
+    others = [pair for pair in found.pairs if pair is not copied]
+    most = max(np.linalg.eigvalsh(pair.found.information)[-1] for pair in others)
+    assert copied.found.rmse < 1e-9
+    assert np.linalg.eigvalsh(copied.found.information)[-1] < 3.0 * most
+
+
+def test_exact_planes_tell_no_more_than_a_thousandth_of_the_reach():
+    x, y = np.random.default_rng(0).uniform(-1.0, 1.0, (2, 3000))
+    floor = prepare(np.stack([x, y, np.zeros_like(x)], axis=1), voxel=0.1)
+    found = align(floor, floor, (np.eye(3), np.zeros(3)), reach=0.2)
+    assert found.information[5, 5] <= 1.001 * (found.inliers / 0.0002**2 + 0.2**-2)
+
+
 def test_scans_apart_are_named():
     scans, truth = scene()
     far = truth.translations.copy()
     far[2] += 50.0
     with pytest.raises(GraphError, match="2: overlaps with no other scan"):
+        certpgo.register(scans, Estimate(truth.rotations, far), voxel=0.05)
+    far[4] -= 50.0
+    with pytest.raises(GraphError, match="2, 4: overlap with no other scans"):
         certpgo.register(scans, Estimate(truth.rotations, far), voxel=0.05)
 
 

@@ -93,8 +93,25 @@ def test_few_matches_cost_what_all_cost(count):
 
 def test_a_scan_without_matches_is_named():
     scans, matches, _ = submaps()
-    with pytest.raises(GraphError, match=r"3\.ply: no matches that agree join it to 0\.ply"):
+    with pytest.raises(GraphError, match=r"3\.ply: no matches join it to 0\.ply"):
         register_submaps(scans, matches[:2])
+
+
+@pytest.mark.parametrize("count", [1, 5])
+def test_too_few_matches_are_counted(count):
+    scans, matches, _ = submaps(factors=FACTORS[:2])
+    few = ScanMatches(0, 1, matches[0].rows[:count])
+    said = r"1\.ply: {} matched points? of 0\.ply and 1\.ply are too few, 6 that agree are needed"
+    with pytest.raises(GraphError, match=said.format(count)):
+        register_submaps(scans, [few])
+    six = ScanMatches(0, 1, matches[0].rows[:6])
+    assert register_submaps(scans, [six]).solution.verdict == "CERTIFIED"
+
+
+def test_matches_that_do_not_agree_are_said_not_to():
+    scans, matches, _ = submaps(factors=FACTORS[:2], wrong=1.0)
+    with pytest.raises(GraphError, match=r"1\.ply: no 6 matches that agree join it to 0\.ply"):
+        register_submaps(scans, matches)
 
 
 @pytest.mark.parametrize(
