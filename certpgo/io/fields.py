@@ -13,8 +13,8 @@ import numpy as np
 from certpgo.errors import InputError
 from certpgo.io.chunks import decimal_comma, shown
 from certpgo.io.dialect import Tag
+from certpgo.linalg import compiled
 from certpgo.linalg.arrays import FloatArray, IntArray
-from certpgo.linalg.compiled import AVAILABLE, kernel
 
 #: Numbered lines.
 Numbered = list[tuple[int, bytes]]
@@ -55,11 +55,11 @@ def plain_fields(
     tags : of lines with ids and finite numbers; only they may be plain
     first : number of the first line
     """
-    if not AVAILABLE:
+    if not compiled.AVAILABLE:
         lines = enumerate(text.split(b"\n"), first)
         return {}, [(number, line) for number, line in lines if line.strip()]
     shapes = tuple((name, tag.ids, tag.numbers) for name, tag in tags.items())
-    parts, rest = kernel.tagged_lines(text, shapes, first)
+    parts, rest = compiled.kernel.tagged_lines(text, shapes, first)
     found = {
         name: Fields(
             np.frombuffer(places, np.int64),

@@ -16,9 +16,8 @@ from typing import Protocol
 import numpy as np
 
 from certpgo.errors import MissingDependency, SpecError
-from certpgo.linalg import multifrontal, superlu
+from certpgo.linalg import compiled, multifrontal, superlu
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
-from certpgo.linalg.compiled import COMPILED
 from certpgo.linalg.multifrontal import Precision
 from certpgo.linalg.rounding_bound import (
     OTHERS,
@@ -111,7 +110,7 @@ class Analysis(Protocol):
 
 def engines() -> tuple[str, ...]:
     """Names of the engines that are here, the preferred one first."""
-    return ("multifrontal", "superlu") if multifrontal.AVAILABLE else ("superlu",)
+    return ("multifrontal", "superlu") if compiled.AVAILABLE else ("superlu",)
 
 
 def default_engine() -> str:
@@ -146,7 +145,7 @@ def analyze(
     if name != "multifrontal":
         raise SpecError.unknown("engine", name, ("multifrontal", "superlu"))
     if name not in engines():
-        raise MissingDependency("the compiled engine", remedy=COMPILED)
+        raise MissingDependency("the compiled engine", remedy=compiled.COMPILED)
     return _FrontsAnalysis(indptr, indices, order)
 
 
@@ -164,7 +163,7 @@ def fill_reducing_order(indptr: IntArray, indices: IntArray) -> IntArray:
     n = len(indptr) - 1
     if n >= NESTED_FROM and importlib.util.find_spec("pymetis"):
         return _nested_dissection(indptr, indices)
-    if multifrontal.AVAILABLE:
+    if compiled.AVAILABLE:
         return multifrontal.minimum_degree(indptr, indices)
     return superlu.minimum_degree(indptr, indices)
 

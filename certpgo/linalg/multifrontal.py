@@ -21,10 +21,6 @@ import numpy as np
 
 from certpgo.linalg import compiled
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
-from certpgo.linalg.compiled import AVAILABLE
-
-__all__ = ["AVAILABLE", "Fronts", "Panels", "Tree", "minimum_degree"]
-
 
 #: Compensates the rounding of sums of nonnegative numbers.
 ROUNDED_UP = 1.001

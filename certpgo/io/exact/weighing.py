@@ -26,8 +26,8 @@ from certpgo.io.exact.doubledouble import (
     two_sum,
 )
 from certpgo.io.exact.information import InformationLayout, indefinite, weights
+from certpgo.linalg import compiled
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
-from certpgo.linalg.compiled import AVAILABLE, kernel
 
 #: Decimals of at most 15 digits round to distinct doubles.
 _MAX_INTEGER = 1e15
@@ -88,7 +88,7 @@ def _read(texts: list[bytes], layout: InformationLayout) -> tuple[FloatArray, In
     """The numbers (k, size) in the texts, and how long they are written."""
     size = layout.size
     values, lengths = np.empty((len(texts), size)), np.empty((len(texts), size), dtype=np.intp)
-    if AVAILABLE and kernel.numbers(texts, values, lengths):
+    if compiled.AVAILABLE and compiled.kernel.numbers(texts, values, lengths):
         return values, lengths
     tokens = b" ; ".join([*texts, b""]).split()
     try:

@@ -17,7 +17,6 @@ from certpgo.io.datasets import synthetic
 from certpgo.linalg import compiled, factor, multifrontal
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal
-from certpgo.linalg.compiled import COMPILED
 from certpgo.linalg.multifrontal import Fronts, Tree
 from certpgo.objective.problem import PoseProblem
 from certpgo.solve.solving import solve
@@ -98,7 +97,7 @@ def limit_of(phase: str) -> str:
 @contextmanager
 def _helix(turns: int) -> Iterator[Timers]:
     if not compiled.AVAILABLE:
-        raise MissingDependency("the compiled engine", remedy=COMPILED)
+        raise MissingDependency("the compiled engine", remedy=compiled.COMPILED)
     graph: Any = synthetic.helix(turns, np.random.default_rng(0)).graph
     estimate = finished(solve(graph)).estimate
     problem = PoseProblem(graph)
