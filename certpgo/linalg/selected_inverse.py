@@ -64,6 +64,11 @@ def _supernodes(L: CSC) -> tuple[IntArray, list[IntArray], IntArray]:
     longer = lengths > 1
     following[longer] = L.indices[L.indptr[:-1][longer] + 1]
     joined = (following[:-1] == np.arange(1, N)) & (lengths[:-1] == lengths[1:] + 1)
+    # The rows below the diagonal are those of the next column.
+    column = np.repeat(np.arange(N), lengths)
+    below = np.flatnonzero((L.indices > column) & np.r_[joined, False][column])
+    other = L.indices[below] != L.indices[below + lengths[column[below]] - 1]
+    joined[column[below[other]]] = False
     starts = np.r_[np.flatnonzero(np.r_[True, ~joined]), N]
     rows = [L.indices[L.indptr[end - 1] + 1 : L.indptr[end]] for end in starts[1:]]
     above = np.full(len(rows), -1)

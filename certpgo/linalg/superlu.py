@@ -110,7 +110,7 @@ class SuperLU:
             return None
         pivots = lu.U.diagonal()
         definite = np.all((pivots > 0.0) & (pivots < np.inf))
-        return SuperLUFactor(lu, pivots, self._order) if definite else None
+        return SuperLUFactor(lu, pivots, self._order, permuted) if definite else None
 
     def _places(self, A: CSC) -> tuple[IntArray, IntArray, IntArray]:
         """Where each entry of the permuted matrix comes from, and its pattern."""
@@ -127,7 +127,7 @@ class SuperLU:
         factor = self._factor(A)
         if factor is None:
             return None
-        L, p = factor.lower()
+        L, p = factor.nonzeros
         terms, squares = np.empty(len(w)), np.empty(len(w))
         terms[p] = np.bincount(L.indices, minlength=len(w)) + OTHERS
         squares[p] = np.bincount(L.indices, L.data**2, minlength=len(w))
@@ -145,7 +145,7 @@ class SuperLU:
         factor = self._factor(A)
         if factor is None:
             return None
-        L, p = factor.lower()
+        L, p = factor.nonzeros
         sums = measured_residual(A, L, p, w)
         return None if sums is None else RoundingBound(sums, int(L.nnz))
 
@@ -153,8 +153,8 @@ class SuperLU:
 class SuperLUFactor:
     """A factorization, as one of Cholesky's."""
 
-    def __init__(self, lu: Any, pivots: FloatArray, order: IntArray) -> None:
-        self._lu, self._pivots, self._order = lu, pivots, order
+    def __init__(self, lu: Any, pivots: FloatArray, order: IntArray, permuted: CSC) -> None:
+        self._lu, self._pivots, self._order, self._permuted = lu, pivots, order, permuted
 
     def solve(self, B: FloatArray) -> FloatArray:
         """A^-1 B for B (N,) or (N, k)."""
@@ -175,11 +175,20 @@ class SuperLUFactor:
         return np.asarray((1.0 + (counts + 4) * eps) * (abs(L) @ (difference @ w)))
 
     def lower(self) -> tuple[CSC, IntArray]:
-        """L D^(1/2), and the rows p of A."""
-        return self._lower
+        """L D^(1/2), with the zeros that A stores, and the rows p of A."""
+        L, p = self.nonzeros
+        A, place = self._permuted.tocoo(), self._lu.perm_c
+        row, column = place[A.row], place[A.col]
+        stored = row >= column
+        known = L.tocoo()
+        rows = np.concatenate([known.row, row[stored]])
+        columns = np.concatenate([known.col, column[stored]])
+        values = np.concatenate([known.data, np.zeros(np.count_nonzero(stored))])
+        return CSC((values, (rows, columns)), shape=L.shape), p
 
     @cached_property
-    def _lower(self) -> tuple[CSC, IntArray]:
+    def nonzeros(self) -> tuple[CSC, IntArray]:
+        """L D^(1/2) without its zeros, and the rows p of A."""
         L = self._lu.L.tocsc(copy=True)
         L.data *= np.repeat(np.sqrt(self._pivots), np.diff(L.indptr))
         L.sort_indices()

@@ -36,7 +36,7 @@ def of_nothing(rng):
     upper = np.triu(rng.standard_normal((N, N)))
     upper[np.diag_indices(N)] = rng.uniform(1, 2, N)
     lu = SimpleNamespace(L=sparse.csc_array(L), U=sparse.csc_array(upper), perm_c=np.arange(N))
-    return superlu.SuperLUFactor(lu, upper.diagonal(), np.arange(N))
+    return superlu.SuperLUFactor(lu, upper.diagonal(), np.arange(N), sparse.csc_array(L @ upper))
 
 
 @pytest.mark.parametrize("seed", range(10))

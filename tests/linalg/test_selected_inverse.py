@@ -42,3 +42,25 @@ def test_entries_that_cancelled_are_filled_in(cut):
 def test_a_diagonal():
     L = CSC(np.diag([1.0, 2.0, 4.0]))
     assert selected_inverse(L).diagonal().tolist() == [1.0, 0.25, 0.0625]
+
+
+def test_columns_of_other_patterns_are_told_apart():
+    """The first column has one entry more than the second, which is not in its rows."""
+    L = np.diag([2.0, 3.0, 4.0, 5.0])
+    L[[1, 3], 0] = L[2, 1] = L[3, 2] = 1.0
+    found, Z = selected_inverse(CSC(L)).toarray(), np.linalg.inv(L @ L.T)
+    kept = L != 0.0
+    np.testing.assert_allclose(found[kept], Z[kept], rtol=1e-12)
+
+
+@pytest.mark.parametrize("engine", engines())
+def test_zeros_of_the_factor_are_not_those_of_the_inverse(engine):
+    """A block of two rows that only what comes later couples: nothing fills in."""
+    A = CSC(np.array([[4.0, 0, 1, 0], [0, 4, 0, 1], [1, 0, 4, 2], [0, 1, 2, 4]]))
+    dense = A.toarray()
+    A = CSC((dense.T.ravel(), np.tile(np.arange(4), 4), np.arange(0, 17, 4)), shape=(4, 4))
+    two = np.array([0, 2, 4]), np.array([0, 1, 0, 1])
+    analysis = analyze(*two, order=np.arange(2), engine=engine)
+    L, p = analysis.blocks(np.full(2, 2)).factor(A).lower()
+    Z = np.linalg.inv(dense)[np.ix_(p, p)]
+    np.testing.assert_allclose(selected_inverse(L).toarray(), np.tril(Z), rtol=1e-12, atol=1e-15)
