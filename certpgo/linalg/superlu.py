@@ -159,7 +159,9 @@ class SuperLUFactor:
     def solve(self, B: FloatArray) -> FloatArray:
         """A^-1 B for B (N,) or (N, k)."""
         X = np.empty_like(B, dtype=np.float64)
-        X[self._order] = self._lu.solve(np.asarray(B, dtype=np.float64)[self._order])
+        permuted = np.asarray(B, dtype=np.float64)[self._order]
+        # Iterations for eigenvectors need a symmetric inverse; the triangles are none of one matrix.
+        X[self._order] = 0.5 * (self._lu.solve(permuted) + self._lu.solve(permuted, "T"))
         return X
 
     def excess(self, w: FloatArray) -> FloatArray:

@@ -13,6 +13,7 @@ from strategies import random_edges, rng_of, seeds
 
 from certpgo.errors import MissingDependency, SpecError
 from certpgo.linalg import compiled, factor
+from certpgo.linalg import rotations as so
 from certpgo.linalg.blocks import BlockPattern, add_to_diagonal
 
 
@@ -236,3 +237,15 @@ def test_nested_dissection_permutes_any_graph(seed, n, extra):
         patch.setattr(factor, "NESTED_FROM", 1)
         order = factor.fill_reducing_order(P.indptr, P.indices)
     np.testing.assert_array_equal(np.sort(order), np.arange(n))
+
+
+def test_the_inverse_is_symmetric_where_it_is_nearly_singular(engine):
+    """Iterations for eigenvectors rest on it."""
+    R = so.exp(np.array([0.0, 0.0, 0.5]))
+    P = BlockPattern(2, np.array([[0, 1]]))
+    A = P.assemble(np.tile(np.eye(3), (2, 1, 1)), -R[None])  # three directions cost nothing
+    A = add_to_diagonal(A, np.full(6, 1e-11))
+    F = factor.analyze(P.indptr, P.indices, engine=engine).blocks(np.full(2, 3)).factor(A)
+    X = F.solve(np.eye(6))
+    assert abs(X).max() > 1e9
+    np.testing.assert_allclose(X, X.T, rtol=0, atol=1e-14 * abs(X).max())

@@ -904,6 +904,9 @@ def test_what_is_no_graph_is_refused():
         solve(2500)
 
 
+@pytest.mark.skipif(
+    "multifrontal" not in factor.engines(), reason="rounding of SuperLU is missing, too"
+)
 @pytest.mark.usefixtures("shifts_alone")
 def test_the_proof_tier_is_asked_where_rounding_is_all_that_is_missing():
     graph = corridor(400, np.random.default_rng(0)).graph
