@@ -160,7 +160,7 @@ class SuperLUFactor:
         """A^-1 B for B (N,) or (N, k)."""
         X = np.empty_like(B, dtype=np.float64)
         permuted = np.asarray(B, dtype=np.float64)[self._order]
-        # Iterations for eigenvectors need a symmetric inverse; the triangles are none of one matrix.
+        # Iterations for eigenvectors need a symmetric inverse, which L U is only but for rounding.
         X[self._order] = 0.5 * (self._lu.solve(permuted) + self._lu.solve(permuted, "T"))
         return X
 

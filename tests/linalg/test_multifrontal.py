@@ -1,5 +1,6 @@
 """The compiled factorization: fronts of any sizes, against dense algebra."""
 
+import json
 import os
 import subprocess
 import sys
@@ -312,25 +313,24 @@ def test_engines_agree_and_serve_alone(monkeypatch):
         assert bound == pytest.approx(found.certificate.lower_bound, rel=1e-7)
 
 
-def test_the_package_works_where_the_kernel_was_not_compiled():
+def test_the_environment_leaves_the_kernel_out():
     program = """
-import sys
-sys.modules["certpgo.linalg._kernel"] = None
-import os
-import subprocess
-import sys
-
 import numpy as np
 import certpgo
+from certpgo.cli import main
 from certpgo.io.datasets.synthetic import grid3d
 answer = certpgo.solve(grid3d(3, np.random.default_rng(0)).graph)
 print(answer.verdict.value, answer.certificate.engine)
+main(["list", "engines", "--json"])
 """
-    environment = {k: v for k, v in os.environ.items() if k != "CERTPGO_ENGINE"}
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, env=environment, check=True
-    )
-    assert done.stdout == "CERTIFIED superlu\n"
+    own = {k: v for k, v in os.environ.items() if k != "CERTPGO_ENGINE"} | {"CERTPGO_KERNEL": "0"}
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, capture_output=True, text=True, env=own, check=True)
+    said, listed = done.stdout.split("\n", 1)
+    assert said == "CERTIFIED superlu"
+    here = {row["name"]: row["here"] for row in json.loads(listed)["engines"]}
+    assert here["multifrontal"].startswith("no: CERTPGO_KERNEL=0 leaves it out; reading takes 2 to")
+    assert here["superlu"] == "yes"
 
 
 def test_patterns_and_trees_that_are_none_are_refused():
