@@ -1,4 +1,4 @@
-"""Ctrl-C while the command imports its packages: one line instead of a traceback.
+"""The process of the command: its signals and streams, from before its packages are imported.
 
 `certpgo` imports this module first, which acts when it is imported. It concerns the command alone,
 never a program that imports the library.
@@ -9,17 +9,28 @@ from __future__ import annotations
 import os
 import signal
 import sys
+from contextlib import suppress
+from io import TextIOWrapper
 from pathlib import Path
 from types import FrameType
 
-#: Exit code after Ctrl-C.
-INTERRUPTED = 130
+#: Exit codes after Ctrl-C, and after SIGTERM.
+INTERRUPTED, TERMINATED = 130, 143
+
+#: Whether SIGTERM came.
+_terminated = False
 
 
 def usual_interrupts() -> None:
-    """Let Ctrl-C raise KeyboardInterrupt again."""
-    if signal.getsignal(signal.SIGINT) is _end:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+    """Let Ctrl-C raise KeyboardInterrupt again, and SIGTERM do what Ctrl-C does."""
+    for number, usual in _USUAL.items():
+        if signal.getsignal(number) is _end:
+            signal.signal(number, usual)
+
+
+def end_code(code: int) -> int:
+    """The exit code of the process, for one that says that it was interrupted."""
+    return TERMINATED if _terminated and code == INTERRUPTED else code
 
 
 def _runs_the_command() -> bool:
@@ -31,9 +42,48 @@ def _runs_the_command() -> bool:
 
 def _end(signum: int, frame: FrameType | None) -> None:
     # An exception could be caught, or reworded, by the package that is being imported.
-    os.write(2, b"certpgo: interrupted\n")
-    os._exit(INTERRUPTED)
+    with suppress(OSError):
+        os.write(2, b"certpgo: interrupted\n")
+    os._exit(INTERRUPTED if signum == signal.SIGINT else TERMINATED)
 
 
-if _runs_the_command() and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-    signal.signal(signal.SIGINT, _end)
+def _terminate(signum: int, frame: FrameType | None) -> None:
+    """Do what Ctrl-C does at this moment, once: `timeout` and others send SIGTERM twice."""
+    global _terminated
+    handler = signal.getsignal(signal.SIGINT)
+    if not _terminated and callable(handler):
+        _terminated = True
+        handler(signal.SIGINT, frame)
+
+
+_USUAL = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: _terminate}
+
+
+def _take_signals() -> None:
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and hasattr(signal, "pthread_sigmask"):
+        # Jobs in the background of a script ignore Ctrl-C. Blocked, it does not come either, and
+        # there is a handler for SIGTERM to call.
+        signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _end)
+        if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+            signal.signal(signal.SIGTERM, _end)
+
+
+def _open_streams() -> None:
+    """Open what was closed, and let names that are no UTF-8 be printed as they are."""
+    while (opened := os.open(os.devnull, os.O_RDWR)) <= 2:  # the next file would be one of them
+        os.set_inheritable(opened, True)
+    os.close(opened)
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(number, "w" if number else "r", closefd=False))
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="surrogateescape")
+
+
+if _runs_the_command():
+    _take_signals()
+    _open_streams()

@@ -5,8 +5,9 @@ from __future__ import annotations
 import difflib
 import re
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 #: Number of known names up to which all are listed.
 FEW = 8
@@ -14,6 +15,7 @@ FEW = 8
 CLOSE = 0.65
 #: Letters from which on the beginning of a name stands for it.
 BEGINNING = 3
+_NONE: Mapping[str, int] = MappingProxyType({})
 
 
 def nearest(name: str, names: Iterable[str]) -> list[str]:
@@ -109,7 +111,18 @@ class FormatError(InputError):
 
 
 class NoEdges(FormatError):  # noqa: N818 - the condition is the name
-    """A file holds no measurements."""
+    """A file holds no measurements.
+
+    Parameters
+    ----------
+    counts : what its lines are instead, as of `certpgo.graph.Instance`
+    """
+
+    def __init__(
+        self, path: str | Path, line: int | None, expected: str, counts: Mapping[str, int] = _NONE
+    ) -> None:
+        super().__init__(path, line, expected)
+        self.counts = counts
 
 
 class NoMeasurements(NoEdges):

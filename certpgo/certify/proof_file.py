@@ -44,6 +44,7 @@ from certpgo.graph import Estimate, Instance, PoseGraph, SimilarityGraph
 from certpgo.graph.held import HELD
 from certpgo.io.compressed import is_compressed
 from certpgo.io.format import format_of
+from certpgo.io.pipes import readable
 from certpgo.io.writing import atomically
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective import choose_cost as costs
@@ -140,7 +141,7 @@ def write_proof(
         with beside.open("wb") as file:
             np.savez(file, claim=header, **_arrays(proof))
         try:
-            found.append(checker.check(source, beside))
+            found.append(checker.check(readable(source), beside))
         except (checker.Refused, checker.Unreadable) as reason:
             raise NumericalError(f"the checker does not accept the proof: {reason}") from None
 
@@ -238,7 +239,7 @@ def provable(source: str | Path, instance: Instance) -> Path:
             f"{path}: a proof is about {CALLED[similar]}, not {form}; "
             "convert it first (certpgo convert)"
         )
-    if path.is_file() and is_compressed(path):
+    if not path.is_dir() and is_compressed(path):
         raise InputError(f"{path}: a proof is about a plain file: decompress it first (gunzip)")
     return path
 
@@ -298,7 +299,7 @@ def _claim(
         claim |= {"version": 2, "cost": cost, "rotation_information": meant}
     members = component.read_bytes() if restricted else None
     try:
-        graph = checker.read_graph(file.read_bytes(), claim, members)
+        graph = checker.read_graph(readable(file).read_bytes(), claim, members)
     except checker.Unreadable as error:
         raise FormatError(file, None, f"the checker cannot read it: {error}") from None
     if graph.n != instance.graph.num_nodes:
@@ -338,7 +339,7 @@ def _map_of(instance: Instance) -> dict[str, Any]:
 
 
 def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return hashlib.sha256(readable(path).read_bytes()).hexdigest()
 
 
 def _overridden(weights: str) -> tuple[float | None, float | None]:

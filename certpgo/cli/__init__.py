@@ -13,6 +13,7 @@ import inspect
 import os
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -27,6 +28,8 @@ Command = Callable[..., int | None]
 
 #: Commands that exist in a checkout only.
 BENCHMARKS = ("bench", "gate", "report", "reproduce")
+#: Exit code if the reader of the output is gone.
+PIPE_CLOSED = 141
 #: What each exit code means.
 EXIT_CODES = {
     0: "success or CERTIFIED",
@@ -37,8 +40,9 @@ EXIT_CODES = {
     5: "UNDECIDED",
     6: "proof refused",
     7: "gate failed",
-    130: "interrupted",
-    141: "output pipe closed early",
+    _start.INTERRUPTED: "interrupted by Ctrl-C",
+    PIPE_CLOSED: "output pipe closed early",
+    _start.TERMINATED: "ended by SIGTERM",
 }
 
 
@@ -49,21 +53,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     ----------
     argv : arguments after the program's name; by default those of the process
     """
+    return _start.end_code(_code_of(lambda: _dispatched(sys.argv[1:] if argv is None else argv)))
+
+
+def _dispatched(argv: Sequence[str]) -> int:
+    """Run the command that the arguments name; returns its exit code."""
+    arguments = [*argv]  # Not list(...): the command of that name is an attribute of this module.
+    # Only the requested command is imported.
+    known = arguments and arguments[0] in command_names()
+    if not known and arguments and arguments[0] in BENCHMARKS:
+        return _fail(f"{arguments[0]} is a command of the benchmarks; {registry.NO_CHECKOUT}")
+    names = arguments[:1] if known else command_names()
     try:
-        # Not list(...): the command of that name is an attribute of this module.
-        arguments = [*(sys.argv[1:] if argv is None else argv)]
-        # Only the requested command is imported.
-        known = arguments and arguments[0] in command_names()
-        if not known and arguments and arguments[0] in BENCHMARKS:
-            return _fail(f"{arguments[0]} is a command of the benchmarks; {registry.NO_CHECKOUT}")
-        names = arguments[:1] if known else command_names()
         with heard_late():
             application(names)(arguments, prog_name="certpgo")
     except SystemExit as end:
+        if isinstance(end.__context__, BrokenPipeError):  # while the help was printed
+            return PIPE_CLOSED
         return end.code if isinstance(end.code, int) else int(end.code is not None)
-    except KeyboardInterrupt:  # while a command was imported
-        with unmoved():
-            return _fail("interrupted", 130)
     return 0
 
 
@@ -142,30 +149,44 @@ def _guarded(function: Command) -> Callable[..., None]:
 
     @functools.wraps(function)
     def guarded(*args: object, **kwargs: object) -> None:
-        try:
+        def run() -> int | None:
             # Not earlier: the help needs no numerics. Until they are here, Ctrl-C ends at once.
             importlib.import_module("certpgo.graph")
             _start.usual_interrupts()
-            code = function(*args, **kwargs)
-            sys.stdout.flush()
-        except CertPGOError as error:
-            code = _fail(str(error))
-        except KeyboardInterrupt as stop:
-            with unmoved():
-                code = _fail("; ".join(["interrupted", *map(str, stop.args)]), 130)
-        except BrokenPipeError:
-            # The reader is gone (| head): discard what Python flushes at exit.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            code = 141
-        except OSError as error:
-            where = "standard output" if error.errno == errno.ENOSPC else ""
-            place = f"{named}: " if (named := error.filename or where) else ""
-            code = _fail(f"{place}{error.strerror or error}")
-        raise typer.Exit(code or 0)
+            from certpgo.io.pipes import pipes_kept
+
+            with pipes_kept():
+                return function(*args, **kwargs)
+
+        raise typer.Exit(_code_of(run))
 
     return guarded
 
 
+def _code_of(run: Callable[[], int | None]) -> int:
+    """The exit code of what is run, with expected errors told in one line."""
+    try:
+        code = run()
+        sys.stdout.flush()
+    except CertPGOError as error:
+        code = _fail(str(error))
+    except KeyboardInterrupt as stop:
+        with unmoved():
+            code = _fail("; ".join(["interrupted", *map(str, stop.args)]), _start.INTERRUPTED)
+    except BrokenPipeError:  # the reader is gone (| head)
+        code = PIPE_CLOSED
+    except OSError as error:
+        where = "standard output" if error.errno == errno.ENOSPC else ""
+        place = f"{named}: " if (named := error.filename or where) else ""
+        code = _fail(f"{place}{error.strerror or error}")
+    try:
+        sys.stdout.flush()
+    except OSError:  # discard what Python flushes at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return code or 0
+
+
 def _fail(message: str, code: int = 1) -> int:
-    typer.echo(f"certpgo: {' '.join(message.split())}", err=True)
+    with suppress(OSError):  # nobody can be told
+        typer.echo(f"certpgo: {' '.join(message.split())}", err=True)
     return code

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
 from certpgo.cli import _verdict
+from certpgo.cli._interrupting import INTERRUPTED
 from certpgo.cli._options import chosen_cost
 from certpgo.cli._reading import Reading
 from certpgo.cli._show import document, notice
@@ -121,7 +125,7 @@ class Followed:
         if standing is not None and (many := rejecting_many(self.rejected, standing.edges)):
             notice(many)
         if interrupted:
-            return _verdict.INTERRUPTED
+            return INTERRUPTED
         return 0 if standing is None else _verdict.weakest([standing.verdict.value])
 
     @cached_property
@@ -199,17 +203,21 @@ class Stream:
     whole : the graph that is read from a file; None for a pipe
     parts : measurements with the names of their nodes
     cost : None where the first measurements of a pipe tell it
+    name : of a pipe, in messages
+    counts : of lines of a pipe that notices are about, by what they are, so far
     """
 
     whole: Instance | None
     parts: Iterator[tuple[Instance, Sequence[Label]]]
     cost: str | None
+    name: str = ""
+    counts: Counter[str] = field(default_factory=Counter)
 
     @classmethod
     def of(
         cls, source: Source | None, every: int, reading: Reading, cost: str | None, robust: bool
     ) -> Stream:
-        """Open a file, or the pipe if there is none.
+        """Open a file, a named pipe, or standard input if there is none.
 
         Raises
         ------
@@ -217,9 +225,12 @@ class Stream:
             The file has several components, or an option is for files alone.
         """
         from certpgo.graph.streaming import streamed
+        from certpgo.io.pipes import is_pipe
+        from certpgo.io.stream import NAME
         from certpgo.objective.choose_cost import CHORDAL
 
-        if source is not None:
+        pipe = None if source is None else source.found
+        if source is not None and not (pipe is not None and is_pipe(pipe)):
             parts = reading.parts(reading.open(source))
             if len(parts) != 1:
                 raise InputError("follow takes one component: --components largest")
@@ -228,21 +239,36 @@ class Stream:
         if reading.keep.value != "all":
             kept = f"--keep {reading.keep.value}"
             raise InputError(f"{kept} is for files: a pipe keeps all measurements")
+        counts, name = Counter[str](), NAME if source is None else source.name
         chordal = robust or reading.rotations
-        return cls(None, _piped(every, reading), CHORDAL if chordal else cost)
+        coming = _piped(pipe, name, every, reading, counts)
+        return cls(None, coming, CHORDAL if chordal else cost, name, counts)
+
+    def totals(self) -> Iterator[str]:
+        """How many lines of a pipe were skipped or are unusual, one sentence each."""
+        from certpgo.graph.phrases import counted
+
+        for what, count in self.counts.items():
+            if count:
+                yield f"{self.name}: {counted(count, what)}"
 
 
-def _piped(every: int, reading: Reading) -> Iterator[tuple[Instance, Sequence[Label]]]:
-    """Measurements from the pipe; what is left out of it is said once."""
+def _piped(
+    path: Path | None, name: str, every: int, reading: Reading, counts: Counter[str]
+) -> Iterator[tuple[Instance, Sequence[Label]]]:
+    """Measurements from a pipe; what is left out of it is said when it first comes."""
     from certpgo.graph.components import rotations_alone
     from certpgo.io.stream import piped
 
-    said = set()
-    for part in piped(sys.stdin.buffer, every, **reading.options):
-        for sentence in part.notices:
-            kind = sentence.lstrip("0123456789 ")
-            if kind not in said:
-                said.add(kind)
-                notice(f"standard input: {sentence} (said once)")
-        piece = rotations_alone(part) if reading.rotations else part
-        yield piece, piece.labels
+    said = set[str]()
+    kept = {"name": name, "counts": counts, "say": notice, **reading.options}
+    with nullcontext(sys.stdin.buffer) if path is None else path.open("rb") as pipe:
+        for part in piped(pipe, every, **kept):
+            sentences = [what.replace("{s}", "s") for what, count in counts.items() if count]
+            sentences += [sentence for sentence in part.notices if not sentence[0].isdigit()]
+            for sentence in sentences:
+                if sentence not in said:
+                    said.add(sentence)
+                    notice(f"{name}: {sentence}")
+            piece = rotations_alone(part) if reading.rotations else part
+            yield piece, piece.labels

@@ -1,4 +1,4 @@
-"""Ctrl-C: what it leaves, and how it ends compiled code."""
+"""Ctrl-C and SIGTERM: what they leave, and how they end compiled code."""
 
 from __future__ import annotations
 
@@ -15,9 +15,16 @@ from typing import Any
 
 import typer
 
+from certpgo._start import INTERRUPTED as INTERRUPTED
+
 #: Seconds after which Ctrl-C that was dropped is delivered again.
 LATER = 0.01
 _SHOW_CURSOR = "\x1b[?25h"
+#: Python's own handlers of what ends a command.
+_USUAL: dict[signal.Signals, Any] = {
+    signal.SIGINT: signal.default_int_handler,
+    signal.SIGTERM: signal.SIG_DFL,
+}
 
 
 def tell_interrupted(stands: str, unwritten: Iterable[Path | None] = ()) -> None:
@@ -103,34 +110,37 @@ def heard_late() -> Iterator[None]:
 
 @contextmanager
 def unmoved() -> Iterator[None]:
-    """Ignore Ctrl-C during the block, which only says how the work ended."""
-    if threading.current_thread() is not threading.main_thread():
+    """Ignore Ctrl-C and SIGTERM during the block, which only says how the work ended."""
+    with _handled_by(signal.SIG_IGN):
         yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler if before is None else before)
 
 
 @contextmanager
 def ends_at_once() -> Iterator[None]:
-    """Let Ctrl-C end the process during the block, without Python's help.
+    """Let Ctrl-C and SIGTERM end the process during the block, without Python's help.
 
-    Python handles signals between two of its own instructions, so that compiled code delays Ctrl-C
-    until it returns, minutes later for an interior-point solver. Shells report exit code 130.
+    Python handles signals between two of its own instructions, so that compiled code delays them
+    until it returns, minutes later for an interior-point solver. Shells report the usual codes.
     """
+    if threading.current_thread() is threading.main_thread():
+        sys.stdout.flush()
+        if sys.stderr.isatty():  # a spinner hides the cursor
+            sys.stderr.write(_SHOW_CURSOR)
+            sys.stderr.flush()
+    with _handled_by(signal.SIG_DFL):
+        yield
+
+
+@contextmanager
+def _handled_by(handler: signal.Handlers) -> Iterator[None]:
+    """Handle Ctrl-C and SIGTERM so during the block; in the main thread, which alone can."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    sys.stdout.flush()
-    if sys.stderr.isatty():  # a spinner hides the cursor
-        sys.stderr.write(_SHOW_CURSOR)
-        sys.stderr.flush()
-    before = signal.signal(signal.SIGINT, signal.SIG_DFL)
+    before = {number: signal.signal(number, handler) for number in _USUAL}
     try:
         yield
     finally:
-        # None: the handler was not set by Python.
-        signal.signal(signal.SIGINT, signal.default_int_handler if before is None else before)
+        for number, usual in _USUAL.items():
+            # None: the handler was not set by Python.
+            signal.signal(number, usual if before[number] is None else before[number])

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import importlib
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from certpgo.cli._interrupting import tell_interrupted
+from certpgo.cli._interrupting import INTERRUPTED, tell_interrupted
 from certpgo.cli._proving import REFUSED
 from certpgo.cli._show import document, notice, noticing
-from certpgo.cli._verdict import EXIT_CODES, INTERRUPTED
+from certpgo.cli._verdict import EXIT_CODES
 from certpgo.errors import InputError
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ class Outputs:
             if path is not None:
                 format_to_write(path, format)
         for k, path in enumerate(self.files):
-            _refuse_unwritable(path)
+            refuse_unwritable(path)
             if any(_is_same(path, earlier) for earlier in self.files[:k]):
                 raise InputError(f"{path}: given for two outputs; one would overwrite the other")
         if self.html is not None:
@@ -81,10 +81,7 @@ class Outputs:
         InputError
             An output is an input, or a file in a folder that is one.
         """
-        for out in self.files:
-            read = (path for source in inputs if source is not None for path in _files(source))
-            if any(_is_same(out, path) for path in read):
-                raise InputError(f"{out}: is also an input, and would be overwritten")
+        refuse_overwriting(self.files, *inputs)
 
     def about(self, source: Source, instance: Instance, cost: str) -> Outputs:
         """The same outputs, with a proof about this graph, if the checker can read that."""
@@ -200,7 +197,7 @@ def _finished(result: Result, outputs: Outputs) -> int:
     return code
 
 
-def _refuse_unwritable(out: Path) -> None:
+def refuse_unwritable(out: Path) -> None:
     """Refuse an output whose folder is missing or not writable, or that is a folder itself."""
     from certpgo.io.writing import is_stream
 
@@ -215,10 +212,17 @@ def _refuse_unwritable(out: Path) -> None:
         raise InputError(f"{out}: cannot be written: no such folder, or no write permission")
 
 
-def _files(source: Source | Path) -> Iterator[Path]:
-    path = source if isinstance(source, Path) else source.found
-    if path is not None:
-        yield from path.iterdir() if path.is_dir() else (path,)
+def refuse_overwriting(files: Iterable[Path], *inputs: Source | Path | None) -> None:
+    """Refuse files to write that are inputs, as `Outputs.refuse_overwriting` does."""
+    named = [one if one is None or isinstance(one, Path) else one.found for one in inputs]
+    read = [path for path in named if path is not None]
+    for out in files:
+        if any(_is_in(out, path) if path.is_dir() else _is_same(out, path) for path in read):
+            raise InputError(f"{out}: is also an input, and would be overwritten")
+
+
+def _is_in(path: Path, folder: Path) -> bool:
+    return path.exists() and path.resolve().is_relative_to(folder.resolve())
 
 
 def _is_same(a: Path, b: Path) -> bool:

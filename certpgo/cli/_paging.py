@@ -84,12 +84,12 @@ def write_page(
     InputError
         The file cannot be written.
     """
-    from certpgo.io.writing import atomically
+    from certpgo.io.writing import write_text
     from certpgo.view.certificate_page import certificate_page
 
     with working(f"drawing {instance.name}"):
         text = certificate_page(instance, problem, estimate, assessment, origin, trace, **seen)
-    atomically(out, lambda temporary: temporary.write_text(text, encoding="utf-8", newline="\n"))
+    write_text(out, text)
     notice(f"page written to {out}")
 
 

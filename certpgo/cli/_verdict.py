@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from certpgo.solve.outliers import Disagreement
     from certpgo.solve.rejection import Rejection
 
-#: Exit code after Ctrl-C.
-INTERRUPTED = 130
 #: Exit codes by verdict, by increasing severity.
 EXIT_CODES = {"CERTIFIED": 0, "ERROR": 1, "BOUNDED": 3, "REFUTED": 4, "UNDECIDED": 5}
 #: Share of rejected measurements from which on a warning is due.

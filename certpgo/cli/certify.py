@@ -11,7 +11,7 @@ import typer
 
 from certpgo.cli import _verdict
 from certpgo.cli._help import JUDGING
-from certpgo.cli._interrupting import tell_interrupted, tells_unwritten
+from certpgo.cli._interrupting import INTERRUPTED, tell_interrupted, tells_unwritten
 from certpgo.cli._next import Asked, is_better_known, steps_after
 from certpgo.cli._options import (
     CostOption,
@@ -367,5 +367,5 @@ def _batch(
         document([asdict(row) for row in rows])
     if any(part.judge.interrupted for part in used):
         tell_interrupted(f"{out} has {len({r.estimate for r in rows})} of {len(sources)} estimates")
-        return _verdict.INTERRUPTED
+        return INTERRUPTED
     return _verdict.weakest(row.verdict for row in rows)

@@ -35,8 +35,10 @@ def command(
 ) -> int:
     """Verify a proof file with an independent checker, in doubles or in integers."""
     from certpgo.cli._reading import Reading
+    from certpgo.io.pipes import readable
 
-    path = Reading(data=data).resolve(graph).path()
+    path = readable(Reading(data=data).resolve(graph).path())
+    proof = readable(proof)
     if is_zipfile(path) and proof.is_file() and not is_zipfile(proof):
         line = f"certpgo check {proof} {path}"
         raise InputError(f"{proof}: not a proof file; the graph comes first: {line}")

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from certpgo.cli._interrupting import tell_interrupted
+from certpgo.cli._interrupting import INTERRUPTED, tell_interrupted
 from certpgo.cli._options import CostOption, Json, MaxDifference, Timestamps, chosen_cost
+from certpgo.cli._outputs import refuse_overwriting
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, notice, paragraph, table, working
 from certpgo.cli._truth import KnownPoses, TruthFile, TruthOffset
-from certpgo.cli._verdict import INTERRUPTED
 from certpgo.errors import CertPGOError, InputError, how_to_install
 
 if TYPE_CHECKING:
@@ -94,6 +94,7 @@ def command(
     how = Matching.of(timestamps, max_difference).of_truth(truth_offset)
     _announce(sources, names)
     results = _Results(out)
+    refuse_overwriting(results.files, *sources, *reading.others, of_truth)
     with results.kept():
         for source in sources:
             try:
@@ -155,6 +156,11 @@ class _Results:
         self.left_out: list[str] = []
         self.interrupted = False
 
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """All files that are written."""
+        return self.path, self.partial, self.path.with_suffix(".md")
+
     @contextmanager
     def kept(self) -> Iterator[None]:
         """Complete the files after the block; if it is cut short, say where the results are."""
@@ -207,9 +213,9 @@ class _Results:
 
     def complete(self) -> None:
         """Replace the results of an earlier run."""
-        from certpgo.io.writing import write_whole
+        from certpgo.io.writing import write_text, write_whole
 
-        write_whole(self.path.with_suffix(".md"), _markdown(self.rows).encode())
+        write_text(self.path.with_suffix(".md"), _markdown(self.rows))
         write_whole(self.path, self.partial.read_bytes())
         self.partial.unlink()
 

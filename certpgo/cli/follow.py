@@ -77,7 +77,7 @@ def command(
     outputs = Outputs(estimate=out)
     outputs.refuse()
     source = None if graph == PIPE else reading.resolve(graph)
-    outputs.refuse_overwriting(source)
+    outputs.refuse_overwriting(source, *reading.others)
     stream = Stream.of(source, every, reading, cost, robust)
     limits = SolveSettings(time_limit=time_limit)
     session = (
@@ -95,6 +95,8 @@ def command(
             instance, estimate = followed.best()
             outputs.write(estimate, instance=instance)
         code = followed.report(json, interrupted=interrupted)
+        for sentence in stream.totals():
+            notice(sentence)
         if view and not interrupted:
             _wait()
     return code

@@ -66,7 +66,7 @@ def command(
     outputs.refuse()
     sources = [reading.resolve(name) for name in maps]
     joints = reading.resolve(between)
-    outputs.refuse_overwriting(*sources, joints)
+    outputs.refuse_overwriting(*sources, joints, *reading.others)
     read = [reading.open(source, distances=True) for source in sources]
     joint = reading.open(joints, distances=True)
     merged = merge(read, joint, offset=offset, robust=robust)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from certpgo.cli._interrupting import tell_interrupted
+from certpgo.cli._interrupting import INTERRUPTED, tell_interrupted
 from certpgo.cli._options import GraphName, Json, Quantile, time_limit_option
 from certpgo.cli._outputs import Outputs
 from certpgo.cli._reading import Reading, takes_reading
@@ -57,7 +57,7 @@ def command(
     """
     from certpgo import solve_robustly
     from certpgo.cli._options import refuse_with_distances
-    from certpgo.cli._verdict import EXIT_CODES, INTERRUPTED, headline
+    from certpgo.cli._verdict import EXIT_CODES, headline
     from certpgo.optimize.solution import Status
     from certpgo.solve.outlier_report import outlier_report, write_report
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -11,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from certpgo.cli._options import CostOption, Json, tier_for, time_limit_option
+from certpgo.cli._outputs import refuse_overwriting, refuse_unwritable
 from certpgo.cli._proving import REFUSED
 from certpgo.cli._show import document, notice, working
 from certpgo.cli.check import rounded
@@ -34,7 +37,9 @@ def command(
     cost: CostOption = None,
     out: Annotated[
         Path | None,
-        typer.Option("-o", "--out", metavar="DIR", help="Folder that keeps the proofs."),
+        typer.Option(
+            "-o", "--out", metavar="DIR", help="Folder that keeps the proofs, each by its path."
+        ),
     ] = None,
     badge: Annotated[
         Path | None,
@@ -51,16 +56,23 @@ def command(
     A line a graph. Files of estimates are skipped. The exit code is 0 if every answer is CERTIFIED
     and its proof accepted, 1 if a file cannot be read, else 6.
     """
+    from certpgo.io.writing import folder_to_write, write_text
+
     tier_for(Path(), None, cost)
     found: dict[str, str | Answer] = {}
     unread = False
     with ExitStack() as stack:
         folder = out or Path(stack.enter_context(TemporaryDirectory()))
-        folder.mkdir(parents=True, exist_ok=True)
-        for name in graphs:
+        proofs = _proofs(graphs, folder)
+        files = [*proofs.values(), *([] if badge is None else [badge])]
+        refuse_overwriting(files, *map(Path, graphs))
+        if badge is not None:
+            refuse_unwritable(badge)
+        for name, proof in proofs.items():
             try:
+                folder_to_write(proof.parent)
                 with working(f"proving {name}"):
-                    found[name] = _proven(name, folder / _named(name), cost, time_limit)
+                    found[name] = _proven(name, proof, cost, time_limit)
             except NoEdges:
                 notice(f"{name}: no measurements; skipped")
                 continue
@@ -74,22 +86,36 @@ def command(
     if badge is not None:
         said = f"{good} of {len(found)} proven"
         text = _BADGE.format(f"pose graphs: {said}", said, _GOOD if good == len(found) else _BAD)
-        badge.write_text(text, encoding="utf-8")
+        write_text(badge, text)
     if json:
         document({name: _as_json(said) for name, said in found.items()})
     return 0 if good == len(found) else 1 if unread else REFUSED
 
 
-def _named(graph: str) -> str:
-    """The proof's file: by the graph's path, as graphs of several folders may have one name."""
-    path = Path(graph)
-    return "_".join(path.relative_to(path.anchor).parts) + ".cert"
+def _proofs(graphs: Sequence[str], folder: Path) -> dict[str, Path]:
+    """The file of each proof: below the folder, where the graph is below this one.
+
+    Raises
+    ------
+    InputError
+        Two graphs would have one.
+    """
+    proofs, owners = dict[str, Path](), dict[Path, Path]()
+    for graph in graphs:
+        path, here = Path(os.path.abspath(graph)), Path.cwd()
+        within = path.relative_to(here if path.is_relative_to(here) else path.anchor)
+        proof = folder / within.with_name(f"{within.name}.cert")
+        if (owner := owners.setdefault(proof, path)) != path:
+            raise InputError(f"{graph}: its proof would be {proof}, as that of {owner}")
+        proofs[graph] = proof
+    return proofs
 
 
 def _proven(name: str, proof: Path, cost: str | None, time_limit: float | None) -> Answer:
     """The bounds of a graph's answer, as the checker accepts them from files alone."""
     import certpgo
     from certpgo.certify.proof_file import refuse_unreadable
+    from certpgo.io.pipes import readable
     from certpgo.objective.choose_cost import own_cost
     from certpgo.optimize.solution import Status
 
@@ -103,7 +129,7 @@ def _proven(name: str, proof: Path, cost: str | None, time_limit: float | None) 
     if answer.verdict is not certpgo.Verdict.CERTIFIED:
         raise NumericalError(answer.certificate.reason)
     certpgo.write_proof(proof, name, instance, answer.estimate, answer.certificate)
-    return certpgo.check(name, proof)
+    return certpgo.check(readable(Path(name)), proof)
 
 
 def _as_json(said: str | Answer) -> dict[str, object]:

@@ -173,7 +173,8 @@ def command(
         json=json,
     )
     outputs.refuse()
-    outputs.refuse_overwriting(depth_factors)
+    camera_file = None if camera is None else Path(camera)
+    outputs.refuse_overwriting(folder, of_graph, camera_file, depth_factors)
     if out is not None and out.suffix != ".ply":
         raise InputError(f"{out}: the scene is written as .ply")
     if mesh and out is None:

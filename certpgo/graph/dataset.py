@@ -57,6 +57,7 @@ class Instance(Speaking):
     options : the reading options used (parallel edges, weights, ...), and ``"information"``:
         ``"none"`` or ``"some"`` where not all of a file's edges have it
     notices : what the reader assumed, skipped or found unusual, one sentence each
+    counts : of the source's lines that notices are about, by what they are, ``{s}`` their plural
     names : (n,) the source's own names of the nodes, e.g. of images; may be empty
     outliers : (m,) whether each measurement is a known outlier, or None if unknown
     world : the node that is the world, the last one, from which priors are measured; or None
@@ -105,6 +106,7 @@ class Instance(Speaking):
     stated: IntArray | None = None
     released: Instance | None = None
     numbers: IntArray | None = None
+    counts: Mapping[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "ids", frozen_indices(self.ids))

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from certpgo.errors import FormatError, InputError, MissingDependency
+from certpgo.io.pipes import readable
 
 #: rtabmap's messages as ROS 2 has them, for bags that hold no definitions.
 _RTABMAP = {
@@ -75,7 +76,7 @@ def opened_bag(path: Path, topic: str | None) -> Iterator[Bag]:
     except ImportError:
         raise MissingDependency("rosbags, which reads bags of ROS,", "ros") from None
     try:
-        with AnyReader([path], default_typestore=_types()) as reader:
+        with AnyReader([readable(path)], default_typestore=_types()) as reader:
             types = {one.topic: one.msgtype for one in reader.connections}
             if topic is not None:
                 if topic not in types:

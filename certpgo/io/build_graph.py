@@ -93,6 +93,7 @@ def _instance(dialect: Dialect, path: Path, options: ReadOptions, content: Recor
         source=str(path),
         options=chosen,
         notices=tuple(notices),
+        counts=content.counts,
         names=nodes.names,
         information=information,
         world=world,
@@ -155,8 +156,9 @@ def _refuse_no_edges(path: Path, dialect: Dialect, content: Records) -> None:
         said = "no edges: measurements between poses, or of points, expected with ranges"
         raise FormatError(path, None, said)
     if "pose" in known:
-        raise NoMeasurements(path, None, "no edges: this is an estimate, not a graph")
-    raise NoEdges(path, None, "no edges")
+        said = "no edges: this is an estimate, not a graph"
+        raise NoMeasurements(path, None, said, content.counts)
+    raise NoEdges(path, None, "no edges", content.counts)
 
 
 def _refuse_far(path: Path, ids: IntArray, rows: Rows) -> None:

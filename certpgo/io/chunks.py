@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from certpgo.errors import FormatError, InputError
 from certpgo.io.compressed import opened
 from certpgo.io.format import Progress
+from certpgo.io.pipes import readable
 from certpgo.linalg.arrays import FloatArray, IntArray
 
 T = TypeVar("T")
@@ -94,7 +95,7 @@ def text_lines(path: Path) -> Iterator[tuple[int, bytes]]:
 
 def _chunks(path: Path, progress: Progress | None) -> Iterator[tuple[int, bytes]]:
     """Parts of a file as (number of the first line, lines without the last line end)."""
-    total, number = path.stat().st_size, 1
+    total, number = readable(path).stat().st_size, 1
     with opened(path) as file:
         head = file.read(len(BOM_UTF8))
         done, rest = len(head), head.removeprefix(BOM_UTF8)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from certpgo.errors import FormatError
+from certpgo.io.pipes import readable
 
 _MAGIC = b"\x1f\x8b"
 _SUFFIX = ".gz"
@@ -30,7 +31,7 @@ def opened(path: Path) -> Iterator[BufferedIOBase]:
     OSError
         It cannot be read.
     """
-    with path.open("rb") as file:
+    with readable(path).open("rb") as file:
         if not _begins_compressed(file.peek(len(_MAGIC))):
             yield file
             return
@@ -43,7 +44,7 @@ def opened(path: Path) -> Iterator[BufferedIOBase]:
 
 def is_compressed(path: Path) -> bool:
     """Whether a file begins as gzip's do; OSError if it cannot be read."""
-    with path.open("rb") as file:
+    with readable(path).open("rb") as file:
         return _begins_compressed(file.peek(len(_MAGIC)))
 
 
@@ -54,7 +55,7 @@ def uncompressed_name(path: Path) -> Path:
 
 def largest(path: Path) -> int:
     """The largest allowed size of a decompressed file, bytes."""
-    return max(RATIO * path.stat().st_size, SMALL)
+    return max(RATIO * readable(path).stat().st_size, SMALL)
 
 
 def refuse_bombs(path: Path, size: int) -> None:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from certpgo.io.writing import atomically
+from certpgo.io.writing import NO_UTF8, atomically
 
 Cell = str | float | None
 
@@ -24,7 +24,7 @@ def write_csv(path: Path, names: Sequence[str], rows: Iterable[Iterable[Cell]]) 
     """
 
     def lines(temporary: Path) -> None:
-        with temporary.open("w", newline="", encoding="utf-8") as file:
+        with temporary.open("w", newline="", encoding="utf-8", errors=NO_UTF8) as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(names)
             writer.writerows(map(_shown, row) for row in rows)

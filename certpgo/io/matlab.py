@@ -19,6 +19,7 @@ import numpy as np
 
 from certpgo.errors import FormatError, InputError
 from certpgo.io.compressed import largest, refuse_bombs
+from certpgo.io.pipes import readable
 from certpgo.linalg.arrays import IntArray
 
 #: The first bytes of a file.
@@ -49,7 +50,7 @@ def sparse_pattern(path: Path) -> Pattern:
     FormatError
         The file is damaged, contains something else, or is too large when expanded.
     """
-    content = path.read_bytes()
+    content = readable(path).read_bytes()
     order = {b"IM": "<", b"MI": ">"}.get(content[_ORDER_PLACE:_HEADER_BYTES], "")
     if not (order and content.startswith(SIGNATURE)):
         raise FormatError(path, None, "not a readable MATLAB 5 file")

@@ -11,6 +11,7 @@ import numpy as np
 
 from certpgo.errors import FormatError
 from certpgo.graph import Instance
+from certpgo.io.pipes import readable
 from certpgo.linalg.arrays import FloatArray, IntArray
 
 #: Columns that a list has: the number of a measurement in its source, and the ids of its nodes; and
@@ -52,7 +53,7 @@ def read_rejected(path: str | Path, instance: Instance) -> Rejected:
     """
     path = Path(path)
     try:
-        with path.open(newline="", encoding="utf-8") as file:
+        with readable(path).open(newline="", encoding="utf-8") as file:
             rows = list(csv.DictReader(file))
     except FileNotFoundError:
         raise FormatError(path, None, "no such file") from None

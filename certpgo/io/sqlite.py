@@ -13,6 +13,7 @@ from urllib.parse import quote
 import numpy as np
 
 from certpgo.errors import FormatError
+from certpgo.io.pipes import readable
 from certpgo.linalg.arrays import FloatArray
 
 #: The first bytes of such a file.
@@ -93,7 +94,7 @@ def found_rows(
 
 def _rows(path: Path, query: str, program: str) -> list[tuple[Any, ...]]:
     """What a query finds, in steps and memory that the size of the file bounds."""
-    place = f"file:{quote(str(path.resolve()))}?mode=ro"
+    place = f"file:{quote(str(readable(path).resolve()))}?mode=ro"
     size, steps = path.stat().st_size, count()
     try:
         with closing(sqlite3.connect(place, uri=True)) as database:

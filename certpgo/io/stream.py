@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import suppress
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO
 
-from certpgo.errors import FormatError, NoEdges
+from certpgo.errors import FormatError, InputNotice, NoEdges
 from certpgo.graph import Instance
 from certpgo.io.chunks import LONGEST_LINE, TOO_LONG
 from certpgo.io.format import format_of
@@ -18,15 +19,31 @@ from certpgo.io.reading import read
 NAME = "standard input"
 
 
-def piped(stream: BinaryIO, most: int, **options: Any) -> Iterator[Instance]:
+def _warn(sentence: str) -> None:
+    warnings.warn(sentence, InputNotice, stacklevel=4)
+
+
+def piped(
+    stream: BinaryIO,
+    most: int,
+    *,
+    name: str = NAME,
+    counts: Counter[str] | None = None,
+    say: Callable[[str], object] = _warn,
+    **options: Any,
+) -> Iterator[Instance]:
     r"""The measurements of the lines that have come, as soon as some have; at most ``most`` lines.
 
     Each piece is read like a file of its own, of the format of the first one. Priors and landmarks
-    are left out: they refer to lines elsewhere in a file.
+    are left out: they refer to lines elsewhere in a file. So is a last line without an end
+    that cannot be read: who wrote it may have been ended there.
 
     Parameters
     ----------
     stream : with ``read1``, such as ``sys.stdin.buffer``
+    name : of the stream in messages
+    counts : is given what `Instance.counts` counts, of all pieces so far
+    say : is called with a sentence about a last line without an end
     options : those of `certpgo.read`
 
     Raises
@@ -45,26 +62,35 @@ def piped(stream: BinaryIO, most: int, **options: Any) -> Iterator[Instance]:
     [[0, 1, 2], [0, 2]]
     """
     chosen: dict[str, Any] = {**options, "priors": False, "landmarks": False, "quiet": True}
+    counts = Counter() if counts is None else counts
     form, found = None, False
     with TemporaryDirectory() as folder:
-        path = Path(folder) / NAME
+        path = Path(folder) / "piece"
         for number, lines in _pieces(stream, most):
             path.write_bytes(b"".join(lines))
             form = form or format_of(path).name
             # Lines are numbered from the beginning of the stream.
             path.write_bytes(b"\n" * number + b"".join(lines))
             try:
-                with suppress(NoEdges):
-                    yield read(path, format=form, **chosen)
-                    found = True
+                part = read(path, format=form, **chosen)
+            except NoEdges as error:
+                counts.update(error.counts)
             except FormatError as error:
-                raise FormatError(NAME, error.line, error.expected) from None
+                if lines[-1].endswith(b"\n"):
+                    raise FormatError(name, error.line, error.expected) from None
+                say(f"{name}:{number + 1}: the last line is cut off, and left out")
+            else:
+                if not lines[-1].endswith(b"\n"):
+                    say(f"{name}:{number + 1}: the last line has no end, and may be cut off")
+                counts.update(part.counts)
+                yield part
+                found = True
     if not found:
-        raise NoEdges(Path(NAME), None, "no measurements")
+        raise NoEdges(Path(name), None, "no measurements")
 
 
 def _pieces(stream: BinaryIO, most: int) -> Iterator[tuple[int, list[bytes]]]:
-    """Whole lines that have come, and how many came before them."""
+    """Whole lines that have come, and how many came before them; a last one without end alone."""
     number, rest = 0, b""
     while True:
         text = stream.read1()  # type: ignore[attr-defined]

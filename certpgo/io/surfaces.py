@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from certpgo.errors import FormatError, InputError, MissingDependency
+from certpgo.io.pipes import readable
 from certpgo.io.writing import atomically
 from certpgo.linalg.arrays import FloatArray, IntArray
 
@@ -49,7 +50,7 @@ class Surface:
 
 def is_ply(path: Path) -> bool:
     """Whether a file says that it is PLY."""
-    with path.open("rb") as file:
+    with readable(path).open("rb") as file:
         return file.read(4) in (b"ply\n", b"ply\r")
 
 
@@ -90,7 +91,7 @@ def read_surface(path: str | Path) -> Surface:
 def _announced(path: Path) -> tuple[int, int]:
     """Numbers of vertices and faces in the header, which trimesh does not check in text files."""
     try:
-        with path.open("rb") as file:
+        with readable(path).open("rb") as file:
             head, end, _ = file.read(HEADER).partition(b"end_header")
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
@@ -107,7 +108,7 @@ def _read(path: Path) -> Any:
         raise MissingDependency("trimesh, which reads and writes PLY,", "view") from None
     try:
         # Nothing is merged, nor reordered.
-        return trimesh.load(path, file_type="ply", process=False, fix_texture=False)
+        return trimesh.load(readable(path), file_type="ply", process=False, fix_texture=False)
     except KeyError as error:
         expected = f"vertices with x, y and z expected, {error} is missing"
         raise FormatError(path, None, expected) from None

@@ -38,6 +38,9 @@ class AnyAnswer(Protocol):
         ...
 
 
+#: How texts have what is in no UTF-8: file names may be of any bytes.
+NO_UTF8 = "backslashreplace"
+
 Anchor = Literal["file", "identity", "prior", "none"]
 
 
@@ -353,6 +356,11 @@ def write_whole(path: Path, content: bytes) -> Path:
     """Write a file atomically; returns its path."""
     atomically(path, lambda temporary: temporary.write_bytes(content))
     return path
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text atomically, in UTF-8; bytes of file names that are none as escapes."""
+    write_whole(path, text.encode(errors=NO_UTF8))
 
 
 def folder_to_write(folder: Path) -> Path:

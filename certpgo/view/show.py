@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
-from certpgo.io.writing import write_whole
+from certpgo.io.writing import write_text, write_whole
 from certpgo.view.live import live
 from certpgo.view.load_scene import Thing, scene_of
 from certpgo.view.maps import picture
@@ -76,7 +76,7 @@ class View:
         form = form_of(path, play=play)
         if form == "html":
             page = offline(self.scene, dark=self.dark, colour=self.colour, play=play)
-            write_whole(Path(path), page.encode())
+            write_text(Path(path), page)
         else:
             drawn = picture(self.scene, form, dark=bool(self.dark), colour=self.colour)
             write_whole(Path(path), drawn)

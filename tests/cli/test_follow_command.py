@@ -96,6 +96,40 @@ def test_landmarks_of_a_pipe_are_left_out_and_that_is_said(certpgo, monkeypatch)
     assert "LANDMARK2" in done.err
 
 
+def test_what_is_left_out_of_a_pipe_is_counted_to_its_end(certpgo, monkeypatch):
+    steps = [f"EDGE_SE2 {k} {k + 1} 1 0 0 1 0 0 1 0 1" for k in range(9)]
+    seen = [f"EDGE_SE2_XY {k} 99 1 1 1 0 1" for k in range(4)]
+    prior = "EDGE_PRIOR_SE2_XY 0 1 1 1 0 1"
+    text = [*steps[:3], seen[0], *steps[3:], *seen[1:], prior, prior, ""]  # some pieces only skip
+    pipe(monkeypatch, "\n".join(text).encode())
+    done = certpgo("follow", "-", "--every", 2)
+    assert done.code == 0
+    assert done.err.splitlines() == [
+        "note: standard input: EDGE_SE2_XY lines skipped: landmarks",
+        "note: standard input: 4 EDGE_SE2_XY lines skipped: landmarks",
+        "note: standard input: 2 EDGE_PRIOR_SE2_XY lines skipped: priors",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("last", "edges", "said"),
+    [
+        ("EDGE_SE2 3 4 1 0 0 1 0 0", 3, "is cut off, and left out"),
+        ("EDGE_S", 3, "is cut off, and left out"),
+        ("EDGE_SE2 3 4 1 0 0 1 0 0 1 0 1", 4, "has no end, and may be cut off"),
+    ],
+)
+def test_a_line_cut_off_at_the_end(certpgo, tmp_path, monkeypatch, last, edges, said):
+    steps = [f"EDGE_SE2 {k} {k + 1} 1 0 0 1 0 0 1 0 1" for k in range(3)]
+    pipe(monkeypatch, "\n".join([*steps, last]).encode())
+    out = tmp_path / "stands.tum"
+    done = certpgo("follow", "-", "-o", out)
+    assert done.code == 0
+    assert f"{edges + 1} nodes, {edges} measurements" in done.out
+    assert done.err == f"note: standard input:4: the last line {said}\n"
+    assert len(out.read_text().splitlines()) == edges + 1
+
+
 def test_landmarks_of_a_file_come_with_the_poses_that_see_them(certpgo, tmp_path):
     path = tmp_path / "seen.g2o"
     steps = [f"EDGE_SE2 {k} {k + 1} 1 0 0.1 100 0 0 100 0 100" for k in range(8)]

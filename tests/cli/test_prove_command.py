@@ -19,12 +19,46 @@ def test_each_graph_is_proven_and_its_proof_is_kept(certpgo, square, tmp_path):
         str(square),
         str(other),
     ]
-    kept = sorted(folder.iterdir())
+    kept = sorted(folder.rglob("*.cert"))
     assert len(kept) == 2  # one name, two folders
     best = package.solve(square)
-    bounds = [package.check(square, one) for one in kept if "more" not in one.name]
+    bounds = [package.check(square, one) for one in kept if "more" not in one.parts]
     assert bounds[0].lower <= best.cost <= bounds[0].upper * (1 + 1e-12) + 1e-12
     assert "2 of 2 proven" in "".join(ElementTree.parse(badge).getroot().itertext())
+
+
+def test_proofs_have_the_paths_of_their_graphs(certpgo, square, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a_b.g2o").write_text(square.read_text())
+    (tmp_path / "a" / "b.g2o").write_text(square.read_text().replace("1.01", "1.02"))
+    assert certpgo("prove", "a/b.g2o", "a_b.g2o", "--out", "proofs").code == 0
+    for name in ("a/b.g2o", "a_b.g2o"):
+        assert certpgo("check", name, f"proofs/{name}.cert").code == 0
+    outside = tmp_path / "here"
+    outside.mkdir()
+    monkeypatch.chdir(outside)
+    (outside / "c.g2o").write_text(square.read_text())
+    below = outside.joinpath(*tmp_path.parts[1:])
+    below.mkdir(parents=True)
+    (below / "a_b.g2o").write_text(square.read_text())
+    done = certpgo("prove", below / "a_b.g2o", "../a_b.g2o", "-o", "proofs")
+    assert done.code == 1
+    assert "its proof would be proofs/" in done.err
+    assert not (outside / "proofs").exists()
+
+
+@pytest.mark.parametrize("at", ["--badge", "-o"])
+def test_graphs_are_not_overwritten(certpgo, square, tmp_path, monkeypatch, at):
+    monkeypatch.chdir(tmp_path)
+    other = tmp_path / "proofs" / "square.g2o.cert"
+    other.parent.mkdir()
+    other.write_text(square.read_text())
+    given = square if at == "--badge" else "proofs"
+    done = certpgo("prove", "square.g2o", other, at, given)
+    assert done.code == 1
+    assert "is also an input, and would be overwritten" in done.err
+    assert square.read_text() == other.read_text()
 
 
 def test_the_document_rounds_outwards(certpgo, square):

@@ -30,6 +30,7 @@ from certpgo.graph.keys import Keys
 from certpgo.graph.ranges import Ranges
 from certpgo.io.compressed import refuse_bombs
 from certpgo.io.format import Format, LabelledPoses, ReadOptions
+from certpgo.io.pipes import readable
 
 _VERSION = 1
 _Arrays = Mapping[str, NDArray[Any]]
@@ -93,7 +94,7 @@ def _recognises(path: Path, head: bytes) -> bool:
 
 def _load(path: Path, kind: str) -> _Arrays:
     try:
-        with zipfile.ZipFile(path) as archive:
+        with zipfile.ZipFile(readable(path)) as archive:
             refuse_bombs(path, sum(member.file_size for member in archive.infolist()))
             arrays = {
                 member.filename.removesuffix(".npy"): _array(archive, member)

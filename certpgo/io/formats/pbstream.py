@@ -38,6 +38,7 @@ from certpgo.io.compressed import largest
 from certpgo.io.edge_weights import weighed
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Format, LabelledPoses, ReadOptions
+from certpgo.io.pipes import readable
 from certpgo.linalg.arrays import FloatArray, IntArray
 
 _MAGIC = struct.pack("<Q", 0x7B1D1F7B5BF501DB)
@@ -71,7 +72,7 @@ class _Messages:
     """Reads messages, with no more fields than the file has bytes; a ValueError says that not."""
 
     def __init__(self, path: Path) -> None:
-        self._room = max(path.stat().st_size, _FEW)
+        self._room = max(readable(path).stat().st_size, _FEW)
 
     def fields(self, data: bytes) -> _Fields:
         """The fields of a message."""
@@ -147,7 +148,7 @@ def _integer(fields: _Fields, number: int) -> int:
 
 def _records(path: Path) -> Iterator[bytes]:
     """The decompressed records."""
-    content, at, room = path.read_bytes(), len(_MAGIC), largest(path)
+    content, at, room = readable(path).read_bytes(), len(_MAGIC), largest(path)
     while at < len(content):
         (size,) = _SIZE.unpack_from(content, at)
         begin, at = at + _SIZE.size, at + _SIZE.size + size

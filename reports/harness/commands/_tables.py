@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from certpgo.cli._interrupting import INTERRUPTED
 from certpgo.cli._show import document, notice
-from certpgo.cli._verdict import INTERRUPTED
 from certpgo.errors import InputError, UnusableFile
 from reports.harness.commands._live import watching
 from reports.harness.commands._reports import FigureReport, Order, Report, TableReport

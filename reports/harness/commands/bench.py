@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from certpgo.cli._interrupting import INTERRUPTED
 from certpgo.cli._show import document, notice, table, working
-from certpgo.cli._verdict import INTERRUPTED
 from certpgo.errors import InputError, SpecError
 
 if TYPE_CHECKING:

@@ -25,17 +25,19 @@ def command(
     """Render tables (Markdown, CSV, LaTeX), figures and an index, from records alone."""
     from certpgo import registry
     from certpgo.cli._outputs import Outputs
-    from certpgo.io.writing import atomically
+    from certpgo.io.writing import write_text
     from reports.harness.rendering.index import summary
     from reports.harness.rendering.publication import report_html, write_report
     from reports.harness.rendering.results import gather
 
-    Outputs(html=html).refuse()
+    outputs, records = Outputs(html=html), results or registry.repository() / "reports" / "results"
+    outputs.refuse()
+    outputs.refuse_overwriting(records)
     with working("reading the results"):
-        report = gather(results or registry.repository() / "reports" / "results")
+        report = gather(records)
         path = write_report(report, out)
         if html is not None:
             text = report_html(report)
-            atomically(html, lambda path: path.write_text(text, "utf-8", newline="\n"))
+            write_text(html, text)
     typer.echo(summary(report.tables, report.figures))
     notice(f"written to {path}, with the tables and figures in the same folder")
