@@ -95,7 +95,7 @@ def found_rows(
 def _rows(path: Path, query: str, program: str) -> list[tuple[Any, ...]]:
     """What a query finds, in steps and memory that the size of the file bounds."""
     place = f"file:{quote(str(readable(path).resolve()))}?mode=ro"
-    size, steps = path.stat().st_size, count()
+    size, steps = readable(path).stat().st_size, count()
     try:
         with closing(sqlite3.connect(place, uri=True)) as database:
             database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, max(size, _SMALL))
