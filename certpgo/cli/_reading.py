@@ -239,9 +239,15 @@ class Reading:
                 f"{source.path()}: {measured}, which this command does not take: use certpgo solve "
                 "or certpgo certify"
             )
-        for sentence in instance.notices if notices else ():
-            notice(f"{instance.name}: {sentence}")
+        if notices:
+            self.tell(instance)
         return rotations_alone(instance) if self.rotations else instance
+
+    @staticmethod
+    def tell(instance: Instance) -> None:
+        """Print what was noticed when a graph was read."""
+        for sentence in instance.notices:
+            notice(f"{instance.name}: {sentence}")
 
     def parts(self, instance: Instance) -> list[Instance]:
         """The connected graphs to work on.

@@ -6,7 +6,7 @@ from contextlib import suppress
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -15,6 +15,10 @@ from certpgo.cli._outputs import Outputs
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import noticing
 from certpgo.errors import InputError, NoMeasurements
+
+if TYPE_CHECKING:
+    from certpgo.graph import Instance
+    from certpgo.io.datasets.source import Source
 
 
 class Anchor(StrEnum):
@@ -72,7 +76,7 @@ def command(
     path = given.path()
     if not estimate and out.write_graph is not None and format_of(path).read_graph is not None:
         with suppress(NoMeasurements):
-            converted = replace(reading, fixed=False).open(given, distances=True)
+            converted = _as_written(given, reading)
             for name, value in (("--anchor", anchor), ("--graph", graph)):
                 if value is not None:
                     raise InputError(
@@ -96,3 +100,15 @@ def command(
         )
     frame = None if anchor is None else anchor.value
     outputs.write(poses, instance=instance, anchor=frame, timestamps=timestamps)
+
+
+def _as_written(given: Source, reading: Reading) -> Instance:
+    """The graph with fixed nodes as its file has them, not as constraints."""
+    from certpgo.graph import SimilarityGraph
+
+    found = replace(reading, fixed=False).open(given, notices=False, distances=True)
+    if isinstance(found.graph, SimilarityGraph) and reading.fixed:
+        # Of similarities they are no constraints, but one states the unit.
+        found = reading.open(given, notices=False, distances=True)
+    reading.tell(found)
+    return found

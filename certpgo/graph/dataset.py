@@ -76,6 +76,7 @@ class Instance(Speaking):
         source, -1 for a constraint. None for 0 ... m-1, where none of the source is left out
     times_ns : the nodes' times, nanoseconds, of all nodes but the world, `NO_TIME` for a node
         without one; or None
+    camera : focal lengths and centre of the one camera of all poses, pixels; empty for none
 
     Examples
     --------
@@ -107,6 +108,7 @@ class Instance(Speaking):
     released: Instance | None = None
     numbers: IntArray | None = None
     counts: Mapping[str, int] = field(default_factory=dict)
+    camera: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "ids", frozen_indices(self.ids))
@@ -337,7 +339,7 @@ class Instance(Speaking):
         if times is not None and self.world is not None:
             times = np.append(times, NO_TIME)
         points = graph.points if isinstance(graph, PoseGraph) else None
-        return Keys(self.ids, times, self.names, points)
+        return Keys(self.ids, times, self.names, points, self.camera)
 
     def with_edges(self, chosen: IntArray | BoolArray) -> Instance:
         """The instance with only the chosen measurements, by index or flag, of all nodes."""

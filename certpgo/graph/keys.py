@@ -29,6 +29,7 @@ class Keys:
         state up to nine decimals of seconds since 1970, which are not exact in double precision.
     names : (n,) distinct strings, e.g. of images; may be empty
     points : (n,) which are points, whose rotations mean nothing; or None for none
+    camera : focal lengths and centre of the one camera of all poses, pixels; empty for none
 
     Raises
     ------
@@ -46,6 +47,7 @@ class Keys:
     times_ns: IntArray | None = None
     names: tuple[str, ...] = ()
     points: BoolArray | None = None
+    camera: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("ids", "times_ns"):
@@ -132,6 +134,7 @@ class Keys:
             None if self.times_ns is None else self.times_ns[chosen],
             tuple(self.names[k] for k in chosen.tolist()) if self.names else (),
             None if self.points is None else self.points[chosen],
+            self.camera,
         )
 
 

@@ -102,6 +102,7 @@ def _instance(dialect: Dialect, path: Path, options: ReadOptions, content: Recor
         apart=nodes.apart,
         moved_by=nodes.moved_by,
         times_ns=nodes.times_ns,
+        camera=content.camera,
     )
     return replace(instance, initial=None if initial is None else instance.with_world(initial))
 
@@ -132,9 +133,8 @@ def poses_from_lines(dialect: Dialect, path: Path) -> LabelledPoses:
     refuse_duplicates(path, ids, vertices.lines)
     is_point = np.arange(len(ids)) >= len(poses) if len(points) else None
     scales = vertices.scales if len(vertices.scales) else None
-    return LabelledPoses(
-        vertices.rotations, vertices.translations, ids=ids, points=is_point, scales=scales
-    )
+    R, t, camera = vertices.rotations, vertices.translations, content.camera
+    return LabelledPoses(R, t, ids, points=is_point, scales=scales, camera=camera)
 
 
 def _refuse_choices(path: Path, dialect: Dialect, options: ReadOptions) -> None:
@@ -247,6 +247,8 @@ def _notices(content: Records, nodes: Nodes, graph: Graph, sightings: int) -> li
         notices.append(f"{points}, {counted(sightings, 'sighting{s}')}{moved}")
     if isinstance(graph, RotationGraph):
         notices.append("all translations are zero: read as a rotation graph")
+    if len(content.cameras) > 1:
+        notices.append(f"{len(content.cameras)} different cameras: they are not kept")
     if nodes.unvalued:
         said = "node{s} without a vertex line: no initial values"
         notices.append(counted(nodes.unvalued, said))

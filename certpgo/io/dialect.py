@@ -40,7 +40,7 @@ class Tag:
     apart : whether points may be numbered apart, so that poses have the same numbers
     timed : whether a time follows the tag
     loose : whether more may follow, which is not read
-    more : how many numbers may follow that are not read; 0 for none
+    more : how many numbers of a camera may follow, which are kept as they are; 0 for none
     """
 
     kind: Kind

@@ -100,7 +100,8 @@ def integers(words: list[bytes]) -> list[int]:
     except ValueError:
         raise InputError(f"ids must be integers, not {_offending(words, int)!r}") from None
     if values and not -(2**63) <= min(values) <= max(values) < 2**63:
-        raise InputError("ids must fit 64-bit signed integers (GTSAM symbols do not; renumber)")
+        symbols = "symbols of GTSAM do if their letters are ASCII"
+        raise InputError(f"ids must fit 64-bit signed integers ({symbols}); renumber these nodes")
     return values
 
 

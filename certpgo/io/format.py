@@ -81,6 +81,7 @@ class LabelledPoses:
     names : (k,) of images, for formats with names
     points : (k,) which are points, without rotation; None for none
     scales : (k,) of similarities; None for poses
+    camera : focal lengths and centre of the one camera of all poses; empty for none
     unturned : whether the file has positions alone, and the rotations mean nothing
     in_space : positions that the numbers of planar poses are, if they are not that
     """
@@ -92,6 +93,7 @@ class LabelledPoses:
     names: tuple[str, ...] = ()
     points: BoolArray | None = None
     scales: FloatArray | None = None
+    camera: tuple[float, ...] = ()
     unturned: bool = False
     in_space: LabelledPoses | None = None
 
@@ -109,19 +111,20 @@ class LabelledPoses:
         unturned = keys.are_positions
         named = keys.ids, keys.times_ns, keys.names, None if unturned else keys.points
         R, t = estimate.rotations, estimate.translations
-        return cls(R, t, *named, estimate.scales, unturned)
+        return cls(R, t, *named, estimate.scales, keys.camera, unturned)
 
     @property
     def keys(self) -> Keys:
         """The keys alone."""
-        return Keys(self.ids, self.times_ns, self.names, self.points)
+        return Keys(self.ids, self.times_ns, self.names, self.points, self.camera)
 
     def subset(self, chosen: IntArray) -> LabelledPoses:
         """Some poses, by index, in that order."""
         t, keys = self.translations, self.keys.subset(chosen)
         named = keys.ids, keys.times_ns, keys.names, keys.points
         t, s = (None if x is None else x[chosen] for x in (t, self.scales))
-        return LabelledPoses(self.rotations[chosen], t, *named, s, self.unturned)
+        more = s, self.camera, self.unturned
+        return LabelledPoses(self.rotations[chosen], t, *named, *more)
 
     def without_points(self) -> LabelledPoses:
         """The poses alone."""

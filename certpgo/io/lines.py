@@ -96,6 +96,9 @@ class _Parser:
         self._refuse_dimension(content, name, tag)
         content.d = tag.d or content.d
         self._refuse_incomplete(name.decode(), tag, fields.texts)
+        if tag.more:
+            words = [text.split() for text in fields.texts if text]
+            content.cameras |= {tuple(floats(row, self._after).tolist()) for row in words}
         if tag.kind == "edge" and tag.what:
             content.counts[tag.what] += len(fields)
         rows = replace(self._rows(tag, fields, content.counts), lines=fields.lines)

@@ -12,13 +12,18 @@ from certpgo.errors import InputError
 from certpgo.io.format import LabelledPoses
 from certpgo.linalg.arrays import IntArray
 
+#: A letter and an id, which may be negative.
+_LETTERED = re.compile(r"[A-Za-z]-?\d+")
+
 
 def name_numbers(names: Sequence[str]) -> IntArray | None:
     """The last number in each name without extension; None unless all have distinct ones.
 
-    ``frame_12.jpg`` is 12, ``left/0007.png`` is 7.
+    ``frame_12.jpg`` is 12, ``left/0007.png`` is 7. Of names that are a letter and an integer, as
+    PyFG files have them, ``A-1`` is -1.
     """
-    found = [re.findall(r"\d+", PurePosixPath(name).stem) for name in names]
+    signed = all(map(_LETTERED.fullmatch, names))
+    found = [re.findall(r"-?\d+" if signed else r"\d+", PurePosixPath(name).stem) for name in names]
     if not all(found) or max(len(digits[-1]) for digits in found) > 18:
         return None
     numbers = np.array([int(digits[-1]) for digits in found], dtype=np.intp)

@@ -93,6 +93,9 @@ def _numbers(text: bytes, layout: InformationLayout) -> FloatArray:
         values = np.array([float(word) for word in words])
     except ValueError:
         raise InputError("information must be decimal numbers") from None
-    if len(values) != layout.size or not np.isfinite(values).all() or b"_" in text:
-        raise InputError(f"{layout.size} finite numbers of information expected, not {len(words)}")
+    if len(values) != layout.size:
+        raise InputError(f"{layout.size} numbers of information expected, not {len(words)}")
+    if not np.isfinite(values).all() or b"_" in text:
+        found = next(word for word in words if b"_" in word or not np.isfinite(float(word)))
+        raise InputError(f"finite numbers of information expected, not {found.decode()}")
     return values

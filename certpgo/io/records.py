@@ -101,6 +101,7 @@ class Records:
     names : of nodes, if these have names: their numbers are the ids, until `certpgo.io.nodes`
         numbers nodes in the order of their vertices
     counts : what is to be noted, with how often
+    cameras : the different numbers of cameras after those of poses
     """
 
     d: int = 0
@@ -108,12 +109,19 @@ class Records:
     fixed: list[int] = field(default_factory=list)
     names: list[str] = field(default_factory=list)
     counts: Counter[str] = field(default_factory=Counter)
+    cameras: set[tuple[float, ...]] = field(default_factory=set)
+
+    @property
+    def camera(self) -> tuple[float, ...]:
+        """The numbers of the camera of all poses; empty if there is none, or several."""
+        return next(iter(self.cameras)) if len(self.cameras) == 1 else ()
 
     def extend(self, other: Records) -> None:
         """Append the next chunk."""
         self.d = other.d or self.d
         self.fixed.extend(other.fixed)
         self.counts.update(other.counts)
+        self.cameras |= other.cameras
         for kind, parts in other.rows.items():
             self.rows.setdefault(kind, []).extend(parts)
 

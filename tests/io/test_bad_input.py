@@ -182,3 +182,26 @@ def test_the_first_of_several_bad_lines_is_named(file):
     lines[18] = lines[33] = "EDGE_SE2 1 2 x 0 0 1 0 0 1 0 1\n"
     with pytest.raises(FormatError, match="18: node 17 is measured from itself"):
         io.read(file("".join(lines)))
+
+
+def test_symbols_of_gtsam_with_letters_of_ascii_are_ids(file):
+    """symbol('x', 0) is 120 2^56; beyond 2^63 are letters that are none of ASCII."""
+    inside, beyond = 120 << 56, 255 << 56
+    path = file(f"EDGE_SE2 {inside} {inside + 1} 1 0 0\n")
+    assert io.read(path, quiet=True).ids.tolist() == [inside, inside + 1]
+    with pytest.raises(FormatError, match="GTSAM do if their letters are ASCII"):
+        io.read(file(f"EDGE_SE2 {inside} {beyond} 1 0 0\n"))
+
+
+@pytest.mark.parametrize(
+    ("numbers", "said"),
+    [
+        ("inf 0 0 inf 0 inf", "finite numbers of information expected, not inf"),
+        ("1 0 0 1 0", ".* 6 or no information numbers; 10 values found"),
+        ("1 0 0 1 0 1_0", "finite numbers of information expected, not 1_0"),
+    ],
+)
+def test_the_information_of_positions(file, numbers, said):
+    lines = "EDGE_SE3:QUAT 0 1 1 0 0 0 0 0 1\nEDGE_SE3_XYZPRIOR 0 0 0 0 0 "
+    with pytest.raises(FormatError, match=f":2: {said}"):
+        io.read(file(f"{lines}{numbers}\n"))

@@ -416,3 +416,15 @@ def test_the_command_converts(pyfg, tmp_path, capsys):
     assert main(["convert", str(source), str(tmp_path / "out.g2o")]) != 0
     assert "hold ranges, and there are 2" in capsys.readouterr().err
     assert not (tmp_path / "out.g2o").exists()
+
+
+def test_negative_ids_come_back(file, tmp_path):
+    lines = "EDGE_SE2 -4 -1 1 0 0\nEDGE_SE2 -1 4 1 0 0.5\nEDGE_SE2_XY -4 -7 2 1 1 0 1\n"
+    instance = io.read(file(lines), quiet=True)
+    estimate = certpgo.solve(instance).estimate
+    certpgo.write(tmp_path / "t.pyfg", estimate, instance=instance)
+    assert " A-4 " in (tmp_path / "t.pyfg").read_text()
+    with pytest.warns(InputNotice, match="numbers in names"):
+        again = io.read_estimate(tmp_path / "t.pyfg", instance)
+    assert again.keys.ids.tolist() == [-7, -4, -1, 4]
+    assert again.translations == pytest.approx(estimate.anchored(1).translations, abs=1e-12)

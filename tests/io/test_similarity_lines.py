@@ -11,6 +11,7 @@ from strategies import rng_of, seeds
 
 import certpgo
 from certpgo import Estimate, FormatError, InputError, Instance
+from certpgo.cli import main
 from certpgo.errors import InputNotice
 from certpgo.io.datasets.monocular import random_maps
 from certpgo.linalg import rotations as so
@@ -209,3 +210,49 @@ def test_frames_of_the_world_leave_scales():
         assert (moved.scales == truth.scales).all()
     assert (truth.subset([4, 2]).scales == truth.scales[[4, 2]]).all()
     assert isinstance(truth.with_translations(None), Estimate)
+
+
+#: Of a stereo camera of KITTI: focal lengths and centre, pixels.
+CAMERA = "718.8 718.8 607.2 185.2"
+
+
+def camera_graph(file, cameras=(CAMERA, CAMERA)):
+    poses = "0 0 0 0 0 0 0 0", "1 0 0 .1 1 0 0 0.05"
+    lines = [f"VERTEX_SIM3:EXPMAP {pose} {c}" for pose, c in zip(poses, cameras, strict=True)]
+    return file("\n".join([*lines, EDGE.format("0 0 .1 1 0 0 0.05", "").replace(" 7 ", " 1 ")]))
+
+
+def vertices(path):
+    lines = [line.split() for line in path.read_text().splitlines()]
+    return [line[9:] for line in lines if line[0] == "VERTEX_SIM3:EXPMAP"]
+
+
+def test_the_camera_is_kept(file, tmp_path):
+    graph = camera_graph(file)
+    instance = certpgo.read(graph, quiet=True)
+    out, archive = tmp_path / "out.g2o", tmp_path / "g.npz"
+    certpgo.write(out, certpgo.solve(instance))
+    assert vertices(out) == [CAMERA.split()] * 2
+    certpgo.write(archive, instance)
+    certpgo.write(out, certpgo.read(archive, quiet=True))
+    assert vertices(out) == [CAMERA.split()] * 2
+    certpgo.write(out, certpgo.read_estimate(graph))
+    assert vertices(out) == [CAMERA.split()] * 2
+
+
+def test_different_cameras_are_not_kept(file, tmp_path):
+    with pytest.warns(InputNotice, match="2 different cameras: they are not kept"):
+        instance = certpgo.read(camera_graph(file, (CAMERA, "1 1 0 0")))
+    certpgo.write(tmp_path / "out.g2o", instance)
+    assert vertices(tmp_path / "out.g2o") == [["1", "1", "0", "0"]] * 2
+    with pytest.raises(FormatError, match=r":2: numbers expected"):
+        certpgo.read(camera_graph(file, (CAMERA, "718.8 718.8 a b")))
+
+
+def test_a_graph_of_similarities_is_converted_with_its_unit(file, tmp_path):
+    graph, out = camera_graph(file), tmp_path / "out.g2o"
+    assert main(["convert", str(graph), str(out)]) == 0
+    again = certpgo.read(out, quiet=True).graph
+    assert again.free.tolist() == [False, True]
+    assert again.scales == pytest.approx(certpgo.read(graph, quiet=True).graph.scales, rel=1e-12)
+    assert main(["convert", str(graph), str(out), "--no-fixed"]) != 0  # which releases it

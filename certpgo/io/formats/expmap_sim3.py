@@ -7,7 +7,7 @@
 g2o has these similarities world to camera, and measures S_j S_i^-1, but writes and reads the
 logarithm of the inverse of both (g2o/types/sim3/types_seven_dof_expmap.cpp): in a file they are
 camera to world, and the measurement is that of node j in the frame of node i. The logarithm is
-[omega, upsilon, sigma], see `certpgo.linalg.similarities`; numbers of the camera are not read.
+[omega, upsilon, sigma], see `certpgo.linalg.similarities`; the numbers of the camera are kept.
 The information has rotation, translation and scale in this order, and weighs the logarithm, in the
 unit of camera j: it is used for the weights kappa and tau alone, in the unit of the map. The fixed
 node with the smallest id, or else the smallest id, has the scale 1.
@@ -45,6 +45,8 @@ _LAYOUT = InformationLayout(
     tuple(tuple(_UPPER[i, _ROWS].tolist()) for i in _ROWS),
     28,
 )
+#: Focal lengths and centre of a camera that is not known.
+_NO_CAMERA = (1, 1, 0, 0)
 #: Largest component of a rotation vector, radians: of larger ones the doubles leave no angle.
 _LARGEST_TURN = 1e9
 #: Largest logarithm of a scale.
@@ -87,13 +89,13 @@ def _recognises(path: Path, head: bytes) -> bool:
     return bool(first_tags(head) & {_VERTEX, _EDGE})
 
 
-def vertex_lines(ids: IntArray, estimate: Estimate) -> list[str]:
+def vertex_lines(ids: IntArray, estimate: Estimate, camera: tuple[float, ...]) -> list[str]:
     """The lines of an estimate with scales; those of points are refused by an InputError."""
     if estimate.d != 3 or estimate.translations is None or estimate.scales is None:
         raise InputError("g2o has similarities in space alone, with translations")
     rows = similarities.log(estimate.rotations, estimate.translations, estimate.scales).tolist()
     return [
-        f"{_VERTEX.decode()} {k} {_text(row)} 1 1 0 0\n"
+        f"{_VERTEX.decode()} {k} {_text(row)} {_text(list(camera or _NO_CAMERA))}\n"
         for k, row in zip(ids.tolist(), rows, strict=True)
     ]
 
@@ -113,7 +115,7 @@ def write_poses(path: Path, estimate: Estimate, keys: Keys) -> None:
     n = estimate.num_nodes
     if keys.is_point(n).any():
         raise InputError("g2o has no points seen by similarities")
-    lines = vertex_lines(keys.ids_of(n), estimate)
+    lines = vertex_lines(keys.ids_of(n), estimate, keys.camera)
     path.write_text("".join(lines), encoding="ascii")
 
 
@@ -139,7 +141,9 @@ def write_graph(path: Path, instance: Instance) -> None:
     if instance.fixed and min(instance.fixed) != unit:
         said = "whose scale is 1 is not the one with the smallest id of those that are fixed"
         raise InputError(f"node {instance.ids[unit]} {said}: .npz files hold such graphs")
-    lines = [] if instance.initial is None else vertex_lines(instance.ids, _scaled(instance))
+    lines, values = [], _scaled(instance)
+    if values is not None:
+        lines = vertex_lines(instance.ids, values, instance.camera)
     lines += [f"FIX {instance.ids[k]}\n" for k in instance.fixed or (unit,)]
     measured = similarities.log(graph.rotation.rotations, graph.translations, graph.scales)
     kappa, tau = graph.rotation.kappa.tolist(), graph.tau.tolist()
@@ -149,11 +153,11 @@ def write_graph(path: Path, instance: Instance) -> None:
     path.write_text("".join(lines), encoding="ascii")
 
 
-def _scaled(instance: Instance) -> Estimate:
+def _scaled(instance: Instance) -> Estimate | None:
     """The initial values, with scales of 1 where they have none."""
     found = instance.initial
     if found is None or found.scales is not None:
-        return found  # type: ignore[return-value]
+        return found
     return Estimate(found.rotations, found.translations, found.keys, np.ones(found.num_nodes))
 
 

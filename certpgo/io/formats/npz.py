@@ -76,6 +76,7 @@ _GRAPH_OPTIONAL = {
     "free": ("b", "n"),
     "initial_scales": ("f", "n"),
     "truth_scales": ("f", "n"),
+    "camera": ("f", "4"),
 }
 _ESTIMATE = {"rotations": ("f", "ndd"), "ids": ("i", "n")}
 _ESTIMATE_OPTIONAL = {
@@ -199,6 +200,7 @@ def _instance(arrays: _Arrays, source: str) -> Instance:
         moved_by=int(arrays.get("moved_by", 0)),
         times_ns=arrays.get("times_ns"),
         stated=arrays.get("stated"),
+        camera=tuple(arrays["camera"].tolist()) if "camera" in arrays else (),
     )
 
 
@@ -281,6 +283,8 @@ def _write_graph(path: Path, instance: Instance) -> None:
         arrays |= {"scales": graph.scales, "free": graph.free}
     if instance.world is not None:
         arrays["world"] = instance.world
+    if instance.camera:
+        arrays["camera"] = np.array(instance.camera, dtype=np.float64)
     if instance.origin is not None:
         arrays["origin"] = instance.origin
     if instance.apart is not None:
