@@ -189,19 +189,21 @@ def _graph(
 
 def anchored(graph: PoseGraph, priors: Rows) -> tuple[PoseGraph, FloatArray | None, str]:
     """The graph with the world as its last node, the world's origin, and a notice."""
-    origin = origin_of(priors.translations)
+    placed = priors.tau > 0.0
+    origin = origin_of(priors.translations[placed])
     joined = with_priors(
         graph,
         priors.nodes[:, 0],
         priors.rotations if priors.kappa.any() else None,
-        priors.translations - origin,
+        # Where an attitude alone is said to be means nothing.
+        np.where(placed[:, None], priors.translations - origin, 0.0) if placed.any() else None,
         kappa=priors.kappa,
         tau=priors.tau,
     )
-    positions = int(np.count_nonzero(priors.kappa == 0.0))
     said = counted(len(priors), "prior{s}, measured from a node that stands for the world")
-    if positions:
-        said += f"; {positions} of them positions alone"
+    for alone, what in ((priors.kappa == 0.0, "positions"), (~placed, "attitudes")):
+        if alone.any():
+            said += f"; {int(alone.sum())} of them {what} alone"
     return joined, origin if origin.any() else None, said
 
 

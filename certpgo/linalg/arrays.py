@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
+from certpgo.errors import GraphError
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.integer[Any]]
 BoolArray = NDArray[np.bool_]
@@ -21,8 +23,30 @@ def frozen_floats(values: ArrayLike) -> FloatArray:
 
 
 def frozen_indices(values: ArrayLike) -> IntArray:
-    """A read-only, C-contiguous index array; the input is copied unless it is already one."""
-    return _freeze(values, np.intp)
+    """A read-only, C-contiguous index array; the input is copied unless it is already one.
+
+    Raises
+    ------
+    GraphError
+        A number is not whole, or beyond 64 bits.
+    """
+    given = np.asarray(values)
+    if given.dtype.kind not in "ib":
+        wrong = _no_index(given)
+        if wrong.any():
+            found = repr(given[wrong].tolist()[0])[:40]
+            raise GraphError(f"whole numbers of 64 bits expected, not {found}")
+    return _freeze(given, np.intp)
+
+
+def _no_index(given: NDArray[Any]) -> BoolArray:
+    """Which entries of an array of another type than integers are no integers of 64 bits."""
+    if given.dtype.kind == "u":
+        return np.asarray(given >= 2**63)
+    if given.dtype.kind != "f":
+        flags = [not _is_index(value) for value in given.ravel().tolist()]
+        return np.array(flags, dtype=np.bool_).reshape(given.shape)
+    return np.asarray((given != np.rint(given)) | ~(np.abs(given) < 2.0**63))
 
 
 def frozen_flags(values: ArrayLike) -> BoolArray:
@@ -36,6 +60,10 @@ def _freeze(values: ArrayLike, dtype: Any) -> NDArray[Any]:
         array = array.copy() if np.shares_memory(array, np.asarray(values)) else array
         array.flags.writeable = False
     return array
+
+
+def _is_index(value: object) -> bool:
+    return isinstance(value, int) and -(2**63) <= value < 2**63
 
 
 def numbered(ids: IntArray, queries: IntArray) -> IntArray:

@@ -164,3 +164,27 @@ def test_instance_checks_what_belongs_together():
         Instance("x", graph, np.array([1, 1, 2, 3]))
     with pytest.raises(GraphError, match="truth is for another graph"):
         Instance("x", graph, np.arange(4), truth=Estimate(EYES))
+
+
+@pytest.mark.parametrize(
+    ("edges", "shown"),
+    [
+        ([[0, 1], [1, 0.5]], "0.5"),
+        ([[0, 1], [1, np.nan]], "nan"),
+        ([["0", "1"], ["1", "2"]], "'0'"),
+        ([[0, 1], [1, 2**64]], "18446744073709551616"),
+        (np.array([[0, 1], [1, 2**63]], dtype=np.uint64), "9223372036854775808"),
+    ],
+)
+def test_nodes_are_whole_numbers(edges, shown):
+    with pytest.raises(GraphError, match=f"whole numbers of 64 bits expected, not {shown}"):
+        RotationGraph(3, edges, np.array([np.eye(3)] * 2), np.ones(2))
+
+
+def test_whole_numbers_of_any_type_are_nodes():
+    edges = np.array([[0, 1], [1, 2]])
+    for kind in (float, np.uint64, np.int32, object):
+        graph = RotationGraph(3, edges.astype(kind), np.array([np.eye(3)] * 2), np.ones(2))
+        assert graph.edges.tolist() == edges.tolist()
+    with pytest.raises(GraphError, match=r"not 1\.5"):
+        Instance("a", graph, np.array([0, 1.5, 2]))

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 import certpgo
 from certpgo import FormatError, InputError, io
@@ -260,3 +261,52 @@ def test_parameters_of_sensors_are_no_obstacle(file):
         ).graph.d
         == 3
     )
+
+
+def turned(angle):
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
+@pytest.mark.parametrize(("east", "north"), [(0.0, 0.0), (500_000.0, 4_000_000.0)])
+def test_positions_beside_an_attitude_written_at_the_origin(file, east, north):
+    """A compass, and positions of UTM far away: the least squares of SciPy, near the origin."""
+    instance = io.read(
+        file(
+            "EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\nEDGE_SE2 1 2 1 0 0 1 0 0 1 0 1\n"
+            "EDGE_PRIOR_SE2 0 0 0 0.5 0 0 0 0 0 1\n"
+            f"EDGE_PRIOR_SE2_XY 0 {east} {north} 1 0 1\n"
+            f"EDGE_PRIOR_SE2_XY 2 {east + 1.75} {north + 0.25} 1 0 1\n"
+        ),
+        quiet=True,
+    )
+    said = "2 of them positions alone; 1 of them attitudes alone"
+    assert any(said in notice for notice in instance.notices)
+
+    def residuals(x):
+        t, angles = x[:6].reshape(3, 2), x[6:]
+        steps = [turned(angles[k]).T @ (t[k + 1] - t[k]) - [1, 0] for k in range(2)]
+        return np.concatenate(
+            [*steps, np.diff(angles), [angles[0] - 0.5], t[0], t[2] - [1.75, 0.25]]
+        )
+
+    found = least_squares(residuals, [0, 0, 1, 0, 2, 0, 0, 0, 0], xtol=1e-15, gtol=1e-15)
+    answer = certpgo.solve(instance)
+    assert answer.cost == pytest.approx(2 * found.cost, rel=1e-9)
+    t = instance.in_world(answer.estimate).translations
+    assert t - [east, north] == pytest.approx(found.x[:6].reshape(3, 2), abs=1e-6)
+
+
+def test_attitudes_alone(file):
+    """Two compasses that differ by what the odometry turns: nothing is left over."""
+    instance = io.read(
+        file(
+            "EDGE_SE2 0 1 1 0 0.25 1 0 0 1 0 1\n"
+            "EDGE_PRIOR_SE2 0 7 7 0.5 0 0 0 0 0 1\nEDGE_PRIOR_SE2 1 0 0 0.75 0 0 0 0 0 1\n"
+        ),
+        quiet=True,
+    )
+    assert any("2 of them attitudes alone" in notice for notice in instance.notices)
+    answer = certpgo.solve(instance)
+    assert answer.cost == pytest.approx(0.0, abs=1e-20)
+    R = instance.in_world(answer.estimate).rotations
+    assert np.arctan2(R[:, 1, 0], R[:, 0, 0]) == pytest.approx([0.5, 0.75], abs=1e-12)
