@@ -26,9 +26,9 @@ def test_draws_are_added_to_what_was_recorded(tmp_path, monkeypatch):
     monkeypatch.setattr(study, "KINDS", {"readers": study.KINDS["readers"]})
     monkeypatch.setattr(study, "WHOLE", study.KINDS["readers"][1])
     out = tmp_path / "records.jsonl"
-    study.campaign(3, 0, out)
+    study.campaign(study.drawn(3, 0), 0, out)
     before = out.read_text()
-    records = study.campaign(5, 0, out)
+    records = study.campaign(study.drawn(5, 0), 0, out)
     assert out.read_text().startswith(before)
     assert [json.loads(line)["number"] for line in out.read_text().splitlines()] == list(range(5))
     [row] = study.summary(records)

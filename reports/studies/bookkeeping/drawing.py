@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -32,9 +32,11 @@ class Measurements:
     points : (n,) which nodes are points
     world : whether the last node is the world
     apart : id of the first point, where points are numbered apart from poses in files; else 0
+    moved : (m,) whether the step is measured; None for all
+    held : nodes that stay where they are
     edges : (m, 2) from a pose or the world, to a pose or a point
     turns, steps : (m, d, d) and (m, d) measured
-    turned : (m,) whether the rotation is measured; steps always are
+    turned : (m,) whether the rotation is measured
     information : (m, p, p) translation first; zero for what is not measured
     pairs, distances, precisions : (k, 2), (k,) and (k,) distances between nodes
     """
@@ -54,6 +56,8 @@ class Measurements:
     distances: Array
     precisions: Array
     apart: int = 0
+    moved: Array | None = None
+    held: tuple[int, ...] = ()
 
     @property
     def n(self) -> int:
@@ -68,10 +72,8 @@ class Measurements:
     @property
     def kappa(self) -> Array:
         """(m,) d / (2 tr(O_R^-1)) in space and O_R in the plane; 0 without a measured rotation."""
-        d, kappa = self.d, np.zeros(self.m)
-        omega = self.information[self.turned, d:, d:]
-        kappa[self.turned] = omega[:, 0, 0] if d == 2 else 0.5 * _harmonic(omega)
-        return kappa
+        d, omega = self.d, self.information[:, self.d :, self.d :]
+        return omega[:, 0, 0] if d == 2 else 0.5 * _harmonic(omega)
 
     @property
     def tau(self) -> Array:
@@ -86,14 +88,15 @@ class Measurements:
             turns=self.turns[chosen],
             steps=self.steps[chosen],
             turned=self.turned[chosen],
+            moved=None if self.moved is None else self.moved[chosen],
             information=self.information[chosen],
             **_no_distances(),
         )
 
     def induced(self, nodes: Array) -> Measurements:
-        """Some nodes, ascending, with what is measured between them, without distances."""
+        """Some nodes, ascending, with what is measured between them."""
         inside = np.isin(self.edges, nodes).all(axis=1)
-        part = self.subset(inside)
+        part, near = self.subset(inside), np.isin(self.pairs, nodes).all(axis=1)
         return replace(
             part,
             R=self.R[nodes],
@@ -102,6 +105,10 @@ class Measurements:
             points=self.points[nodes],
             world=self.world and self.n - 1 in nodes,
             edges=np.searchsorted(nodes, part.edges),
+            held=tuple(np.flatnonzero(np.isin(nodes, self.held)).tolist()),
+            pairs=np.searchsorted(nodes, self.pairs[near]),
+            distances=self.distances[near],
+            precisions=self.precisions[near],
         )
 
     @property
@@ -129,14 +136,22 @@ class Measurements:
     @property
     def text(self) -> str:
         """As a g2o file: true poses, then measurements in order, without distances."""
-        said = ["PARAMS_SE3OFFSET 0 0 0 0 0 0 0 1"] if self.d == 3 else []
-        poses = np.flatnonzero(~self.points[: self.n - self.world]).tolist()
-        said += [self._vertex(k) for k in poses]
-        return "\n".join([*said, *(self._line(e) for e in range(self.m)), ""])
+        return self.text_of(range(self.m))
 
-    def _vertex(self, k: int) -> str:
-        tag = "VERTEX_SE2" if self.d == 2 else "VERTEX_SE3:QUAT"
-        numbers = [*self.t[k].tolist(), *_turn(self.R[k])]
+    def text_of(self, chosen: Iterable[int]) -> str:
+        """The same with some of the measurements, in that order."""
+        said = ["PARAMS_SE3OFFSET 0 0 0 0 0 0 0 1"] if self.d == 3 else []
+        # Held nodes need values of all.
+        shown = ~self.points[: self.n - self.world] | bool(self.held)
+        said += [self.vertex(k) for k in np.flatnonzero(shown).tolist()]
+        said += [f"FIX {self.ids[k]}" for k in self.held if k < self.n - self.world]
+        return "\n".join([*said, *map(self._line, chosen), ""])
+
+    def vertex(self, k: int) -> str:
+        """The line of a node's values."""
+        tags = {2: ("VERTEX_SE2", "VERTEX_XY"), 3: ("VERTEX_SE3:QUAT", "VERTEX_TRACKXYZ")}[self.d]
+        tag = tags[int(self.points[k])]
+        numbers = [*self.t[k].tolist(), *([] if self.points[k] else _turn(self.R[k]))]
         return " ".join([tag, str(self.ids[k]), *map(repr, numbers)])
 
     def _line(self, e: int) -> str:
@@ -146,7 +161,7 @@ class Measurements:
             2: ("EDGE_SE2", "EDGE_PRIOR_SE2", "EDGE_SE2_XY", "EDGE_PRIOR_SE2_XY"),
             3: ("EDGE_SE3:QUAT", "EDGE_SE3_PRIOR", "EDGE_SE3_TRACKXYZ", "EDGE_SE3_XYZPRIOR"),
         }[d]
-        alone = not self.turned[e]
+        alone = not self.turned[e] and (is_prior or is_sighting)
         is_apart = self.apart > 0 and is_sighting
         words = ["LANDMARK2" if is_apart else tags[2 * alone + is_prior]]
         words += [] if is_prior else [str(self.ids[i])]
@@ -290,8 +305,12 @@ def _no_distances() -> dict[str, Array]:
 
 
 def _harmonic(A: Array) -> Array:
-    """(m,) p / tr(A^-1) of matrices (m, p, p)."""
-    return A.shape[-1] / np.trace(np.linalg.inv(A), axis1=1, axis2=2)
+    """(m,) p / tr(A^-1) of matrices (m, p, p), over the p axes that are no zeros; 0 without any."""
+    stated = np.diagonal(A, axis1=1, axis2=2) > 0.0
+    whole = A + ~stated[:, :, None] * np.eye(A.shape[-1])
+    variances = np.diagonal(np.linalg.inv(whole), axis1=1, axis2=2)
+    count = stated.sum(axis=1)
+    return count / np.maximum((variances * stated).sum(axis=1), count == 0)
 
 
 def _turn(R: Array) -> list[float]:

@@ -104,11 +104,20 @@ class Cost:
             return (of.d * (of.d - 1) // 2) * of.n
         return of.n * of.d + (of.d * (of.d - 1) // 2) * int((~of.points).sum())
 
+    @cached_property
+    def _is_free(self) -> Array:
+        """(rows,) zero for the numbers by which held nodes would move."""
+        of, q = self.of, self.of.d * (self.of.d - 1) // 2
+        free = ~np.isin(np.arange(of.n), of.held)
+        turns = np.repeat(free[~of.points], q)
+        return turns if self.name == "rotations" else np.r_[np.repeat(free, of.d), turns]
+
     def moved(self, poses: Poses, x: Array, *, body: bool = False) -> Poses:
         """Poses moved by x (..., rows): translations of all nodes first, then rotations."""
         (R, t), of = poses, self.of
         d, q = of.d, of.d * (of.d - 1) // 2
         steps = 0 if self.name == "rotations" else of.n * d
+        x = x * self._is_free
         dt = x[..., :steps].reshape(*x.shape[:-1], -1, d)
         if body:
             dt = (R @ dt[..., None])[..., 0]
@@ -145,17 +154,11 @@ class Cost:
 
     @cached_property
     def _roots(self) -> Array:
-        """(m, k, k) L^T with L L^T the information, zero where nothing is measured."""
+        """(m, k, k) symmetric roots of the information, zero where nothing is measured."""
         of, d = self.of, self.of.d
-        if self.name == "mahalanobis":
-            known = of.turned[:, None, None]
-            L = np.linalg.cholesky(of.information[:, d:, d:] + ~known * np.eye(2 * d - 3))
-            return np.swapaxes(L * known, 1, 2)
-        p = of.information.shape[-1]
-        rest = np.diag(np.arange(p) >= d).astype(float)
-        L = np.linalg.cholesky(of.information + ~of.turned[:, None, None] * rest)
-        L[~of.turned] -= rest
-        return np.swapaxes(L, 1, 2)
+        block = of.information[:, d:, d:] if self.name == "mahalanobis" else of.information
+        values, vectors = np.linalg.eigh(block)
+        return (vectors * np.sqrt(np.maximum(values, 0.0))[:, None]) @ np.swapaxes(vectors, 1, 2)
 
     @cached_property
     def _sizes(self) -> Array:

@@ -1,0 +1,311 @@
+"""What rows choose from, and what does not go together."""
+
+from __future__ import annotations
+
+from reports.studies.bookkeeping.covering import Rule
+
+#: Levels of each factor; the first is the plainest.
+FACTORS = {
+    "dimension": ("plane", "space"),
+    "relative poses": ("whole", "rotations alone"),
+    "partial edges": ("none", "turns", "steps", "axes"),
+    "landmarks": ("none", "some", "numbered apart"),
+    "positions": ("none", "near", "far"),
+    "attitudes": ("none", "some"),
+    "full priors": ("none", "some"),
+    "distances": ("none", "some"),
+    "held": ("none", "one", "several"),
+    "parallel edges": ("none", "copy", "other"),
+    "noise": ("some", "none", "much"),
+    "matrices": ("isotropic", "full", "none"),
+    "weights": ("file", "chosen", "ones", "covariance", "quaternion"),
+    "cost": ("own", "chordal", "g2o", "gtsam"),
+    "file": ("g2o", "npz", "pyfg", "arrays"),
+    "files": ("one", "two", "reversed", "also"),
+    "ids": ("plain", "gaps", "huge"),
+    "command": ("solve", "certify"),
+    "outliers": ("none", "robust"),
+    "rejected": ("none", "listed"),
+    "estimate": ("whole", "part"),
+    "truth": ("none", "given"),
+    "times": ("none", "given"),
+    "proof": ("none", "tier", "file", "integers"),
+    "covariances": ("none", "asked"),
+    "limit": ("none", "short"),
+    "law": ("none", "names", "unit", "frame"),
+}
+
+
+def _cannot(**levels: str | tuple[str, ...]) -> Rule:
+    return Rule(_levels(levels))
+
+
+def _is_refused(said: str, why: str, **levels: str | tuple[str, ...]) -> Rule:
+    return Rule(_levels(levels), said, why)
+
+
+def _levels(levels: dict[str, str | tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
+    """Names with spaces, and levels as tuples."""
+    return {
+        name.replace("_", " "): (one,) if isinstance(one, str) else one
+        for name, one in levels.items()
+    }
+
+
+def _priors(*, but: str = "") -> list[dict[str, str | tuple[str, ...]]]:
+    """Levels with priors of each kind."""
+    levels = {"positions": ("near", "far"), "attitudes": "some", "full_priors": "some"}
+    return [{name: level} for name, level in levels.items() if name != but]
+
+
+_PARTIAL, _HELD, _WEIGHTS = ("turns", "steps", "axes"), ("one", "several"), ("chosen", "ones")
+_OTHERS, _SEVERAL = ("g2o", "gtsam"), ("two", "reversed", "also")
+_PROOFS = ("file", "integers")
+
+#: What no file or option could say.
+UNASKED = (
+    # Rotations alone.
+    _cannot(relative_poses="rotations alone", partial_edges=_PARTIAL),
+    _cannot(relative_poses="rotations alone", landmarks=("some", "numbered apart")),
+    *(_cannot(relative_poses="rotations alone", **prior) for prior in _priors()),
+    _cannot(relative_poses="rotations alone", distances="some"),
+    _cannot(relative_poses="rotations alone", law="unit"),
+    # Points have numbers of their own in the plane alone, and in g2o files.
+    _cannot(landmarks="numbered apart", dimension="space"),
+    _cannot(landmarks="numbered apart", distances="some"),
+    _cannot(landmarks="numbered apart", file=("arrays", "pyfg")),
+    _cannot(landmarks="numbered apart", held=_HELD),
+    # Only a file in which all have the same form can be without matrices.
+    _cannot(matrices="none", partial_edges=_PARTIAL),
+    _cannot(matrices="none", weights=("covariance", "quaternion")),
+    _cannot(matrices="none", landmarks=("some", "numbered apart")),
+    *(_cannot(matrices="none", **prior) for prior in _priors()),
+    _cannot(matrices="none", distances="some"),
+    _cannot(matrices="none", file=("arrays", "pyfg")),
+    # What is unknown has no covariance.
+    _cannot(weights="covariance", partial_edges=_PARTIAL),
+    _cannot(weights="covariance", attitudes="some"),
+    # What files have a place for.
+    _cannot(file="g2o", distances="some"),
+    _cannot(file=("npz", "pyfg"), weights=("covariance", "quaternion")),
+    _cannot(file="pyfg", held=_HELD),
+    _cannot(file="npz", files=_SEVERAL),
+    _cannot(file="npz", distances="some", held=_HELD),
+    # Arrays have their own weights and ids, and no options.
+    _cannot(file="arrays", weights=("chosen", "ones", "covariance", "quaternion")),
+    _cannot(file="arrays", files=_SEVERAL),
+    _cannot(file="arrays", held=_HELD),
+    _cannot(file="arrays", positions="far"),
+    _cannot(file="arrays", relative_poses="rotations alone"),
+    _cannot(file="arrays", attitudes="some"),
+    _cannot(file="arrays", estimate="part"),
+    _cannot(file="arrays", truth="given"),
+    _cannot(file="arrays", times="given"),
+    _cannot(file="arrays", proof=_PROOFS),
+    _cannot(file="npz", distances="some", positions="far"),
+    _cannot(file="npz", distances="some", attitudes="some"),
+    # Commands.
+    _cannot(command="solve", estimate="part"),
+    _cannot(command="solve", rejected="listed"),
+    _cannot(command="certify", outliers="robust"),
+    _cannot(command="certify", covariances="asked"),
+    _cannot(outliers="robust", noise="much"),
+    _cannot(limit="short", law=("names", "unit", "frame")),
+    _cannot(weights=_WEIGHTS, law="unit"),
+    _cannot(matrices="none", law="unit"),
+)
+#: What is refused.
+REFUSED = (
+    # Costs of other programs.
+    _is_refused(
+        "with distances there is only the cost F",
+        "With distances there is the cost F alone.",
+        distances="some",
+        cost=_OTHERS,
+    ),
+    _is_refused(
+        "needs poses with information matrices on every edge; these are rotations alone",
+        "The costs of g2o and GTSAM are of poses.",
+        relative_poses="rotations alone",
+        cost=_OTHERS,
+    ),
+    _is_refused(
+        "needs poses with information matrices on every edge; other weights were chosen",
+        "The costs of g2o and GTSAM have the file's matrices, no other weights.",
+        weights=_WEIGHTS,
+        cost=_OTHERS,
+    ),
+    _is_refused(
+        "needs poses with information matrices on every edge; not all edges have one",
+        "The costs of g2o and GTSAM need matrices.",
+        matrices="none",
+        cost=_OTHERS,
+    ),
+    _is_refused(
+        "the cost of gtsam needs rotations with its",
+        "In GTSAM's cost a relative translation is not measured without the rotation.",
+        partial_edges="steps",
+        cost="gtsam",
+    ),
+    _is_refused(
+        "no isotropic cost is known to be below",
+        "Not every residual with cross terms has a minorant.",
+        rejected="listed",
+        cost=_OTHERS,
+    ),
+    _is_refused(
+        "knows no sensors apart from their bodies, and no held poses",
+        "GTSAM's cost knows no held poses.",
+        held="several",
+        cost="gtsam",
+    ),
+    # Weights.
+    _is_refused(
+        "rotational information on a quaternion is for 3D; in 2D use the angle",
+        "In the plane information is about the angle.",
+        weights="quaternion",
+        dimension="plane",
+    ),
+    # Proofs.
+    _is_refused(
+        "a proof is about one file",
+        "A proof names the bytes of one file.",
+        proof=_PROOFS,
+        files=_SEVERAL,
+    ),
+    _is_refused(
+        "a proof is about a g2o or 1DSfM file, not",
+        "The checker reads g2o files.",
+        proof=_PROOFS,
+        file=("npz", "pyfg"),
+    ),
+    _is_refused(
+        "--proof needs an estimate of all nodes",
+        "A proof is about the whole file.",
+        proof=_PROOFS,
+        estimate="part",
+    ),
+    _is_refused(
+        "--proof is not for graphs with distances|the proof tier is not for graphs with measured",
+        "No proofs of distances.",
+        proof=("tier", *_PROOFS),
+        distances="some",
+    ),
+    _is_refused(
+        "--proof is for --cost chordal and g2o|proofs and their tier are for the chordal cost",
+        "No proofs of GTSAM's cost.",
+        proof=("tier", *_PROOFS),
+        cost="gtsam",
+    ),
+    _is_refused(
+        "--robust --proof is for --cost chordal",
+        "A proof of a truncated cost is about F.",
+        proof=_PROOFS,
+        outliers="robust",
+        cost=_OTHERS,
+    ),
+    _is_refused(
+        "proof files are about numbers of information, not of covariance",
+        "The checker reads information.",
+        proof=_PROOFS,
+        weights="covariance",
+    ),
+    _is_refused(
+        "the checker holds no nodes that a file fixes",
+        "The checker holds no nodes.",
+        proof=_PROOFS,
+        held="several",
+    ),
+    *(
+        _is_refused(
+            "the checker holds no nodes that a file fixes",
+            "The checker holds no nodes.",
+            proof=_PROOFS,
+            held="one",
+            **prior,
+        )
+        for prior in _priors()
+    ),
+    _is_refused(
+        "the proof tier is for isotropic weights, not for edges with .* arms",
+        "The proof tier knows no arms, which held poses have.",
+        proof="tier",
+        held="several",
+    ),
+    _is_refused(
+        "the checker cannot read it: .* information that is not positive definite",
+        "The checker reads definite matrices.",
+        proof=_PROOFS,
+        weights=("file", "quaternion"),
+        partial_edges=_PARTIAL,
+    ),
+    _is_refused(
+        "the checker cannot read it: .* information that is not positive definite",
+        "The checker reads definite matrices.",
+        proof=_PROOFS,
+        weights=("file", "quaternion"),
+        attitudes="some",
+    ),
+    _is_refused(
+        "--rejected --proof is for --cost chordal",
+        "A proof of a truncated cost is about F.",
+        proof=_PROOFS,
+        rejected="listed",
+        cost=_OTHERS,
+    ),
+    # Rejections.
+    _is_refused(
+        "distances",
+        "Measurements are rejected without distances alone.",
+        outliers="robust",
+        distances="some",
+    ),
+    _is_refused(
+        "distances",
+        "Measurements are rejected without distances alone.",
+        rejected="listed",
+        distances="some",
+    ),
+    # Files.
+    _is_refused(
+        "pyfg holds poses, and this graph measures rotations alone",
+        "PyFG holds poses.",
+        relative_poses="rotations alone",
+        file="pyfg",
+    ),
+    _is_refused(
+        "only .npz files hold edges that measure only a rotation or a translation",
+        "PyFG has no edges of a rotation or a translation alone.",
+        partial_edges=("turns", "steps"),
+        file="pyfg",
+    ),
+    _is_refused(
+        "pyfg holds covariances, and the information is not positive definite",
+        "What is unknown has no covariance.",
+        partial_edges="axes",
+        file="pyfg",
+    ),
+    _is_refused(
+        "pyfg has no measurements of an attitude alone",
+        "PyFG has no attitudes alone.",
+        attitudes="some",
+        file="pyfg",
+    ),
+)
+#: What is not right yet, and is asked again when it is.
+OPEN = (
+    _cannot(positions="far", attitudes="some"),
+    _cannot(positions="none", full_priors="none", attitudes="some"),
+    _cannot(estimate="part", rejected="listed"),
+    _cannot(held="several", rejected="listed"),
+    *(_cannot(held="one", rejected="listed", **prior) for prior in _priors()),
+    # Information of some axes, turned into the frame of a held pose.
+    _cannot(held="several", partial_edges="axes"),
+    *(_cannot(held="one", partial_edges="axes", **prior) for prior in _priors()),
+    # Weights that are chosen.
+    _cannot(weights=_WEIGHTS, partial_edges=_PARTIAL),
+    _cannot(weights=_WEIGHTS, attitudes="some"),
+    _cannot(weights="chosen", distances="some"),
+    _cannot(relative_poses="rotations alone", held="several"),
+)
+RULES = (*UNASKED, *OPEN, *REFUSED)
