@@ -15,7 +15,12 @@ from certpgo.errors import NumericalError
 from certpgo.graph import Instance
 from certpgo.graph.phrases import counted
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.choose_cost import COSTS, InformationProblem, information_problem
+from certpgo.objective.choose_cost import (
+    CHORDAL,
+    InformationProblem,
+    costs_of,
+    information_problem,
+)
 from certpgo.objective.information_problem import Surrogate, surrogate_of
 
 #: Shares of an edge's weights by which its constant is lowered until the checker accepts it.
@@ -41,7 +46,8 @@ def problem_of_certificate(instance: Instance, certificate: Certificate) -> Info
     InputError
         There are no proofs about that cost.
     """
-    problems = [information_problem(instance, name) for name in COSTS]
+    others = [name for name in costs_of(instance) if name != CHORDAL]
+    problems = [information_problem(instance, name) for name in others]
     problem = next(p for p in problems if p.edge_cost.title == certificate.objective)
     refuse_unprovable(problem)
     return problem

@@ -57,34 +57,38 @@ def own_cost(instance: Instance) -> str:
     state something, ``"gtsam"`` for such a JSON Robot Log, and ``"chordal"`` otherwise.
     """
     own = None if instance.information is None else instance.information.residual
-    known = own is not None and own in COSTS and _is_weighed(instance)
-    return own if own and known and (_takes_arms(own) or not _armed(instance)) else CHORDAL
+    return own if own is not None and own in COSTS and _takes(instance, own) else CHORDAL
 
 
 def costs_of(instance: Instance) -> tuple[str, ...]:
     """The costs that an instance can be certified under, that of `own_cost` first."""
     own = own_cost(instance)
-    others = COSTS if instance.ranges is None and _is_weighed(instance) else ()
-    known = (CHORDAL, *(cost for cost in others if _takes_arms(cost) or not _armed(instance)))
+    others = COSTS if instance.ranges is None else ()
+    known = (CHORDAL, *(cost for cost in others if _takes(instance, cost)))
     return own, *(cost for cost in known if cost != own)
 
 
-def _armed(instance: Instance) -> bool:
-    """Whether measurements are of sensors apart from their bodies, or of held poses."""
-    return isinstance(instance.graph, PoseGraph) and instance.graph.arms is not None
-
-
-def _takes_arms(cost: str) -> bool:
-    """Whether minorants of a cost have no arms of their own: their sum with others is exact."""
-    return COSTS[cost].decoupled
-
-
-def _is_weighed(instance: Instance) -> bool:
-    """Whether an instance has relative poses, and definite information matrices alone."""
+def _takes(instance: Instance, cost: str) -> bool:
+    """Whether an instance has poses and definite information matrices alone, and the cost both."""
     information, graph = instance.information, instance.graph
     if information is None or not isinstance(graph, PoseGraph):
         return False
-    return bool(graph.rotation.kappa.any() and information.is_definite.all())
+    return bool(information.is_definite.all()) and not _unknown_to(cost, instance, graph)
+
+
+def _unknown_to(cost: str, instance: Instance, graph: PoseGraph) -> str:
+    """What is measured that the cost of another program does not know; or empty."""
+    if not graph.rotation.kappa.any():
+        return f"--cost {cost} needs relative poses, not positions alone"
+    if COSTS[cost].decoupled:  # minorants have no arms of their own: their sum with others is exact
+        return ""
+    if graph.arms is not None:
+        said = f"the cost of {cost} knows no sensors apart from their bodies, and no held poses"
+        return f"{said} (--cost g2o and chordal do)"
+    if alone := int(instance.measurements.are(Kind.TRANSLATION).sum()):
+        measured = counted(alone, Kind.TRANSLATION.phrase)
+        return f"the cost of {cost} needs rotations with its {measured}"
+    return ""
 
 
 def problem_under(
@@ -213,16 +217,9 @@ def information_problem(instance: Instance, cost: str) -> InformationProblem:
     if not isinstance(instance.graph, PoseGraph) or instance.information is None:
         needed = f"--cost {cost} needs poses with information matrices on every edge"
         raise InputError(f"{source}: {needed}; {_lack(instance)}")
+    if said := _unknown_to(cost, instance, instance.graph):
+        raise InputError(f"{source}: {said}")
     graph = weighed_by(cost, instance.graph, instance.information, instance.options)
-    if not graph.rotation.kappa.any():
-        raise InputError(f"{source}: --cost {cost} needs relative poses, not positions alone")
-    if _armed(instance) and not _takes_arms(cost):
-        said = f"the cost of {cost} knows no sensors apart from their bodies, and no held poses"
-        raise InputError(f"{source}: {said} (--cost g2o and chordal do)")
-    alone = int(np.count_nonzero(instance.graph.kinds == Kind.TRANSLATION))
-    if alone and not COSTS[cost].decoupled:
-        measured = counted(alone, Kind.TRANSLATION.phrase)
-        raise InputError(f"{source}: the cost of {cost} needs rotations with its {measured}")
     problem = InformationProblem(edge_cost(graph, cost))
     problem.refuse_indefinite(instance.name)  # no path, as tables keep it
     return problem

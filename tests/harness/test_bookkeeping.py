@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from reports.studies.bookkeeping import __main__ as study
-from reports.studies.bookkeeping import sessions
+from reports.studies.bookkeeping import covering, sessions
 from reports.studies.bookkeeping.drawing import draw
+from reports.studies.bookkeeping.factors import FACTORS, RULES
 from reports.studies.bookkeeping.judging import Claim, Findings, judge
 from reports.studies.bookkeeping.oracle import Cost
 
@@ -20,6 +21,33 @@ BY_CHANCE = {"Ctrl-C in commands"}
 def test_nothing_is_false(kind):
     numbers = range(20 if kind == "readers" else 3)
     assert [study.judged(kind, 0, number)["false"] for number in numbers] == [[] for _ in numbers]
+
+
+def test_no_row_of_the_covering_arrays_is_false():
+    """Every pair of features is asked about: right by an own oracle, or refused as documented."""
+    records = [draw() for _, _, draw in study.rows(200, 0)]
+    assert {r["number"]: r["false"] for r in records if r["false"]} == {}
+    assert {record["rule"] for record in records} == {False, True}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_every_pair_that_is_allowed_is_in_a_row(seed):
+    rows = covering.rows(FACTORS, RULES, np.random.default_rng(seed))
+    assert not any(rule.forbids(row) for row in rows for rule in RULES)
+    met = set().union(*map(covering.pairs_of, rows))
+    # What is left needs a third that is forbidden.
+    left = set(covering.pairs(FACTORS, RULES)) - met
+    assert len(left) < 0.01 * len(met)
+    for pair in left:
+        third = [
+            {**dict(pair), name: level}
+            for name in FACTORS.keys() - dict(pair)
+            for level in FACTORS[name]
+        ]
+        by_name = {name: [r for r in third if name in r] for name in FACTORS.keys() - dict(pair)}
+        assert any(
+            all(any(rule.forbids(r) for rule in RULES) for r in of) for of in by_name.values()
+        )
 
 
 def test_draws_are_added_to_what_was_recorded(tmp_path, monkeypatch):

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 import certpgo
-from certpgo import FormatError, InputError, io
+from certpgo import CertPGOError, FormatError, InputError, io
 from certpgo.graph.kinds import Kind
 from certpgo.linalg import rotations as so
+from certpgo.objective.choose_cost import costs_of
 
 FULL = "100 0 0 0 0 0 100 0 0 0 0 100 0 0 0 400 0 0 400 0 400"
 #: Of x, y and the heading; of a turn alone; of a step alone.
@@ -79,6 +80,17 @@ def test_steps_alone_are_weighed_in_the_measured_frame(file):
     assert answer.cost == pytest.approx(chain + steps, rel=1e-9)
     with pytest.raises(InputError, match="gtsam needs rotations with its 2 relative translations"):
         certpgo.solve(instance, cost="gtsam")
+    assert costs_of(instance) == ("g2o", "chordal")
+
+
+def test_proofs_of_steps_alone_speak_of_the_cost_that_is_proven(file, tmp_path):
+    """They need no cost of GTSAM, which such a graph does not have."""
+    instance = read(file, *CHAIN, (0, 2, f"1 1.3 0 {QUARTER}", STEP))
+    answer = certpgo.solve(instance, cost="g2o", tier="proof")
+    given = instance.source, instance, answer.estimate, answer.certificate
+    with pytest.raises(CertPGOError) as refused:
+        certpgo.write_proof(tmp_path / "p.cert", *given)
+    assert "gtsam" not in str(refused.value)
 
 
 def test_flat_landmarks(file):

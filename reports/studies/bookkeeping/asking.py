@@ -85,9 +85,9 @@ def _of_quaternion(q: Array) -> Array:
 
 def _arrays(path: Path) -> dict[int, tuple[Array, Array]]:
     with np.load(path) as found:
-        t = found["translations"] if "translations" in found else np.zeros(found["ids"].shape + (2,))
-        if "translations" not in found:
-            t = np.zeros(found["rotations"].shape[:2])
+        t = np.zeros(found["rotations"].shape[:2])
+        if "translations" in found:
+            t = found["translations"]
         rows = zip(found["ids"].tolist(), found["rotations"], t, strict=True)
         return {name: (turn, at) for name, turn, at in rows}
 

@@ -90,7 +90,7 @@ class Measurements:
             turned=self.turned[chosen],
             moved=None if self.moved is None else self.moved[chosen],
             information=self.information[chosen],
-            **_no_distances(),
+            **no_distances(),
         )
 
     def induced(self, nodes: Array) -> Measurements:
@@ -151,7 +151,7 @@ class Measurements:
         """The line of a node's values."""
         tags = {2: ("VERTEX_SE2", "VERTEX_XY"), 3: ("VERTEX_SE3:QUAT", "VERTEX_TRACKXYZ")}[self.d]
         tag = tags[int(self.points[k])]
-        numbers = [*self.t[k].tolist(), *([] if self.points[k] else _turn(self.R[k]))]
+        numbers = [*self.t[k].tolist(), *([] if self.points[k] else numbers_of(self.R[k]))]
         return " ".join([tag, str(self.ids[k]), *map(repr, numbers)])
 
     def _line(self, e: int) -> str:
@@ -169,7 +169,7 @@ class Measurements:
         words += ["0"] if d == 3 and (is_prior or is_sighting) else []
         numbers = self.steps[e].tolist()
         if not alone:
-            numbers += _turn(self.turns[e])
+            numbers += numbers_of(self.turns[e])
         size = d if alone else d * (d + 1) // 2
         numbers += self.information[e, :size, :size][np.triu_indices(size)].tolist()
         return " ".join([*words, *map(repr, numbers)])
@@ -219,7 +219,7 @@ def draw(
     pairs, turned = _pairs(rng, n, k, world, loops)
     sigma, isotropic = float(rng.choice(noises)), rng.random() >= full
     m, p, q = len(pairs), d * (d + 1) // 2, d * (d - 1) // 2
-    information = _information(rng, m, p, d, isotropic) / (sigma or 0.05) ** 2
+    information = random_information(rng, m, p, d, isotropic) / (sigma or 0.05) ** 2
     information[~turned, d:], information[~turned, :, d:] = 0.0, 0.0
     i, j = pairs.T
     back = np.swapaxes(R[i], 1, 2)
@@ -228,7 +228,7 @@ def draw(
     steps = (back @ (t[j] - t[i])[:, :, None])[:, :, 0] + sigma * rng.standard_normal((m, d))
     found = Measurements(
         d, R, t, _ids(rng, n + k + world), np.arange(n + k + world) >= n, world, pairs, measured,
-        steps, turned, information, **_no_distances(),
+        steps, turned, information, **no_distances(),
     )  # fmt: skip
     found.points[n + k :] = False
     return _with_distances(rng, found, sigma) if rng.random() < distances else found
@@ -271,7 +271,8 @@ def _pairs(
     return np.array(pairs, dtype=np.intp), np.array(turned)
 
 
-def _information(rng: np.random.Generator, m: int, p: int, d: int, isotropic: bool) -> Array:
+def random_information(rng: np.random.Generator, m: int, p: int, d: int, isotropic: bool) -> Array:
+    """(m, p, p) random matrices, or multiples of the identity for steps and turns."""
     if isotropic:
         weights = 10.0 ** rng.uniform(-0.5, 0.5, (m, 2))
         return weights[:, np.r_[np.zeros(d, int), np.ones(p - d, int)], None] * np.eye(p)
@@ -296,7 +297,8 @@ def _with_distances(rng: np.random.Generator, found: Measurements, sigma: float)
     return replace(found, pairs=pairs, distances=distances, precisions=precisions)
 
 
-def _no_distances() -> dict[str, Array]:
+def no_distances() -> dict[str, Array]:
+    """What measurements without distances have for them."""
     return {
         "pairs": np.zeros((0, 2), dtype=np.intp),
         "distances": np.zeros(0),
@@ -313,7 +315,7 @@ def _harmonic(A: Array) -> Array:
     return count / np.maximum((variances * stated).sum(axis=1), count == 0)
 
 
-def _turn(R: Array) -> list[float]:
+def numbers_of(R: Array) -> list[float]:
     """An angle, or a quaternion x y z w."""
     if len(R) == 2:
         return [float(np.arctan2(R[1, 0], R[0, 0]))]

@@ -16,8 +16,16 @@ from certpgo import CertPGOError, Estimate
 from reports.studies.bookkeeping import scenes
 from reports.studies.bookkeeping.asking import Told, read_poses, told
 from reports.studies.bookkeeping.covering import Rule
-from reports.studies.bookkeeping.drawing import Array, Measurements, turns
-from reports.studies.bookkeeping.judging import Claim, Findings, judge, poses_of
+from reports.studies.bookkeeping.drawing import Array, turns
+from reports.studies.bookkeeping.judging import (
+    ATOL,
+    RTOL,
+    Claim,
+    Findings,
+    judge,
+    poses_of,
+    scale,
+)
 from reports.studies.bookkeeping.oracle import Cost, Poses
 from reports.studies.bookkeeping.scenes import Scene
 
@@ -203,9 +211,12 @@ class Asking:
             self._judge_robust(found, document, poses)
             return
         part = (poses[0][self.nodes], poses[1][self.nodes])
-        judge(found, cost, [_claim(name, document, part)])
-        if name == "solve":
-            self.best = cost
+        claim = _claim(name, document, part)
+        if self.scene.constrained:  # W counts constraints, too
+            claim = replace(
+                claim, tolerance=min(claim.tolerance, RTOL * claim.upper + ATOL * scale(cost))
+            )
+        judge(found, cost, [claim])
 
     @property
     def cost(self) -> Cost:
@@ -236,9 +247,7 @@ class Asking:
         off = max(np.abs(true[0] - own[0]).max(), np.abs(true[1] - own[1]).max() / size)
         found.require(off <= HELD, f"held nodes are off by {off:.3g}")
 
-    def _judge_robust(
-        self, found: Findings, document: dict[str, Any], poses: Poses
-    ) -> None:
+    def _judge_robust(self, found: Findings, document: dict[str, Any], poses: Poses) -> None:
         """The kept measurements are solved, and the wrong one is not among them."""
         of, scene = self.scene.judged(self.scene.cost), self.scene
         rejected = [one["edge"] for one in document["solution"]["rejected"]]
@@ -304,9 +313,7 @@ def _answered(found: Findings, scene: Scene) -> None:
     judge(found, cost, [Claim.of("arrays", certificate, given)], best)
 
 
-def _judge_law(
-    rng: np.random.Generator, found: Findings, scene: Scene, answer: Asking
-) -> None:
+def _judge_law(rng: np.random.Generator, found: Findings, scene: Scene, answer: Asking) -> None:
     """The same in other words has the same cost and verdict."""
     law = scene.row["law"]
     if scene.row["command"] != "solve":

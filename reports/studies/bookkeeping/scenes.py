@@ -14,10 +14,9 @@ from certpgo import Instance
 from reports.studies.bookkeeping.drawing import (
     Array,
     Measurements,
-    _ids,
-    _information,
-    _no_distances,
-    _turn,
+    no_distances,
+    numbers_of,
+    random_information,
     rotations,
     turns,
 )
@@ -215,7 +214,7 @@ def pyfg(of: Measurements, chosen: Array, with_distances: bool) -> str:
         i, j = of.edges[e].tolist()
         alone, is_prior = not of.turned[e], bool(of.world and i == of.n - 1)
         size = d if alone else d * (d + 1) // 2
-        numbers = of.steps[e].tolist() + ([] if alone else _turn(of.turns[e]))
+        numbers = of.steps[e].tolist() + ([] if alone else numbers_of(of.turns[e]))
         covariance = np.linalg.inv(of.information[e, :size, :size])
         numbers += covariance[np.triu_indices(size)].tolist()
         what = point if alone else pose
@@ -225,7 +224,9 @@ def pyfg(of: Measurements, chosen: Array, with_distances: bool) -> str:
         lines.append(" ".join([*words, *map(repr, numbers)]))
     measured = zip(of.pairs.tolist(), of.distances, of.precisions, strict=True)
     for (i, j), distance, weight in measured if with_distances else ():
-        lines.append(f"EDGE_RANGE 0 {names[i]} {names[j]} {float(distance)!r} {float(1.0 / weight)!r}")
+        lines.append(
+            f"EDGE_RANGE 0 {names[i]} {names[j]} {float(distance)!r} {float(1.0 / weight)!r}"
+        )
     return "\n".join(lines) + "\n"
 
 
@@ -254,7 +255,7 @@ def drawn(row: Mapping[str, str], rng: np.random.Generator) -> Scene:
         t += FAR[:d]
     t[n + k :] = 0.0
     m, p, q = len(edges), d * (d + 1) // 2, d * (d - 1) // 2
-    omega = _information(rng, m, p, d, row["matrices"] != "full") / (sigma or 0.05) ** 2
+    omega = random_information(rng, m, p, d, row["matrices"] != "full") / (sigma or 0.05) ** 2
     omega[~turned, d:], omega[~turned, :, d:] = 0.0, 0.0
     if row["relative poses"] == "whole":  # a rotation graph's steps are zero, with information
         omega[~moved, :d], omega[~moved, :, :d] = 0.0, 0.0
@@ -271,7 +272,7 @@ def drawn(row: Mapping[str, str], rng: np.random.Generator) -> Scene:
     held = {"none": (), "one": (0,), "several": (0, n - 2)}[row["held"]]
     of = Measurements(
         d, R, t, _numbers(row, rng, n, k, world), points, world, edges, measured, steps, turned,
-        omega, **_no_distances(), apart=n * (row["landmarks"] == "numbered apart"),
+        omega, **no_distances(), apart=n * (row["landmarks"] == "numbered apart"),
         moved=moved, held=held,
     )  # fmt: skip
     if row["distances"] != "none":
@@ -283,7 +284,9 @@ def drawn(row: Mapping[str, str], rng: np.random.Generator) -> Scene:
     late = ~first if row["files"] != "reversed" else first
     if row["files"] == "one":
         late = np.zeros(of.m, dtype=bool)
-    order = sorted(range(of.m), key=lambda e: (*_rank(of, e), late[e]))
+    # PyFG as the package writes it has positions after poses.
+    apart = (row["file"] == "pyfg") & ~of.turned
+    order = sorted(range(of.m), key=lambda e: (*_rank(of, e), late[e], apart[e]))
     distances = {"pairs": of.pairs, "distances": of.distances, "precisions": of.precisions}
     of = replace(of.subset(np.array(order)), **distances)
     return Scene(row, of, first[order], tuple(order.index(e) for e in wrong))
@@ -329,7 +332,9 @@ def _loops(
     return chosen or loops[:1]
 
 
-def _numbers(row: Mapping[str, str], rng: np.random.Generator, n: int, k: int, world: bool) -> Array:
+def _numbers(
+    row: Mapping[str, str], rng: np.random.Generator, n: int, k: int, world: bool
+) -> Array:
     if row["landmarks"] == "numbered apart":
         return np.arange(n + k + world)
     size = n + k + world
