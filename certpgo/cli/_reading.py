@@ -84,10 +84,11 @@ class Reading:
         ),
     ] = None
     kappa: Annotated[
-        float | None, _option("--kappa", help="Set the rotational weight of every edge.")
+        float | None,
+        _option("--kappa", help="Set the rotational weight of every measured rotation."),
     ] = None
     tau: Annotated[
-        float | None, _option("--tau", help="Set the translational weight of every edge, 1/m^2.")
+        float | None, _option("--tau", help="Set the weight of every measured translation, 1/m^2.")
     ] = None
     unit_weights: Annotated[
         bool, _option("--unit-weights", help="Set all weights to 1, ignoring the file's.")

@@ -24,7 +24,7 @@ class ChosenWeights:
 
     Attributes
     ----------
-    kappa, tau : of every edge, or None
+    kappa, tau : of every edge that measures a rotation, or a translation; or None
     unit : whether all weights are 1
     mahalanobis : whether rotations are weighed by all of the file's rotational information
 
@@ -62,17 +62,18 @@ class ChosenWeights:
         if self.mahalanobis:
             return _with_mahalanobis(instance)
         graph, ranges = self._overridden(instance.graph), instance.ranges
-        if ranges is not None and self.override_all:
+        if ranges is not None and self.unit:
             ranges = replace(ranges, weights=np.ones(ranges.num_edges))
         return replace(instance, graph=graph, information=None, ranges=ranges)
 
     def _overridden(self, graph: Graph) -> Graph:
         kappa, tau = (1.0, 1.0) if self.unit else (self.kappa, self.tau)
-        if isinstance(graph, PoseGraph):
-            known = graph.measures_rotation
-            if kappa is not None and not known.all():  # positions have no rotational weight
-                return graph.with_weights(np.where(known, kappa, 0.0), tau)
-            return graph.with_weights(kappa, tau)
+        if isinstance(graph, PoseGraph):  # what is not measured keeps no weight
+            turned, moved = graph.measures_rotation, graph.measures_translation
+            return graph.with_weights(
+                None if kappa is None else np.where(turned, kappa, 0.0),
+                None if tau is None else np.where(moved, tau, 0.0),
+            )
         return graph if kappa is None else graph.with_weights(kappa)
 
     def __str__(self) -> str:

@@ -13,7 +13,7 @@ from certpgo.graph.edges import symmetric
 from certpgo.graph.information import Information
 from certpgo.graph.phrases import counted
 from certpgo.io.exact.information import ROW_MAJOR_2D, ROW_MAJOR_3D, InformationLayout
-from certpgo.io.exact.weighing import weigh
+from certpgo.io.exact.weighing import ones_where, weigh
 from certpgo.io.fields import distinct_texts
 from certpgo.io.format import ReadOptions
 from certpgo.io.precision_kind import as_information
@@ -69,9 +69,10 @@ def weighed(
     FormatError
         A matrix is not symmetric, or a diagonal block is not positive definite.
     """
-    ones = np.ones(len(matrices))
     if options.ignore_information:
-        return Weighing(ones, ones, None, ())
+        d = 2 if matrices.shape[-1] == 3 else 3
+        turned, moved = matrices[:, d:, d:] != 0.0, matrices[:, :d, :d] != 0.0
+        return Weighing(*ones_where(turned.any(axis=(1, 2)), moved.any(axis=(1, 2))), None, ())
     off = np.abs(matrices - np.swapaxes(matrices, 1, 2)).max(axis=(1, 2), initial=0.0)
     if (skew := off > ASYMMETRY * np.abs(matrices).max(axis=(1, 2), initial=0.0)).any():
         said = f"{name(int(np.argmax(skew)))}: a symmetric matrix expected"

@@ -19,8 +19,8 @@ from certpgo.graph.information import Information, of_positions
 from certpgo.graph.phrases import few
 from certpgo.io.chunks import is_number, parsed, printable, refuse_loops, shown
 from certpgo.io.dialect import Dialect, Tag
-from certpgo.io.edge_weights import INDEFINITE, PARTIAL, partial_counts
-from certpgo.io.exact.weighing import weigh
+from certpgo.io.edge_weights import ALONE, INDEFINITE, PARTIAL, partial_counts
+from certpgo.io.exact.weighing import stated_blocks, weigh
 from certpgo.io.fields import Fields, by_tag, distinct_texts, floats, integers, plain_fields
 from certpgo.io.format import ReadOptions
 from certpgo.io.precision_kind import as_information, position_weights
@@ -223,15 +223,14 @@ class _Parser:
     def _ranges(self, nodes: IntArray, distances: FloatArray, fields: Fields) -> Rows:
         if (distances < 0.0).any():
             raise InputError(f"a distance must not be negative, as {distances.min():g} is")
-        k, weights = len(fields), np.ones(len(fields))
-        if not self._options.ignore_information:
-            variances = floats([text.strip() for text in fields.texts], self._after)
-            if not (variances > 0.0).all():
-                raise InputError(f"a variance must be positive, not {variances.min():g}")
-            with np.errstate(over="ignore"):
-                weights = (1.0 / variances)[fields.which]
-            if not in_range(weights).all():
-                raise InputError(f"variances between {1.0 / FAR:.2g} and {FAR:.2g} expected")
+        variances = floats([text.strip() for text in fields.texts], self._after)
+        if not (variances > 0.0).all():
+            raise InputError(f"a variance must be positive, not {variances.min():g}")
+        with np.errstate(over="ignore"):
+            weights = (1.0 / variances)[fields.which]
+        if not in_range(weights).all():
+            raise InputError(f"variances between {1.0 / FAR:.2g} and {FAR:.2g} expected")
+        k = len(fields)
         return Rows(nodes, np.empty((k, 0, 0)), distances, np.zeros(k), weights)
 
     def _weights(
@@ -240,9 +239,9 @@ class _Parser:
         """Weights kappa and tau, and matrices unless some are missing or ignored."""
         k, options, dialect, texts = len(fields), self._options, self._dialect, fields.texts
         kappa, tau = np.zeros(k) if tag.is_position else np.ones(k), np.ones(k)
-        if options.ignore_information or not dialect.precision_size(tag):
+        if not dialect.precision_size(tag) or (tag.is_position and options.ignore_information):
             return kappa, tau, None
-        if dialect.precision:
+        if dialect.precision and not options.ignore_information:
             floats([word for text in texts for word in text.split()], self._after)
         kind = dialect.precision or options.weights_are
         if tag.is_position:
@@ -253,8 +252,14 @@ class _Parser:
         known = np.array([bool(text) for text in texts])
         stated, number = known[fields.which], np.cumsum(known) - 1
         which = number[fields.which[stated]]
-        counts[UNINFORMED] += int(np.sum(~stated))
+        if not options.ignore_information:
+            counts[UNINFORMED] += int(np.sum(~stated))
         layout = dialect.layouts[tag.d]
+        if options.ignore_information:
+            of_text = stated_blocks([text for text in texts if text], layout)
+            kappa[stated], tau[stated] = (weights[which] for weights in of_text)
+            counts[ALONE] += int(np.count_nonzero((kappa == 0.0) | (tau == 0.0)))
+            return kappa, tau, None
         weighed = weigh(as_information([text for text in texts if text], layout, kind), layout)
         kappa[stated], tau[stated] = weighed.kappa[which], weighed.tau[which]
         counts[INDEFINITE] += int(np.count_nonzero(weighed.indefinite[which]))

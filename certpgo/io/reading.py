@@ -67,8 +67,9 @@ def read(
     rotation_information : what the rotational information refers to: ``"tangent"`` (default of g2o
         and TORO), ``"quaternion"`` (its vector part, half the angle: kappa is a quarter) or
         ``"rpy"`` (default of iSAM; for small angles the same as tangent)
-    kappa, tau : a concentration that replaces the file's on every edge; tau in 1/m^2
-    unit_weights : kappa = tau = 1 on every edge, and ranges weigh 1
+    kappa, tau : a concentration that replaces the file's wherever a rotation, or a translation, is
+        measured; tau in 1/m^2
+    unit_weights : both are 1 there, and ranges weigh 1
     mahalanobis : weigh rotations by all of the file's rotational information, so that their terms
         are its Mahalanobis distances to second order: half of Omega_theta in 2D, a matrix in 3D
     weights_are : what the numbers after a measurement are: ``"information"``, the default,

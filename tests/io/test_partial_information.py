@@ -93,6 +93,37 @@ def test_proofs_of_steps_alone_speak_of_the_cost_that_is_proven(file, tmp_path):
     assert "gtsam" not in str(refused.value)
 
 
+@pytest.mark.parametrize(
+    ("chosen", "kappa", "tau"),
+    [({"unit_weights": True}, 1.0, 1.0), ({"kappa": 5.0, "tau": 3.0}, 5.0, 3.0)],
+)
+def test_chosen_weights_are_of_what_is_measured(file, chosen, kappa, tau):
+    """The lines that state one block alone have numbers in place of the other, which mean nothing.
+
+    All steps and turns agree, so that the least cost is zero.
+    """
+    prior = f"EDGE_SE3_PRIOR 2 0 7 8 9 {TO} {TURN}\nEDGE_SE3_PRIOR 0 0 3 4 5 {TO} {FULL}\n"
+    lines = [*CHAIN, (0, 2, "9 9 9 0 0 1 0", TURN), (0, 2, f"1 1 0 {TO}", STEP)]
+    text = "".join(edge(*line) for line in lines) + prior.replace(TO, "0 0 1 0", 1)
+    instance = io.read(file("PARAMS_SE3OFFSET 0 0 0 0 0 0 0 1\n" + text), quiet=True, **chosen)
+    assert instance.graph.rotation.kappa.tolist() == [kappa, kappa, kappa, 0.0, kappa, kappa]
+    assert instance.graph.tau.tolist() == [tau, tau, 0.0, tau, 0.0, tau]
+    assert certpgo.solve(instance).cost == pytest.approx(0.0, abs=1e-18)
+
+
+def test_chosen_weights_of_poses_leave_those_of_distances(file):
+    """With weights 1 they are 1, too."""
+    text = "VERTEX_SE2 0 A0 0 0 0\nVERTEX_SE2 0 A1 0 0 0\n"
+    text += "EDGE_SE2 0 A0 A1 1 0 0 0.01 0 0 0.01 0 0.01\nEDGE_RANGE 0 A0 A1 1.1 0.25\n"
+    for chosen, weight in (
+        ({}, 4.0),
+        ({"kappa": 2.0, "tau": 3.0}, 4.0),
+        ({"unit_weights": True}, 1),
+    ):
+        instance = io.read(file(text, "ranges.pyfg"), quiet=True, **chosen)
+        assert instance.ranges.weights.tolist() == [weight]
+
+
 def test_flat_landmarks(file):
     """Points without a height are seen by poses that have one."""
     seen = "EDGE_SE3_TRACKXYZ {} 9 0 {} 0 30 0 0 20 0 0\n"

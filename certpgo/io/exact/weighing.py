@@ -69,6 +69,27 @@ def weigh(texts: list[bytes], layout: InformationLayout) -> Weighed:
     return found
 
 
+def stated_blocks(texts: list[bytes], layout: InformationLayout) -> tuple[FloatArray, FloatArray]:
+    """Weights 1 of rotations and translations, 0 where the text states that they are not measured.
+
+    That is a block of zeros beside another one. What else is in the texts does not matter.
+    """
+    ones = np.ones(len(texts))
+    try:
+        values, _ = _read(texts, layout)
+    except InputError:
+        return ones, ones
+    p = len(layout.positions)
+    blocks = (layout.upper(layout.d, p), layout.upper(0, layout.d))
+    turned, moved = (np.array(values[:, block].any(axis=1)) for block in blocks)
+    return ones_where(turned, moved)
+
+
+def ones_where(turned: BoolArray, moved: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Weights 1 of rotations and translations, 0 where the other alone is stated."""
+    return np.where(moved & ~turned, 0.0, 1.0), np.where(turned & ~moved, 0.0, 1.0)
+
+
 def _weighed(texts: list[bytes], layout: InformationLayout) -> Weighed:
     values, lengths = _read(texts, layout)
     plain = np.isfinite(values).all(axis=1)

@@ -302,10 +302,5 @@ OPEN = (
     # Information of some axes, turned into the frame of a held pose.
     _cannot(held="several", partial_edges="axes"),
     *(_cannot(held="one", partial_edges="axes", **prior) for prior in _priors()),
-    # Weights that are chosen.
-    _cannot(weights=_WEIGHTS, partial_edges=_PARTIAL),
-    _cannot(weights=_WEIGHTS, attitudes="some"),
-    _cannot(weights="chosen", distances="some"),
-    _cannot(relative_poses="rotations alone", held="several"),
 )
 RULES = (*UNASKED, *OPEN, *REFUSED)
