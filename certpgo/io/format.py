@@ -49,6 +49,7 @@ class ReadOptions:
     ----------
     rotation_information : what the rotational information refers to; None for the format's default
     ignore_information : whether all weights are overridden, so that the file's are not read
+    ignore_variances : whether those of distances are, too
     weights_are : what the numbers of a measurement's precision are
     skip_priors : whether measurements of single poses are skipped
     skip_landmarks : whether points and their sightings are skipped
@@ -59,6 +60,7 @@ class ReadOptions:
 
     rotation_information: RotationInformation | None = None
     ignore_information: bool = False
+    ignore_variances: bool = False
     weights_are: WeightsAre = "information"
     skip_priors: bool = False
     skip_landmarks: bool = False

@@ -223,14 +223,15 @@ class _Parser:
     def _ranges(self, nodes: IntArray, distances: FloatArray, fields: Fields) -> Rows:
         if (distances < 0.0).any():
             raise InputError(f"a distance must not be negative, as {distances.min():g} is")
-        variances = floats([text.strip() for text in fields.texts], self._after)
-        if not (variances > 0.0).all():
-            raise InputError(f"a variance must be positive, not {variances.min():g}")
-        with np.errstate(over="ignore"):
-            weights = (1.0 / variances)[fields.which]
-        if not in_range(weights).all():
-            raise InputError(f"variances between {1.0 / FAR:.2g} and {FAR:.2g} expected")
-        k = len(fields)
+        k, weights = len(fields), np.ones(len(fields))
+        if not self._options.ignore_variances:
+            variances = floats([text.strip() for text in fields.texts], self._after)
+            if not (variances > 0.0).all():
+                raise InputError(f"a variance must be positive, not {variances.min():g}")
+            with np.errstate(over="ignore"):
+                weights = (1.0 / variances)[fields.which]
+            if not in_range(weights).all():
+                raise InputError(f"variances between {1.0 / FAR:.2g} and {FAR:.2g} expected")
         return Rows(nodes, np.empty((k, 0, 0)), distances, np.zeros(k), weights)
 
     def _weights(

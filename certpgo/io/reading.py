@@ -129,6 +129,7 @@ def read(
     options = ReadOptions(
         rotation_information,
         ignore_information=weights.override_all,
+        ignore_variances=weights.unit,
         weights_are=weights_are,
         skip_priors=not priors,
         skip_landmarks=not landmarks,

@@ -274,7 +274,7 @@ REFUSED = (
         file="pyfg",
     ),
     _is_refused(
-        "only .npz files hold edges that measure only a rotation or a translation",
+        "only .* files hold edges that measure only a rotation or a translation",
         "PyFG has no edges of a rotation or a translation alone.",
         partial_edges=("turns", "steps"),
         file="pyfg",
