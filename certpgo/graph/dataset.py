@@ -154,7 +154,7 @@ class Instance(Speaking):
     def _check_world(self, n: int) -> None:
         if self.world not in (None, n - 1):
             raise GraphError(f"the world must be the last node, {n - 1}, not {self.world}")
-        if (self.graph.edges[:, 1] == self.world).any():
+        if self.stated is None and (self.graph.edges[:, 1] == self.world).any():
             raise GraphError("edges leave the world, and none leads to it")
 
     def _check_information(self, information: Information) -> None:
@@ -218,6 +218,12 @@ class Instance(Speaking):
         if self.stated is None:
             return ()
         return self.fixed if self.world is None else (*self.fixed, self.world)
+
+    @property
+    def anchor(self) -> int | None:
+        """A pose that stands still: the world, or the first that is held; None if there is none."""
+        still = [self.world, *(k for k in self.held if not self.graph.is_point[k])]
+        return next((node for node in still if node is not None), None)
 
     @property
     def constraints(self) -> int:

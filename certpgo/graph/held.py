@@ -4,7 +4,8 @@ Measurements of a held pose become measurements of the first one, from where the
 it. The held pose stays as a node that one more edge joins to the first one, in their relative
 pose: the least cost of that edge is zero wherever the others are, so that the minimum, and every
 lower bound, is that of the problem with the constraint. A world, from which priors are measured,
-is held too, and keeps its edge as an exact prior.
+is held too, and keeps its edge as an exact prior. Points alone are held on a world, which is added
+where there is none: what sees them measures from the world, which carries them.
 """
 
 from __future__ import annotations
@@ -19,8 +20,10 @@ from certpgo.graph.dataset import Instance
 from certpgo.graph.estimate import Estimate
 from certpgo.graph.graph import Graph, PoseGraph, SimilarityGraph
 from certpgo.graph.information import Information, joined_information
+from certpgo.graph.labels import WORLD, unused
 from certpgo.graph.mounted import Frames, mounted
 from certpgo.graph.phrases import counted, few
+from certpgo.graph.priors import origin_of
 from certpgo.graph.rotation_graph import RotationGraph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
@@ -57,18 +60,23 @@ def with_held(instance: Instance, *, hold: bool = True) -> Instance:
     if isinstance(instance.graph, SimilarityGraph):
         said = f"{counted(len(fixed), 'node{s}')} fixed by the file: {FREED}"
         return replace(instance, notices=(*instance.notices, said))
-    if not hold or not len(poses) or instance.initial is None:
+    if not hold or instance.initial is None:
         said = f"{counted(len(fixed), 'node{s}')} fixed by the file: {FREED}"
         if hold:
-            said += "; to hold them takes a pose among them, and initial values of all nodes"
+            said += "; to hold them takes initial values of all nodes"
         return replace(instance, notices=(*instance.notices, said))
     named = few(instance.ids[fixed].tolist())
     where, release = instance.source or instance.name, "(--no-fixed releases them)"
     if instance.ranges is not None:
         raise InputError(f"{where}: nodes {named} are fixed, and distances are measured {release}")
-    root, others = int(poses[0]), fixed[fixed != poses[0]]
-    held = np.append(others, [] if instance.world is None else instance.world).astype(np.intp)
-    there = instance.initial.anchored(root)
+    source, values = instance, instance.initial
+    if not len(poses) and instance.world is None:
+        instance, values = _with_world(instance, values, fixed)
+    world = instance.world
+    root = int(poses[0]) if len(poses) or world is None else world
+    others = fixed[fixed != root]
+    held = np.append(others, [] if world in (None, root) else world).astype(np.intp)
+    there = values.anchored(root)
     if np.isin(instance.graph.edges, [root, *held.tolist()]).all():
         nodes = f"nodes {named} are fixed, and all measurements are between them"
         raise InputError(f"{where}: {nodes}: nothing is to be estimated {release}")
@@ -84,13 +92,34 @@ def with_held(instance: Instance, *, hold: bool = True) -> Instance:
         instance,
         graph=graph,
         information=information,
-        released=instance,
+        released=source,
         stated=np.concatenate([stated, graph.edges[len(stated) :]]),
         numbers=np.append(instance.known_numbers[between], np.full(added, -1)),
         outliers=None,
         options={**instance.options, "fixed": HELD},
         notices=(*instance.notices, said),
     )
+
+
+def _with_world(
+    instance: Instance, values: Estimate, points: IntArray
+) -> tuple[Instance, Estimate]:
+    """The instance and its initial values with a world, near some points, that measures nothing."""
+    n, names = len(instance.ids), instance.names
+    origin = origin_of(_poses(values, points)[1])
+    grown = replace(
+        instance,
+        graph=joined([instance.graph], n + 1, np.append(instance.graph.is_point, False)),
+        ids=np.append(instance.ids, instance.ids.max() + 1),
+        names=names and (*names, unused(str(WORLD), names)),
+        apart=None if instance.apart is None else np.append(instance.apart, False),
+        world=n,
+        origin=origin if origin.any() else None,
+        truth=None,
+        initial=None,
+    )
+    truth, initial = instance.truth and grown.with_world(instance.truth), grown.with_world(values)
+    return replace(grown, truth=truth, initial=initial), initial
 
 
 def _without_unit(instance: Instance, graph: SimilarityGraph) -> Instance:
@@ -201,7 +230,7 @@ def _with_exact(
     """The graph with an edge to each held node, weighed as the best measurement is."""
     d, n, world = graph.d, graph.num_nodes, instance.world
     seen, (R, t) = np.stack([np.full(len(others), root), others], axis=1), _poses(there, others)
-    if world is not None and instance.initial is not None:
+    if world not in (None, root) and instance.initial is not None:
         seen = np.concatenate([[[world, root]], seen])
         in_world = _poses(instance.initial, np.array([root]))
         R, t = (np.concatenate(pair) for pair in zip(in_world, (R, t), strict=True))

@@ -178,7 +178,9 @@ class CertifiedSolution(Speaking):
     def marginals(self) -> Marginals:
         """Covariances of the nodes relative to the first pose; see `certpgo.Marginals`."""
         held = () if self.instance is None else self.instance.held
-        anchor = int(held[0] if held else self.problem.tangent_layout.whole[0])
+        anchor = None if self.instance is None or not held else self.instance.anchor
+        if anchor is None:
+            anchor = int(self.problem.tangent_layout.whole[0])
         return Marginals(self.problem, self.estimate, anchor, held)
 
     def covariance(self, node: int) -> FloatArray:

@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from scipy import optimize
 from scipy.spatial.transform import Rotation
 
 import certpgo
@@ -363,3 +364,99 @@ def test_a_part_of_a_graph_has_the_measurements_of_held_nodes_that_it_has(tmp_pa
     inside = [tuple(pair) for pair in free.pairs.tolist() if 0 not in pair]
     assert named == {*inside} - {(5, 6)}
     assert part.held == (4, 5)
+
+
+def ground_control(path, d, rng, held):
+    """Poses in a frame of their own that see points which a survey holds, far from its origin."""
+    vertex, point, edge, seen = {
+        2: ("VERTEX_SE2", "VERTEX_XY", "EDGE_SE2", "EDGE_SE2_XY"),
+        3: ("VERTEX_SE3:QUAT", "VERTEX_TRACKXYZ", "EDGE_SE3:QUAT", "EDGE_SE3_TRACKXYZ"),
+    }[d]
+    turn = Rotation.from_rotvec([0.0, 0.0, 0.6])
+    poses = [
+        (np.array([k, 0.3 * k, 0.0]), turn * Rotation.from_rotvec([0, 0, 0.1 * k]))
+        for k in range(6)
+    ]
+    survey = np.array([500.0, 300.0, 10.0])
+    points = survey + np.array([[2.0, 1, 0], [3, -2, 0.5], [7, 3, 1], [5, 5, 2]])
+    lines = ["PARAMS_SE3OFFSET 0 0 0 0 0 0 0 1"] if d == 3 else []
+    local = turn.inv()
+    for k, (t, R) in enumerate(poses):
+        lines += [f"{vertex} {k} {_text(d, local.apply(t), local * R)}"]
+    for k, p in enumerate(points):
+        lines += [f"{point} {10 + k} {' '.join(repr(float(x)) for x in p[:d])}"]
+        lines += [f"FIX {10 + k}"] if k < held else []
+    measured, p = [], d * (d + 1) // 2
+    for i in range(5):
+        (t, R), (u, S) = poses[i], poses[i + 1]
+        step = R.inv().apply(u - t) + 0.02 * rng.normal(size=3) * [1, 1, d == 3]
+        measured += [(i, i + 1, step, R.inv() * S, 25.0)]
+        weights = np.diag([25.0] * d + [25.0 * (1 if d == 2 else 2)] * (p - d))
+        triangle = " ".join(map(repr, weights[np.triu_indices(p)].tolist()))
+        lines += [f"{edge} {i} {i + 1} {_text(d, step, R.inv() * S)} {triangle}"]
+    for i, k in ((0, 0), (2, 0), (1, 1), (4, 1), (3, 2), (5, 2), (5, 3)):
+        t, R = poses[i]
+        z = R.inv().apply(points[k] - survey - t) + 0.02 * rng.normal(size=3) * [1, 1, d == 3]
+        measured += [(i, 10 + k, z, None, 100.0)]
+        sensor = " 0" if d == 3 else ""
+        triangle = " ".join(map(repr, (100.0 * np.eye(d))[np.triu_indices(d)].tolist()))
+        z = " ".join(repr(float(x)) for x in z[:d])
+        lines += [f"{seen} {i} {10 + k}{sensor} {z} {triangle}"]
+    path.write_text("\n".join(lines) + "\n")
+    return measured, points, [(survey + t, R) for t, R in poses]
+
+
+def least_cost(measured, points, poses, d, held):
+    """F by SciPy with the points held, and the first pose's position."""
+    axes, free = np.r_[[True] * d, [False] * (3 - d)], len(points) - held
+    turns = axes if d == 3 else ~axes
+
+    def placed(x):
+        moves = x[: 6 * len(poses)].reshape(-1, 2, 3)
+        now = [
+            (t + m * axes, R * Rotation.from_rotvec(w * turns))
+            for (t, R), (m, w) in zip(poses, moves, strict=True)
+        ]
+        moved = points.copy()
+        moved[held:] += x[6 * len(poses) :].reshape(free, 3) * axes
+        return now, moved
+
+    def residuals(x):
+        now, seen = placed(x)
+        for i, j, z, R, weight in measured:
+            t, Q = now[i]
+            end = seen[j - 10] if R is None else now[j][0]
+            yield np.sqrt(weight) * (Q.inv().apply(end - t) - z)[:d]
+            if R is not None:
+                off = (Q * R).as_matrix() - now[j][1].as_matrix()
+                yield 5.0 * off.ravel()
+
+    start = np.zeros(6 * len(poses) + 3 * free)
+    found = optimize.least_squares(
+        lambda x: np.concatenate(list(residuals(x))), start, xtol=1e-15, ftol=1e-15, gtol=1e-15
+    )
+    return 2.0 * found.cost, placed(found.x)[0][0][0][:d]
+
+
+@pytest.mark.parametrize(("d", "held"), [(2, 4), (2, 2), (3, 4), (3, 3)])
+def test_points_that_a_file_fixes_are_held_where_they_are(tmp_path, d, held):
+    """Ground control without a pose that is fixed: the answer is in the survey's frame."""
+    path = tmp_path / "control.g2o"
+    measured, points, poses = ground_control(path, d, np.random.default_rng(d), held)
+    instance = certpgo.read(path, quiet=True)
+    answer = certpgo.solve(instance, cost="chordal")
+    cost, first = least_cost(measured, points, poses, d, held)
+    assert answer.verdict.value == "CERTIFIED"
+    assert answer.cost == pytest.approx(cost, rel=1e-6)
+    found = instance.in_world(answer.estimate)
+    np.testing.assert_allclose(found.translations[0], first, atol=1e-5)
+    np.testing.assert_allclose(found.translations[6 : 6 + held], points[:held, :d], atol=1e-9)
+    certpgo.write(tmp_path / "again.g2o", instance)
+    again = certpgo.read(tmp_path / "again.g2o", quiet=True)
+    assert certpgo.solve(again, cost="chordal").cost == pytest.approx(cost, rel=1e-6)
+    certpgo.write(tmp_path / "answer.g2o", answer.estimate, instance=instance)
+    judged = certpgo.certify(again, str(tmp_path / "answer.g2o"), cost="chordal")
+    assert judged.verdict.value == "CERTIFIED"
+    assert np.isfinite(answer.covariance(0)).all()
+    free = certpgo.solve(certpgo.read(path, quiet=True, fixed=False), cost="chordal")
+    assert free.cost < answer.cost
