@@ -111,7 +111,7 @@ class Solved(Result):
 
     def notices(self, outputs: Outputs) -> list[str]:
         """What the verdict does not say."""
-        return _verdict.warnings(self.fit, self.solution)
+        return _verdict.warnings(self.fit, len(self.solution.rejected), self._count_kept or 0)
 
     def report(self, outputs: Outputs) -> dict[str, Any]:
         """The result for --json."""
@@ -141,7 +141,7 @@ class Solved(Result):
                 "seconds": dict(solution.seconds),
                 "note": solution.note,
                 "undetermined": self._undetermined,
-                "kept": solution.kept,
+                "kept": self._count_kept,
                 "rejected": _verdict.edges_as_json(self.part, solution.rejected),
                 "rejection": _verdict.rejection_as_json(self.part, self.rejection),
                 "own_bound": solution.lower_bound,
@@ -198,10 +198,15 @@ class Solved(Result):
             yield "undetermined", self._undetermined
 
     @property
+    def _count_kept(self) -> int | None:
+        """How many measurements a robust method kept; what holds fixed nodes is none."""
+        kept = self.solution.kept
+        return None if kept is None else kept - self.part.constraints
+
+    @property
     def _number_kept(self) -> str:
-        """How many measurements were kept; what holds fixed nodes is none."""
-        held = self.part.constraints
-        return f"{(self.solution.kept or 0) - held} of {self.part.num_measurements} measurements"
+        """The same in words."""
+        return f"{self._count_kept} of {self.part.num_measurements} measurements"
 
     @property
     def _about_kept(self) -> str:
@@ -339,7 +344,7 @@ class Solved(Result):
         if len(solution.rejected):
             pairs = part.pairs[solution.rejected].tolist()
             remarks.append(f"Rejected: {', '.join(ends(part, i, j) for i, j in pairs)}.")
-        if many := _verdict.rejecting_many(len(solution.rejected), solution.kept or 0):
+        if many := _verdict.rejecting_many(len(solution.rejected), self._count_kept or 0):
             remarks.append(f"{many[0].upper()}{many[1:]}.")
         if self.disagreement is not None:
             remarks.append(f"{disagreeing(self.disagreement, assessment.certificate)}.")

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from certpgo.certify import Certificate
     from certpgo.graph import Instance
     from certpgo.linalg.arrays import IntArray
-    from certpgo.optimize.solution import Solution
     from certpgo.solve.assessment import Assessment
     from certpgo.solve.fit import Fit
     from certpgo.solve.metrics import TrajectoryErrors
@@ -85,11 +84,8 @@ def show(
     )
 
 
-def warnings(fit: Fit | None, solution: Solution | None = None) -> list[str]:
+def warnings(fit: Fit | None, rejected: int = 0, kept: int = 0) -> list[str]:
     """What a verdict does not say: an unusual chi^2, and many rejections."""
-    rejected, kept = 0, 0
-    if solution is not None and solution.kept is not None:
-        rejected, kept = len(solution.rejected), solution.kept
     said = ("" if fit is None else fit.warning, rejecting_many(rejected, kept))
     return [warning for warning in said if warning]
 

@@ -283,7 +283,8 @@ class _Reconstructed(Result):
 
     def notices(self, outputs: Outputs) -> list[str]:
         averaged = self.found.averaged
-        return _verdict.warnings(averaged.answer.fit, averaged.robust.solution)
+        robust = averaged.robust.solution
+        return _verdict.warnings(averaged.answer.fit, len(robust.rejected), robust.kept or 0)
 
 
 def _frames(

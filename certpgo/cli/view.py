@@ -141,7 +141,7 @@ def command(
 
 def _kept(answer: CertifiedSolution) -> str:
     """What of the measurements the verdict is about, if not all."""
-    kept, rejected = answer.solution.kept, len(answer.solution.rejected)
+    kept, rejected = answer.graph.num_measurements, len(answer.solution.rejected)
     return f" of {kept} measurements kept, {rejected} rejected" if rejected else ""
 
 

@@ -241,7 +241,7 @@ def _with_exact(
         return joined([graph, rotation], n), None
     tau = np.full(len(seen), graph.tau.max() or 1.0)
     absolute = seen[:, 0] == world if world is not None else None
-    exact = PoseGraph(rotation, t, tau, None, graph.points, None, absolute)
+    exact = PoseGraph(rotation, t, tau, None, graph.points, np.ones(len(seen), bool), absolute)
     if world is not None and graph.assumed is not None:  # the world's position is known now
         graph = replace(graph, tau=np.where(graph.assumed, 0.0, graph.tau), assumed=None)
     of_axes = kappa * (1.0 if d == 2 else 2.0)

@@ -43,8 +43,8 @@ class PoseGraph(Speaking):
         tau |t_j + R_j a - t_i - R_i t_ij|^2; metres. None for zeros
     points : (n,) which nodes are points, such as landmarks, rather than poses; None for none. Edges
         lead to points, have kappa = 0, and measure where the point is in the frame of node i
-    assumed : (m,) which edges have a translation that is not measured, but puts a world somewhere
-        whose position nothing measures; None for none
+    assumed : (m,) which edges are no measurements, but put a world somewhere whose position nothing
+        measures, or hold nodes in place; None for none
     absolute : (m,) which edges measure from a world, see `certpgo.with_priors`; None for none
 
     Raises
@@ -160,7 +160,7 @@ class PoseGraph(Speaking):
     def size_in_words(self) -> str:
         """Such as ``216 poses and 30 points, 513 edges, 3D``."""
         poses = len(self.pose_nodes)
-        return size_in_words(poses, self.num_nodes - poses, self.num_edges, self.d)
+        return size_in_words(poses, self.num_nodes - poses, self.num_measurements, self.d)
 
     @property
     def _headline(self) -> str:
@@ -226,6 +226,16 @@ class PoseGraph(Speaking):
     def kinds(self) -> IntArray:
         """(m,) what each edge measures, a `certpgo.graph.kinds.Kind`."""
         return kinds_of(self, self.from_world)
+
+    @property
+    def is_measured(self) -> BoolArray:
+        """(m,) which edges are measurements: all that are not `assumed`."""
+        return self.rotation.is_measured if self.assumed is None else ~self.assumed
+
+    @property
+    def num_measurements(self) -> int:
+        """How many edges are measurements."""
+        return int(np.count_nonzero(self.is_measured))
 
     @property
     def num_edges(self) -> int:

@@ -185,6 +185,16 @@ class RotationGraph(Speaking, Pairs):
         return len(self.edges)
 
     @property
+    def is_measured(self) -> BoolArray:
+        """(m,) which edges are measurements: all."""
+        return np.ones(self.num_edges, dtype=bool)
+
+    @property
+    def num_measurements(self) -> int:
+        """How many edges are measurements: all."""
+        return self.num_edges
+
+    @property
     def rotation(self) -> RotationGraph:
         """The graph of relative rotations: this one."""
         return self

@@ -33,7 +33,7 @@ CLOSE = {"xtol": 1e-300, "rtol": 1e-15}
 
 def flagged_from(problem: Problem | InformationProblem) -> float:
     """The quantile that few clean graphs have a correct measurement beyond: 1 - 0.01 / m."""
-    return 1.0 - FALSE_ALARMS / problem.graph.num_edges
+    return 1.0 - FALSE_ALARMS / problem.chordal.graph.num_measurements
 
 
 def quantiles(problem: Problem | InformationProblem, probability: float) -> FloatArray:

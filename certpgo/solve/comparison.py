@@ -203,7 +203,7 @@ def compare(
             instance.name,
             problem.d,
             problem.n,
-            problem.graph.num_edges,
+            problem.graph.num_measurements,
             dict(instance.options),
             method.label,
             dict(method.settings),
@@ -228,8 +228,8 @@ def _result(
     if solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
     certificate, _ = certified(solution, problem)
-    kept = solution.kept
     graph = problem.chordal.graph
+    weights = None if solution.weights is None else solution.weights[graph.is_measured]
     return replace(
         blank,
         status=solution.status.value,
@@ -238,7 +238,7 @@ def _result(
         note=solution.note,
         cost=problem.cost(solution.estimate),
         f_ml=f_ml(graph, solution.estimate),
-        kept=None if kept is None else kept / problem.graph.num_edges,
+        kept=None if weights is None else float((weights > 0.0).mean()),
         verdict=certificate.verdict.value,
         lower_bound=certificate.lower_bound,
         gap=certificate.gap,

@@ -108,12 +108,13 @@ def structure(instance: Instance) -> Structure:
     graph, ids = instance.graph, instance.ids
     measured, kappa = instance.measurements, graph.rotation.kappa
     points, sightings, priors = instance.kinds
-    simple = len(np.unique(np.sort(graph.edges, axis=1), axis=0))
+    edges = instance.pairs[: instance.num_measurements]  # constraints are the last
+    simple = len(np.unique(np.sort(edges, axis=1), axis=0))
     return Structure(
         kind=graph.kind,
         d=graph.d,
         nodes=graph.num_nodes,
-        edges=graph.num_edges,
+        edges=len(edges),
         first_id=int(ids.min()),
         last_id=int(ids.max()),
         consecutive=int(ids.max()) - int(ids.min()) + 1 == len(ids),
@@ -121,9 +122,9 @@ def structure(instance: Instance) -> Structure:
         points=points,
         sightings=sightings,
         priors=priors,
-        parallel_edges=graph.num_edges - simple,
+        parallel_edges=len(edges) - simple,
         measurements={kind.name.lower(): count for kind, count in measured.counts.items()},
-        bridges=len(bridges(measured)),
+        bridges=len(bridges(measured)) - instance.constraints,
         kappa=(float(kappa.min()), float(kappa.max())),
         tau=(float(graph.tau.min()), float(graph.tau.max()))
         if isinstance(graph, PoseGraph)

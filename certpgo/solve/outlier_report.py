@@ -118,7 +118,8 @@ class OutlierReport(Brief):
         yield "wrong at least", wrong
         odometry = len(self.cores_over_odometry)
         yield "", f"{odometry}, if those from each node to the next are right"
-        total = int((~self.rejection.problem.is_rejected).sum())
+        problem = self.rejection.problem
+        total = int((~problem.is_rejected & problem.graph.is_measured).sum())
         of_kept = f"{total - len(self.doubtful_kept)} of {total} kept ones"
         yield "worth keeping", f"{of_kept}: leaving any single one of them out costs more, proven"
         if len(self.doubtful_kept):
@@ -206,7 +207,7 @@ def outlier_report(
         for k, e in enumerate(rejected.tolist())
     ]
     ordered = tuple(sorted(edges, key=lambda edge: edge.rise))
-    of_kept = np.flatnonzero(kept & ~worth)
+    of_kept = np.flatnonzero(kept & ~worth & graph.is_measured)
     return OutlierReport(
         found,
         ordered,

@@ -166,7 +166,7 @@ def disagreement(
     edges = np.flatnonzero(found if stated else found & ((angles > UNREMARKABLE) | ~turned))
     if len(edges) == 0:
         return None
-    return Disagreement(edges, problem.graph.num_edges, float(angles[edges].max()))
+    return Disagreement(edges, problem.measured.num_measurements, float(angles[edges].max()))
 
 
 def agrees(problem: Posed, estimate: Estimate) -> bool:
@@ -197,10 +197,12 @@ def noise_scale(problem: Posed, costs: FloatArray, kept: BoolArray | None = None
     """
     d, q = problem.d, so.tangent_dim(problem.d)
     turned, moved = numbers_measured(problem)
-    kept = np.ones(len(costs), dtype=bool) if kept is None else kept
-    total = float((turned + moved)[kept].sum())
+    graph, numbers = problem.chordal.graph, turned + moved
+    kept = graph.is_measured if kept is None else kept & graph.is_measured
+    total = float(numbers[kept].sum())
     poses = len(problem.chordal.poses)
     used = (poses - 1) * (q + d * bool(moved.any())) + (problem.n - poses) * d
+    used -= int(numbers[~graph.is_measured].sum())  # what constraints determine is not fitted
     redundant = max(total - used, total / int(kept.sum())) / total
     relative = float(np.median(costs[kept] / quantiles(problem, 0.5)[kept]))
     exact = EXACT * math.sqrt(2.0 * problem.chordal.rotation.median_kappa)

@@ -122,14 +122,16 @@ class CertifiedSolution(Speaking):
         return f"{self.verdict}. {headline(self.certificate, self.rejection)}"
 
     def __repr__(self) -> str:
-        kept = "" if self.solution.kept is None else f" of {self.solution.kept} kept measurements"
+        count = self.graph.num_measurements
+        kept = "" if self.solution.kept is None else f" of {count} kept measurements"
         return f"<CertifiedSolution: {self.certificate.in_brief}{kept}, {self.estimate!r}>"
 
     def _facts(self) -> Iterator[tuple[str, str]]:
         solution, found = self.solution, self.disagreement
         yield "graph", self.graph.size_in_words
         if solution.kept is not None:
-            yield "kept", f"{solution.kept} measurements; the rest disagreed with them"
+            count = self.graph.num_measurements
+            yield "kept", f"{count} measurements; the rest disagreed with them"
         if self.rejection is not None:
             yield from self.rejection.in_words(self.certificate)
         yield from self.certificate._proven()

@@ -236,7 +236,7 @@ def _rungs(problem: Certifiable, estimate: Estimate, certificate: Certificate) -
 
 def _head(instance: Instance, origin: Origin) -> Iterable[tuple[str, str]]:
     graph = instance.graph
-    nodes, edges = counted(graph.num_nodes, "node{s}"), counted(graph.num_edges, "edge{s}")
+    nodes, edges = counted(graph.num_nodes, "node{s}"), counted(graph.num_measurements, "edge{s}")
     size = [nodes, edges, f"{graph.d}D"]
     if instance.ranges is not None:  # numbered after the edges
         size.insert(2, counted(instance.ranges.num_edges, "distance{s}"))

@@ -369,3 +369,34 @@ def test_tables_and_json_name_measurements_of_a_component_by_their_number_in_the
     assert (tmp_path / "out.csv").read_text().splitlines()[1].startswith("25,0,3,")
     doubted = certpgo("solve", *chosen, "--json").json["disagreement"]
     assert doubted["edges"] == expected
+
+
+def test_what_holds_fixed_nodes_is_in_no_count(certpgo, tmp_path):
+    """Of seven measurements beside those between held nodes, one is wrong."""
+    ends = [
+        (0, 1, 1.1),
+        (1, 2, 1),
+        (2, 3, 1),
+        (0, 3, 1),
+        (0, 2, 2),
+        (0, 2, 7),
+        (0, 2, 2),
+        (1, 3, 2),
+    ]
+    lines = [f"EDGE_SE2 {i} {j} {x} 0.1 0 100 0 0 100 0 100" for i, j, x in ends]
+    poses = [f"VERTEX_SE2 {k} {k} 0 0" for k in range(4)]
+    path, price = tmp_path / "held.g2o", tmp_path / "price.csv"
+    path.write_text("\n".join([*poses, "FIX 0 3", *lines]) + "\n")
+    info = certpgo("info", path, "--json").json
+    assert (info["edges"], info["bridges"], info["parallel_edges"]) == (7, 0, 2)
+    assert info["measurements"] == {"between": 7, "held": 1}
+    solved = certpgo("solve", path, "--robust", "--cost", "chordal", "--json").json
+    assert solved["solution"]["kept"] == 6
+    assert solved["solution"]["rejected"] == [{"edge": 5, "ids": [0, 2]}]
+    assert solved["fit"]["degrees_of_freedom"] == 3 * 6 - 3 * 2
+    assert solved["solution"]["rejection"]["quantile"] == pytest.approx(1.0 - 0.01 / 7, rel=1e-15)
+    said = flat(certpgo("outliers", path, "--csv", price).out)
+    assert "6 of 6 kept ones" in said
+    assert price.read_text().splitlines()[1].startswith("5,0,2,")
+    chosen = ("--methods", "newton", "--out", tmp_path / "compared", "--json")
+    assert {row["edges"] for row in certpgo("compare", path, *chosen).json} == {7}
