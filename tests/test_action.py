@@ -1,6 +1,7 @@
 """The GitHub Action, the pre-commit hook and the workflow: what they call exists and works."""
 
 import os
+import re
 import shlex
 import shutil
 import subprocess
@@ -96,3 +97,10 @@ def test_the_workflow_builds_on_three_systems():
     jobs = read(".github/workflows/wheels.yml")["jobs"]
     systems = {name.partition("-")[0] for name in jobs["wheels"]["strategy"]["matrix"]["os"]}
     assert systems == {"ubuntu", "macos", "windows"}
+
+
+def test_actions_are_pinned_by_commit():
+    files = [ROOT / "action.yml", *(ROOT / ".github" / "workflows").glob("*.yml")]
+    used = [one for file in files for one in re.findall(r"uses: (.*)", file.read_text())]
+    assert used
+    assert all(re.fullmatch(r"[\w/-]+@[0-9a-f]{40} # v[\d.]+", one) for one in used)

@@ -15,7 +15,8 @@ Cell = str | float | None
 def write_csv(path: Path, names: Sequence[str], rows: Iterable[Iterable[Cell]]) -> None:
     """Write rows below the names of their columns, in full precision; never half a file.
 
-    None and infinite numbers are empty cells, True is 1.
+    None and infinite numbers are empty cells, True is 1. A text that a spreadsheet would compute
+    gets an apostrophe, see `text_of`.
 
     Raises
     ------
@@ -32,9 +33,25 @@ def write_csv(path: Path, names: Sequence[str], rows: Iterable[Iterable[Cell]]) 
     atomically(path, lines)
 
 
+def text_of(cell: str) -> str:
+    """The text that `write_csv` was given for a cell."""
+    return cell[1:] if cell.startswith("'") and _is_formula(cell[1:]) else cell
+
+
+def _is_formula(text: str) -> bool:
+    """Whether a spreadsheet would compute a cell."""
+    if not text.startswith(("=", "+", "-", "@", "\t", "\r")):
+        return False
+    try:
+        float(text)
+    except ValueError:
+        return True
+    return False
+
+
 def _shown(cell: Cell) -> str | float:
     if isinstance(cell, str):
-        return cell
+        return f"'{cell}" if _is_formula(cell) else cell
     if cell is None or not math.isfinite(cell):
         return ""
     return int(cell) if isinstance(cell, bool) else cell

@@ -20,6 +20,7 @@ from scipy.sparse.linalg import spsolve
 
 from certpgo.errors import FormatError
 from certpgo.graph.edges import components_of
+from certpgo.io.csv_files import text_of
 from certpgo.linalg.arrays import FloatArray
 from certpgo.registration.pairs import FramePair
 from certpgo.registration.sequences import Frame, FrameSequence
@@ -108,7 +109,7 @@ def with_factors_of(path: Path, frames: FrameSequence) -> ScaledSequence:
         with path.open(newline="", encoding="utf-8") as file:
             rows = csv.DictReader(file)
             for row in rows:
-                name, factor = row.get("name"), _positive(row.get("factor") or "")
+                name, factor = text_of(row.get("name") or ""), _positive(row.get("factor") or "")
                 if not name or name in found or factor is None:
                     said = "columns name and factor expected: a frame once, and a positive number"
                     raise FormatError(path, rows.line_num, said)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -10,6 +11,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from certpgo.errors import FormatError, InputNotice
+from certpgo.io.archives import arrays_in
 from certpgo.io.writing import atomically, folder_to_write
 from certpgo.solve.many import by_threads
 
@@ -60,11 +63,11 @@ class Cache:
         if self.folder is None:
             return make()
         path = self.folder / f"{digest(VERSION, *key)}.npz"
-        try:
-            with np.load(path, allow_pickle=False) as kept:
-                return dict(kept)
-        except (OSError, ValueError, EOFError, KeyError):
-            pass  # not there, or damaged
+        if path.exists():
+            try:
+                return arrays_in(path)
+            except FormatError as error:
+                warnings.warn(f"{error}; it is made again", InputNotice, stacklevel=2)
         made = make()
         atomically(path, lambda temporary: _save(temporary, made))
         return made

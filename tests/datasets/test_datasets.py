@@ -1,7 +1,10 @@
 import hashlib
 import re
 import warnings
+from contextlib import suppress
 from dataclasses import replace
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from threading import Thread
 
 import numpy as np
 import pytest
@@ -146,7 +149,7 @@ class Server:
     def __init__(self, content):
         self.content, self.url = content, None
 
-    def __call__(self, url, known_hash, fname, path):
+    def __call__(self, url, known_hash, fname, path, downloader):
         self.url = url
         if self.content is None:
             raise ConnectionError("no route to host\nand a long story")
@@ -184,6 +187,44 @@ def test_a_download_with_another_checksum_is_thrown_away(nowhere, little, tmp_pa
     monkeypatch.setattr("pooch.retrieve", Server(b"moved"))
     with pytest.raises(InputError, match="checksum differs"):
         datasets.fetch("little")
+    assert not list((tmp_path / "cache").rglob("*.g2o"))
+
+
+class Endless(BaseHTTPRequestHandler):
+    """Delivers ones without an end, and counts them."""
+
+    sent = 0
+
+    def do_GET(self):
+        self.send_response(200)
+        self.end_headers()
+        with suppress(OSError):
+            while Endless.sent < 1 << 30:
+                Endless.sent += self.wfile.write(b"1" * (1 << 16))
+
+    def log_message(self, *_):
+        pass
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_no_more_is_downloaded_than_stated(nowhere, little, tmp_path, monkeypatch, known):
+    pytest.importorskip("pooch")
+    if not known:
+        monkeypatch.setitem(catalogue.entries(), "little", replace(little, bytes=None))
+    monkeypatch.setattr(lookup, "MOST", 1 << 20)
+    monkeypatch.setattr(Endless, "sent", 0)
+    with ThreadingHTTPServer(("127.0.0.1", 0), Endless) as server:
+        address = f"http://127.0.0.1:{server.server_port}/little.g2o"
+        monkeypatch.setattr(catalogue.Entry, "url", property(lambda entry: address))
+        thread = Thread(target=server.serve_forever)
+        thread.start()
+        try:
+            with pytest.raises(InputError, match=r"has more than the \d+ bytes expected"):
+                datasets.fetch("little")
+        finally:
+            server.shutdown()
+            thread.join()
+    assert Endless.sent < 1 << 26
     assert not list((tmp_path / "cache").rglob("*.g2o"))
 
 

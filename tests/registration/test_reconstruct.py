@@ -92,7 +92,7 @@ def test_results_are_resumed(frames, tmp_path, monkeypatch):
     assert np.array_equal(again.estimate.translations, first.estimate.translations)
     for path in folder.iterdir():
         path.write_bytes(b"damaged")
-    with pytest.raises(TypeError):
+    with pytest.raises(TypeError), pytest.warns(InputNotice, match="it is made again"):
         certpgo.reconstruct(few, cache=folder)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from certpgo.errors import FileNotHere, InputError, MissingDependency, how_to_install
@@ -12,6 +12,9 @@ from certpgo.io.datasets.catalogue import Entry
 
 #: Environment variable naming a data folder.
 DATA_VARIABLE = "CERTPGO_DATA"
+#: Most bytes of a download whose size the catalogue does not state, bytes at a time, and seconds
+#: without any until it fails.
+MOST, CHUNK, TIMEOUT = 1 << 26, 1 << 16, 30.0
 
 
 def places(data: str | Path | None) -> dict[str, Path]:
@@ -64,7 +67,7 @@ def download(entry: Entry) -> Path:
     Raises
     ------
     InputError
-        The download failed, or its checksum differs.
+        The download failed or is larger than stated, or its checksum differs.
     """
     try:
         import pooch
@@ -75,7 +78,13 @@ def download(entry: Entry) -> Path:
     pooch.get_logger().setLevel("WARNING")
     try:
         path = Path(
-            pooch.retrieve(entry.url, known_hash=None, fname=target.name, path=target.parent)
+            pooch.retrieve(
+                entry.url,
+                known_hash=None,
+                fname=target.name,
+                path=target.parent,
+                downloader=_at_most(entry),
+            )
         )
     except OSError as error:  # includes network errors
         reason = str(error).partition("\n")[0].partition(" (Caused by")[0]
@@ -88,6 +97,25 @@ def download(entry: Entry) -> Path:
         path.unlink()
         raise InputError(f"{entry.name}: {entry.url} is another file (its checksum differs)")
     return path
+
+
+def _at_most(entry: Entry) -> Callable[[str, str, object], None]:
+    """What downloads a file for pooch, of no more bytes than stated, or `MOST` if none are."""
+    most = MOST if entry.bytes is None else entry.bytes
+
+    def download(url: str, out: str, pooch: object) -> None:
+        import requests  # which pooch needs
+
+        size = 0
+        with requests.get(url, stream=True, timeout=TIMEOUT) as response, open(out, "wb") as file:
+            response.raise_for_status()
+            for chunk in response.iter_content(CHUNK):
+                size += len(chunk)
+                if size > most:
+                    raise InputError(f"{entry.name}: {url} has more than the {most} bytes expected")
+                file.write(chunk)
+
+    return download
 
 
 def _remedy(entry: Entry) -> str:

@@ -13,14 +13,11 @@ each edge's (``information_index``), and the cost whose residuals they weigh
 from __future__ import annotations
 
 import json
-import math
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from certpgo.errors import CertPGOError, FormatError, InputError, NoMeasurements
@@ -28,9 +25,8 @@ from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph, S
 from certpgo.graph.information import Information
 from certpgo.graph.keys import Keys
 from certpgo.graph.ranges import Ranges
-from certpgo.io.compressed import refuse_bombs
+from certpgo.io.archives import arrays_in
 from certpgo.io.format import Format, LabelledPoses, ReadOptions
-from certpgo.io.pipes import readable
 
 _VERSION = 1
 _Arrays = Mapping[str, NDArray[Any]]
@@ -94,17 +90,7 @@ def _recognises(path: Path, head: bytes) -> bool:
 
 
 def _load(path: Path, kind: str) -> _Arrays:
-    try:
-        with zipfile.ZipFile(readable(path)) as archive:
-            refuse_bombs(path, sum(member.file_size for member in archive.infolist()))
-            arrays = {
-                member.filename.removesuffix(".npy"): _array(archive, member)
-                for member in archive.infolist()
-            }
-    except FormatError:
-        raise
-    except Exception:  # zipfile, zlib and NumPy raise various errors
-        raise FormatError(path, None, "an archive of plain NumPy arrays expected") from None
+    arrays = arrays_in(path)
     try:
         _require_layout(arrays, _HEADER, {})
         found, version = str(arrays["kind"]), int(arrays["version"])
@@ -115,22 +101,6 @@ def _load(path: Path, kind: str) -> _Arrays:
         error = NoMeasurements if other else FormatError
         raise error(path, None, f"one {kind} (version {_VERSION}) expected, not {found}")
     return arrays
-
-
-def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
-    """An array; ValueError if header and data disagree, or for objects and invalid text."""
-    readers = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
-    with archive.open(member) as stream:
-        shape, by_columns, dtype = readers[npy.read_magic(stream)](stream)
-        size = math.prod(shape) * dtype.itemsize
-        if dtype.hasobject or min(shape, default=0) < 0 or size != member.file_size - stream.tell():
-            raise ValueError
-        # Limit the bytes read, as the sizes in the archive may be wrong.
-        data = stream.read(size)
-    array: NDArray[Any] = np.ndarray(shape, dtype, data, order="F" if by_columns else "C")
-    if dtype.kind == "U":
-        "".join(array.ravel().tolist()).encode()  # ValueError if invalid
-    return array
 
 
 def _require_layout(
