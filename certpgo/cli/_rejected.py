@@ -40,9 +40,12 @@ def posing(
 
     if rejected is None:
         return lambda parts: [(part, certifiable(part, cost)) for part in parts]
-    choice, priced = read_rejected(rejected, instance), quantile is None and cost == CHORDAL
+    choice = read_rejected(rejected, instance)
+    of_cost = choice.of_cost or CHORDAL
+    priced = quantile is None and cost == of_cost
     if choice.prices is not None and quantile is None and not priced:
-        notice(f"the prices in {rejected} are of F: those of {cost} are the default quantile")
+        of, here = ("F" if one == CHORDAL else one for one in (of_cost, cost))
+        notice(f"the prices in {rejected} are of {of}: those of {here} are the default quantile")
 
     def truncated(parts: Sequence[Instance]) -> list[tuple[Instance, Judged]]:
         if len(parts) > 1:

@@ -143,7 +143,7 @@ def command(
     with graph_comes_first("certify", source, here):
         instance = timed(reading.open(source, distances=True), timestamps)
     refuse_of_kinds(instance, proof=proof, rejected=rejected)
-    chosen = chosen_cost(cost, instance, rejected=rejected)
+    chosen = chosen_cost(cost, instance, **{"rejected --proof": rejected and proof})
     how = Matching.of(timestamps, max_difference)
     again: dict[str, Any] = {"rejected": rejected, "quantile": quantile, "timestamps": timestamps}
     again["max-difference"] = max_difference

@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from certpgo.cli._interrupting import INTERRUPTED, tell_interrupted
-from certpgo.cli._options import GraphName, Json, Quantile, time_limit_option
+from certpgo.cli._options import (
+    CostOption,
+    GraphName,
+    Json,
+    Quantile,
+    chosen_cost,
+    time_limit_option,
+)
 from certpgo.cli._outputs import Outputs
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import StatusLine, document, facts, notice, table, working
@@ -28,6 +35,7 @@ PROOFS = 60.0
 @takes_reading
 def command(
     graph: GraphName,
+    cost: CostOption = None,
     quantile: Quantile = None,
     level: Annotated[
         float,
@@ -52,7 +60,7 @@ def command(
 ) -> int:
     """List the measurements that disagree with the rest, and prove what accepting each costs.
 
-    They are those that certpgo solve --robust rejects, under the chordal cost F. Ctrl-C during the
+    They are those that certpgo solve --robust rejects, under the same cost. Ctrl-C during the
     proofs about each prints what is proven by then.
     """
     from certpgo import solve_robustly
@@ -70,9 +78,11 @@ def command(
     instance, *others = reading.parts(instance)
     if others:
         raise InputError("measurements of one component are listed: --components largest")
+    chosen = chosen_cost(cost, instance)
     with working(f"rejecting measurements of {instance.name}") as status:
         monitor = StatusLine(status)
-        answer = solve_robustly(instance, quantile=quantile, time_limit=time_limit, monitor=monitor)
+        how: dict[str, Any] = {"cost": chosen, "quantile": quantile, "time_limit": time_limit}
+        answer = solve_robustly(instance, monitor=monitor, **how)
         if answer.solution.status is Status.INTERRUPTED:  # nothing is known of its choice
             raise KeyboardInterrupt
         if answer.rejection is None:
@@ -147,8 +157,9 @@ def _as_json(name: str, report: OutlierReport) -> dict[str, Any]:
         "level": report.level,
         "complete": report.is_complete,
         "wrong_at_least": len(report.cores),
+        "odometry_by": report.order,
         "wrong_at_least_over_odometry": len(report.cores_over_odometry),
-        "doubtful_kept": report.doubtful_kept.tolist(),
+        "doubtful_kept": None if report.doubtful_kept is None else report.doubtful_kept.tolist(),
         "cores": [members.tolist() for members in report.cores],
         "rejected": [
             {

@@ -200,7 +200,7 @@ def command(
     truths = [KnownPoses.of(of_truth, part, reading, how.of_truth(truth_offset)) for part in parts]
     start = None if of_initial is None else _start(of_initial, instance, reading, how)
     solver = None if method is None else _solver(method, settings, parts, initial)
-    chosen = chosen_cost(cost, instance, method=method, robust=robust)
+    chosen = chosen_cost(cost, instance, method=method, **{"robust --proof": robust and proof})
     asked = Asked(graph, chosen, reading, judging=_judging(timestamps, max_difference))
     outputs = outputs.about(source, instance, asked.cost)
 

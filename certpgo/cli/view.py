@@ -169,6 +169,6 @@ def _scene(
         if not (solve or robust):
             return scene_of(instance, *sources[1:], **matching)
         with working(f"solving {instance.name}"):
-            answer = certpgo.solve_robustly(instance.graph) if robust else certpgo.solve(instance)
+            answer = certpgo.solve_robustly(instance) if robust else certpgo.solve(instance)
         notice(f"{instance.name}: {answer.certificate.in_brief}{_kept(answer)}")
         return scene_of(instance, *sources[1:], answer, **matching)

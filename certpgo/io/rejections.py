@@ -11,12 +11,13 @@ import numpy as np
 
 from certpgo.errors import FormatError
 from certpgo.graph import Instance
+from certpgo.graph.phrases import few
 from certpgo.io.pipes import readable
 from certpgo.linalg.arrays import FloatArray, IntArray
 
 #: Columns that a list has: the number of a measurement in its source, and the ids of its nodes; and
-#: one that it may have.
-COLUMNS, PRICE = ("edge", "i", "j"), "price"
+#: what it may have, a price and the cost that this is a price of.
+COLUMNS, PRICE, OF_COST = ("edge", "i", "j"), "price", "of_cost"
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,11 +27,13 @@ class Rejected:
     Attributes
     ----------
     numbers : (k,) in the source, see `certpgo.Instance.numbers`
-    prices : (k,) in units of F; None where the list has none
+    prices : (k,) what each costs at most; None where the list has none
+    of_cost : the name of the cost that they are of; "" where the list does not say it, of F
     """
 
     numbers: IntArray
     prices: FloatArray | None
+    of_cost: str = ""
 
     def among(self, instance: Instance) -> tuple[IntArray, FloatArray | None]:
         """Indices of those that an instance has, as which they are given, and their prices."""
@@ -44,12 +47,14 @@ def read_rejected(path: str | Path, instance: Instance) -> Rejected:
     """The measurements that a CSV file names, as ``certpgo outliers`` writes it.
 
     It has columns ``edge``, the number of a measurement from 0, ``i`` and ``j``, the ids of its
-    nodes, and perhaps ``price``, in units of F; others do not count.
+    nodes, and perhaps ``price`` and ``of_cost``, the name of the cost that this is of, by default
+    F; others do not count.
 
     Raises
     ------
     FormatError
-        There is no such file, or it names something else than measurements of the instance.
+        There is no such file, or it names something else than measurements of the instance, or
+        prices of several costs.
     """
     path = Path(path)
     try:
@@ -61,7 +66,9 @@ def read_rejected(path: str | Path, instance: Instance) -> Rejected:
         raise FormatError(path, None, f"not readable as CSV: {error}") from None
     named = zip(instance.known_numbers.tolist(), instance.pairs.tolist(), strict=True)
     pairs = {edge: ids for edge, ids in named if edge >= 0}
-    found, prices = list[int](), list[float]()
+    found, prices, costs = list[int](), list[float](), {row.get(OF_COST) or "" for row in rows}
+    if len(costs) > 1:
+        raise FormatError(path, None, f"prices of one cost expected, not of {few(sorted(costs))}")
     for line, row in enumerate(rows, start=2):
         try:
             edge, i, j = (int(row[name]) for name in COLUMNS)
@@ -72,7 +79,7 @@ def read_rejected(path: str | Path, instance: Instance) -> Rejected:
         found.append(edge)
         if PRICE in row:
             prices.append(_positive(path, line, row[PRICE]))
-    return Rejected(np.array(found, dtype=np.intp), np.array(prices) if prices else None)
+    return Rejected(np.array(found, dtype=np.intp), np.array(prices) if prices else None, *costs)
 
 
 def _positive(path: Path, line: int, text: str | None) -> float:

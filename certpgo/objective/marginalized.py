@@ -192,7 +192,8 @@ def isotropic_below(graph: InformationGraph, turned_share: float) -> PoseGraph |
     """The same measurements with weights whose F is nowhere above a cost, edge by edge.
 
     lam_t and lam_R with Omega - blkdiag(lam_t I, lam_R I) proven to be positive definite, so that
-    the cost is at least lam_t |y|^2 and lam_R times the squared rotational residual.
+    the cost is at least lam_t |y|^2 and lam_R times the squared rotational residual. Zero for what
+    is not measured.
 
     Parameters
     ----------
@@ -202,17 +203,23 @@ def isotropic_below(graph: InformationGraph, turned_share: float) -> PoseGraph |
     -------
     None where some are not known or not proven.
     """
-    d, P = graph.d, blocks(graph.information, graph.d)[1]
-    if not turned_share or unmeasured(graph.information).any():
+    d, unstated = graph.d, unmeasured(graph.information)
+    moving, turning = np.split(unstated, [d], axis=1)
+    if not turned_share or any((rows.any(1) != rows.all(1)).any() for rows in (moving, turning)):
         return None
+    # What is not measured is filled by a block of its own, which is taken off again.
+    information = graph.information + unstated[:, :, None] * np.eye(unstated.shape[1])
+    T, P, W = blocks(information, d)
     with np.errstate(all="ignore"):
-        marginal = np.linalg.eigvalsh(np.linalg.inv(graph.information)[:, :d, :d])[:, -1]
+        marginal = np.linalg.eigvalsh(np.linalg.inv(information)[:, :d, :d])[:, -1]
         moved = np.where(P.any(axis=(1, 2)), 0.5, 1.0 - LESS) / marginal
-        inverse = np.linalg.inv(blocks(graph.information, d)[0] - moved[:, None, None] * np.eye(d))
-    left = blocks(graph.information, d)[2] - np.swapaxes(P, 1, 2) @ inverse @ P
+        inverse = np.linalg.inv(T - moved[:, None, None] * np.eye(d))
+    left = W - np.swapaxes(P, 1, 2) @ inverse @ P
     turned = (1.0 - LESS) * np.linalg.eigvalsh(left)[:, 0]
     spared = np.concatenate([np.tile(moved, (d, 1)), np.tile(turned, (P.shape[2], 1))]).T
-    rest = Ball.exact(graph.information) - spared[:, :, None] * np.eye(spared.shape[1])
+    rest = Ball.exact(information) - spared[:, :, None] * np.eye(spared.shape[1])
     if not (is_positive_definite(rest) & (turned > 0.0)).all():
         return None
-    return graph.isotropic.with_weights(np.nextafter(turned_share * turned, 0.0), moved)
+    kappa = np.nextafter(turned_share * turned, 0.0) * ~turning.all(axis=1)
+    tau = np.asarray(moved * ~moving.all(axis=1), dtype=np.float64)
+    return graph.isotropic.with_weights(kappa, tau)

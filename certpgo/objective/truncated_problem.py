@@ -189,9 +189,14 @@ class TruncatedProblem(Brief):
         return TruncatedProblem(self.whole.scaled(factor), factor * self.prices)
 
     def with_prices_of(self, point: Estimate) -> TruncatedProblem:
-        """The problem with the costs at a point as prices: hardly anything is cut off there."""
-        costs = np.maximum((1.0 - SAME) * self.terms(point), np.finfo(float).tiny)
-        return TruncatedProblem(self.whole, np.where(self.is_rejected, costs, np.inf))
+        """The problem with the costs at a point as prices: hardly anything is cut off there.
+
+        Those of `below`, whose minorants have no gradient there.
+        """
+        prices = self.prices.copy()
+        costs = (1.0 - SAME) * self.truncation(point).costs
+        prices[self.rejected] = np.maximum(costs, np.finfo(float).tiny)
+        return TruncatedProblem(self.whole, prices)
 
     def check(self, estimate: Estimate) -> None:
         """Refuse an estimate of another graph by an InputError."""

@@ -1,9 +1,9 @@
 """Measurements that cannot all be right: rejected ones against others, and disjoint cores.
 
-If all measurements of a set are right and their noise is as stated, the least F of the set is to
-first order a sum of independent squares, of as many numbers as are measured beyond those that
-determine the nodes. So a set whose F is proven to be above the quantile 1 - ``level`` of that sum
-contains a wrong measurement, unless something of probability ``level`` has happened.
+If all measurements of a set are right and their noise is as stated, the least cost of the set is
+to first order a sum of independent squares, of as many numbers as are measured beyond those that
+determine the nodes. So a set whose cost is proven to be above the quantile 1 - ``level`` of that
+sum contains a wrong measurement, unless something of probability ``level`` has happened.
 
 A measurement with others that determine its ends already adds as many numbers as it measures. Sets
 that share no measurement each contain a wrong one: so many are wrong at least.
@@ -24,12 +24,15 @@ from certpgo.certify.tolerances import ATOL, RTOL
 from certpgo.certify.truncated_case import TruncatedCase
 from certpgo.errors import GraphError
 from certpgo.graph import Estimate, Graph, PoseGraph
+from certpgo.graph.succession import Succession
 from certpgo.graph.trees import tree_initialization
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.chi_squared import double, numbers_measured
-from certpgo.objective.problem import Problem, problem_of
+from certpgo.objective.information_problem import InformationProblem
+from certpgo.objective.problem import problem_of
 from certpgo.objective.truncated_problem import TruncatedProblem
 from certpgo.optimize.progress import Stop
+from certpgo.solve.outliers import Posed
 
 #: Length of a trusted measurement, over that of another one.
 FAITH = 0.1
@@ -37,7 +40,7 @@ FAITH = 0.1
 LEVEL = 1e-6
 
 
-def budgets(problem: Problem, level: float = LEVEL, scale: float = 1.0) -> FloatArray:
+def budgets(problem: Posed, level: float = LEVEL, scale: float = 1.0) -> FloatArray:
     """(m,) what the term of a right measurement exceeds with probability ``level`` at most.
 
     In the plane a rotation's square counts twice in F, and here so do those of translations.
@@ -52,7 +55,7 @@ def budgets(problem: Problem, level: float = LEVEL, scale: float = 1.0) -> Float
 
 
 def proven_rises(problem: TruncatedProblem, estimate: Estimate, stop: Stop) -> FloatArray:
-    """(k,) by how much F rises at least if a rejected measurement is taken back, in units of F."""
+    """(k,) by how much the cost rises at least if a rejected measurement is taken back."""
     case = replace(TruncatedCase.of(problem, "standard", RTOL, ATOL), stop=stop)
     return np.asarray(case.unit * rises(case, estimate))
 
@@ -65,22 +68,22 @@ def proven_worth(
     return worth_keeping(case, estimate, prices / case.unit)
 
 
-def odometry(graph: Graph) -> BoolArray:
-    """(m,) the first whole measurements from each node to the next one, not from a world."""
+def odometry(graph: Graph, order: Succession) -> BoolArray:
+    """(m,) the first whole measurements from each pose to the next one, not from a world."""
     chosen = np.zeros(graph.num_edges, dtype=bool)
-    next_to = _whole(graph) & (np.abs(graph.edges[:, 1] - graph.edges[:, 0]) == 1)
+    next_to = _whole(graph) & order.are_steps(graph.edges)
     if isinstance(graph, PoseGraph) and graph.absolute is not None:
         next_to &= ~graph.absolute
     steps = np.flatnonzero(next_to)
-    _, first = np.unique(graph.edges[steps].min(axis=1), return_index=True)
+    _, first = np.unique(order.places[graph.edges[steps]].min(axis=1), return_index=True)
     chosen[steps[first]] = True
     return chosen
 
 
 def rises_over(
-    problem: Problem, trusted: BoolArray, doubtful: IntArray, stop: Stop
+    problem: Posed, trusted: BoolArray, doubtful: IntArray, stop: Stop
 ) -> FloatArray | None:
-    """(k,) F of trusted measurements with one doubtful one, at least, less F of the trusted alone.
+    """(k,) by how much the cost of trusted measurements rises at least with one doubtful one.
 
     None if those leave nodes free.
 
@@ -98,11 +101,11 @@ def rises_over(
         posed = TruncatedProblem(problem.reweighted(factors), prices[chosen])
     except GraphError:
         return None
-    return proven_rises(posed, tree_initialization(problem.graph.with_edges(trusted)), stop)
+    return proven_rises(posed, tree_initialization(problem.measured.with_edges(trusted)), stop)
 
 
 def cores(
-    problem: Problem,
+    problem: Posed,
     kept: BoolArray,
     doubtful: IntArray,
     budget: FloatArray,
@@ -121,7 +124,7 @@ def cores(
     budget : (m,) see `budgets`
     trusted : (m,) which measurements are taken to be right; none by default
     """
-    graph, found = problem.graph, list[IntArray]()
+    graph, found = problem.measured, list[IntArray]()
     shared = np.zeros_like(kept) if trusted is None else trusted
     free, waiting = kept & _whole(graph), doubtful.tolist()
     while waiting and not stop.should_stop():
@@ -150,19 +153,24 @@ def _whole(graph: Graph) -> BoolArray:
     return graph.measures_rotation
 
 
-def _is_inconsistent(
-    problem: Problem, path: IntArray, edge: int, budget: float, stop: Stop
-) -> bool:
+def _is_inconsistent(problem: Posed, path: IntArray, edge: int, budget: float, stop: Stop) -> bool:
     """Whether a measurement and a path between its ends are proven not to be right together."""
     chosen = np.r_[path, edge]
     nodes = np.unique(problem.graph.edges[chosen])
-    graph = problem.graph.with_edges(chosen).subgraph(nodes)
     # A subgraph has its edges in the order of the whole one.
-    cycle = problem_of(graph, problem.engine)
+    cycle = _part(problem, chosen, nodes)
     prices = np.r_[np.full(len(path), np.inf), budget]
     posed = TruncatedProblem(cycle, prices)
-    along = tree_initialization(graph.with_edges(np.arange(len(path))))
+    along = tree_initialization(cycle.measured.with_edges(np.arange(len(path))))
     return bool(proven_rises(posed, along, stop)[0] > budget)
+
+
+def _part(problem: Posed, edges: IntArray, nodes: IntArray) -> Posed:
+    """The problem of some measurements between some nodes."""
+    if isinstance(problem, InformationProblem):
+        graph = problem.graph.with_edges(edges).subgraph(nodes)
+        return InformationProblem(replace(problem.edge_cost, graph=graph), problem.engine)
+    return problem_of(problem.graph.with_edges(edges).subgraph(nodes), problem.engine)
 
 
 class _Paths:

@@ -11,17 +11,18 @@ from certpgo.graph import Graph, Instance
 from certpgo.graph.edges import components_of
 from certpgo.graph.graph import require_connected, require_one_unit
 from certpgo.graph.kinds import Kind
+from certpgo.graph.succession import Succession, succession
 from certpgo.graph.trees import minimum_spanning_tree
 from certpgo.linalg.arrays import BoolArray, IntArray
 from certpgo.objective.problem import RotationProblem
 
 
 class Rotations(NamedTuple):
-    """The relative rotations of an instance: their edges and nodes in it, with ids, and problem."""
+    """The relative rotations of an instance: their edges and nodes in it, order, and problem."""
 
     edges: IntArray
     nodes: IntArray
-    ids: IntArray
+    order: Succession
     problem: RotationProblem
 
 
@@ -39,14 +40,13 @@ def with_rotations(graph: Instance | Graph) -> tuple[Instance, Rotations]:
     rotation = instance.graph.rotation.with_edges(edges).subgraph(nodes)
     if not rotation.is_connected:
         raise GraphError(f"{instance.name}: rotations between poses do not connect them")
-    return instance, Rotations(edges, nodes, instance.ids[nodes], RotationProblem(rotation))
+    return instance, Rotations(edges, nodes, succession(instance), RotationProblem(rotation))
 
 
 def loop_closures(rotations: Rotations) -> BoolArray:
     """(r,) relative rotations that are neither odometry nor needed to connect the nodes."""
     graph = rotations.problem.graph
-    i, j = rotations.ids[graph.edges].T
-    loops = np.asarray(np.abs(i - j) != 1)
+    loops = ~rotations.order.are_steps(rotations.nodes[graph.edges])
     if components_of(graph.num_nodes, graph.edges[~loops]).max(initial=0) > 0:
         # Odometry is shorter than all others, so that the tree completes it.
         lengths = 1.0 / graph.kappa

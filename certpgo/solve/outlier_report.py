@@ -11,10 +11,12 @@ import numpy as np
 
 from certpgo.certify.certificate import Certificate
 from certpgo.errors import InputError
+from certpgo.graph import Instance
 from certpgo.graph.display import Brief
+from certpgo.graph.succession import succession
 from certpgo.io.csv_files import write_csv
 from certpgo.linalg.arrays import IntArray
-from certpgo.objective.information_problem import InformationProblem
+from certpgo.objective.choose_cost import CHORDAL
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.progress import Stop
 from certpgo.solve.inconsistency import (
@@ -37,20 +39,19 @@ SHOWN = 8
 class RejectedEdge:
     """A rejected measurement; the fields are the columns of the CSV.
 
-    Costs are in units of F.
-
     Attributes
     ----------
     edge : its number, see `certpgo.Instance.numbers`; of a graph its index
     i, j : ids of its nodes
     degrees, metres : its residuals at the estimate; None for what it does not measure
-    cost, price : its term of F there, and what leaving it out costs
-    rise : F of the kept measurements rises by that at least if it is accepted, proven
-    rise_over_odometry : the same of those from each node to the next alone; None if these leave
+    cost, price : its term there, and what leaving it out costs
+    rise : the cost of the kept measurements rises by that at least if it is accepted, proven
+    rise_over_odometry : the same of those from each pose to the next alone; None if these leave
         nodes free
     budget : what ``rise`` of a right one exceeds with the probability of the report
     ambiguous : whether its price is no part of the bound on the truncated cost
     core : number of the set that it is in, of measurements that cannot all be right; None for none
+    of_cost : the name of the cost, see `certpgo.solve`
     """
 
     edge: int
@@ -65,6 +66,7 @@ class RejectedEdge:
     budget: float
     ambiguous: bool
     core: int | None
+    of_cost: str = CHORDAL
 
     @property
     def is_refuted(self) -> bool:
@@ -88,8 +90,10 @@ class OutlierReport(Brief):
     cores : sets of measurements, by number, of which no two share one and none is right as a whole
     cores_over_odometry : the same, where they may share measurements from each node to the next
     doubtful_kept : (k,) kept measurements, by number, of which it is not proven that leaving any
-        single one out, for a price of the same quantile, costs more, whatever else changes
+        single one out, for a price of the same quantile, costs more, whatever else changes; None
+        under the cost of another program, of which nothing of the kind is proven
     doubtful_pairs : (k, 2) ids of their nodes
+    order : from what it is known which pose follows which: ``"time"``, ``"name"`` or ``"id"``
     level : probability that right measurements are called wrong
     is_complete : whether the proofs were not stopped; else what is not proven may be provable
     interrupted : whether Ctrl-C or the monitor stopped them
@@ -99,8 +103,9 @@ class OutlierReport(Brief):
     edges: tuple[RejectedEdge, ...]
     cores: tuple[IntArray, ...]
     cores_over_odometry: tuple[IntArray, ...]
-    doubtful_kept: IntArray
+    doubtful_kept: IntArray | None
     doubtful_pairs: IntArray
+    order: str
     level: float
     is_complete: bool = True
     interrupted: bool = False
@@ -112,22 +117,29 @@ class OutlierReport(Brief):
         alone = sum(edge.is_refuted_by_odometry for edge in self.edges)
         yield from self.rejection.in_words(kept)
         yield "proven wrong", f"{refuted} of {count}, if the kept ones are right"
+        steps = f"if those from each pose to the next by {self.order} are right"
         if self.edges and self.edges[0].rise_over_odometry is not None:
-            yield "", f"{alone} of {count}, if those from each node to the next are right"
+            yield "", f"{alone} of {count}, {steps}"
         wrong = f"{len(self.cores)}: so many sets that share none cannot be right as a whole"
         yield "wrong at least", wrong
         odometry = len(self.cores_over_odometry)
-        yield "", f"{odometry}, if those from each node to the next are right"
+        yield "", f"{odometry}, {steps}"
+        yield from self._worth()
+        noise = self.rejection.noise
+        yield "level", f"{self.level:.3g}: probability, at most, that {noise} refutes a right one"
+
+    def _worth(self) -> Iterator[tuple[str, str]]:
+        """Which kept measurements are worth keeping, if that is known."""
+        if self.doubtful_kept is None:
+            return
         problem = self.rejection.problem
-        total = int((~problem.is_rejected & problem.graph.is_measured).sum())
+        total = int((~problem.is_rejected & problem.measured.is_measured).sum())
         of_kept = f"{total - len(self.doubtful_kept)} of {total} kept ones"
         yield "worth keeping", f"{of_kept}: leaving any single one of them out costs more, proven"
         if len(self.doubtful_kept):
             names = ", ".join(f"{i}-{j}" for i, j in self.doubtful_pairs[:SHOWN].tolist())
             more = ", ..." if len(self.doubtful_kept) > SHOWN else ""
             yield "", f"not proven of {names}{more}"
-        noise = self.rejection.noise
-        yield "level", f"{self.level:.3g}: probability that {noise} refutes a right one"
 
 
 def outlier_report(
@@ -150,8 +162,7 @@ def outlier_report(
     Raises
     ------
     InputError
-        The answer rejects nothing or is under another cost than F, or the level is not between 0
-        and 1.
+        The answer rejects nothing, or the level is not between 0 and 1.
 
     Examples
     --------
@@ -170,23 +181,25 @@ def outlier_report(
         raise InputError(f"a level lies between 0 and 1, not at {level}")
     found, stop = answer.rejection, Stop(monitor)
     problem, rejected = found.problem.whole, found.problem.rejected
-    if isinstance(problem, InformationProblem):
-        raise InputError("the report is about the chordal cost F alone")
-    kept, trusted = ~found.problem.is_rejected, odometry(problem.graph)
+    graph, named = problem.measured, answer.instance
+    if named is None:
+        named = Instance("graph", graph, np.arange(graph.num_nodes))
+    order = succession(named)
+    kept, trusted = ~found.problem.is_rejected, odometry(graph, order)
     budget = budgets(problem, level, found.scale)
     with stop.within(time_limit):
         rise = proven_rises(found.problem, found.estimate, stop)
         over = rises_over(problem, trusted & kept, rejected, stop)
         sets = cores(problem, kept, rejected, budget, stop)
         shared = cores(problem, kept, rejected, budget, stop, trusted & kept)
-        worth = proven_worth(found.problem, found.certificate.best, found.prices_of_all, stop)
+        worth = None
+        if problem.is_chordal:
+            worth = proven_worth(found.problem, found.certificate.best, found.prices_of_all, stop)
     core = {int(e): number for number, members in enumerate(sets) for e in members[-1:]}
     angles = problem.residual_angles(found.estimate)
     lengths = problem.residual_lengths(found.estimate)
     costs, ambiguous = problem.edge_costs(found.estimate), found.certificate.obstacle.ambiguous
-    graph, named = problem.graph, answer.instance
-    pairs = graph.edges if named is None else named.pairs
-    numbers = np.arange(graph.num_edges) if named is None else named.known_numbers
+    pairs, numbers = named.pairs, named.known_numbers
     edges = [
         RejectedEdge(
             edge=int(numbers[e]),
@@ -203,18 +216,20 @@ def outlier_report(
             budget=float(budget[e]),
             ambiguous=e in ambiguous,
             core=core.get(e),
+            of_cost=problem.cost_name,
         )
         for k, e in enumerate(rejected.tolist())
     ]
     ordered = tuple(sorted(edges, key=lambda edge: edge.rise))
-    of_kept = np.flatnonzero(kept & ~worth & graph.is_measured)
+    of_kept = np.flatnonzero(kept & graph.is_measured & (True if worth is None else ~worth))
     return OutlierReport(
         found,
         ordered,
         tuple(numbers[members] for members in sets),
         tuple(numbers[members] for members in shared),
-        numbers[of_kept],
+        None if worth is None else numbers[of_kept],
         pairs[of_kept],
+        order.by,
         level,
         is_complete=stop.ended_by is None,
         interrupted=stop.interrupted,

@@ -15,7 +15,7 @@ from certpgo.certify.certificate import of_instance
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.io.accept_paths import AnyPath, measured
 from certpgo.linalg.arrays import IntArray
-from certpgo.objective.choose_cost import CHORDAL, problem_under
+from certpgo.objective.choose_cost import problem_under
 from certpgo.objective.truncated_problem import UncertifiableError, refuse_quantile
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor
@@ -48,8 +48,7 @@ def solve_robustly(
     Parameters
     ----------
     graph : the measurements, an instance, or the path of its file
-    cost : what is minimised, and by which measurements are chosen, as in `certpgo.solve`; by
-        default F
+    cost : what is minimised, and by which measurements are chosen, as in `certpgo.solve`
     initial : initial estimate of the robust fit; n poses, in metres
     trusted : (k,) indices of measurements that are known to be right, such as those of odometry:
         they are never rejected, and lead the choice among the others
@@ -89,7 +88,7 @@ def solve_robustly(
     refuse_quantile(quantile)
     given = measured(graph)
     source = given if isinstance(given, Instance) else None
-    posed = problem_under(given, CHORDAL if cost is None else cost)
+    posed = problem_under(given, cost)
     chosen = (settings or DEFAULT).changed(options)
     limit = chosen.time_limit
     if initial is not None:

@@ -120,8 +120,9 @@ def sparsify(
 ) -> Sparsified:
     """Keep the loop closures that connect a graph best, and solve it with and without the others.
 
-    Steps of odometry, between nodes whose ids are consecutive, are always kept; where they do not
-    connect the graph, so is a spanning tree. Sightings, priors and distances are kept too. Among
+    Steps of odometry, between a pose and the next one by time, name or id, see
+    `certpgo.graph.succession`, are always kept; where they do not connect the graph, so is a
+    spanning tree. Sightings, priors and distances are kept too. Among
     the others, the choice approximately maximises lambda_2 of the graph Laplacian weighted by kappa
     (Doherty et al., arXiv 2403.19879). That depends on where loop closures are, not on what they
     measure; ``by="spectrum"`` raises its margin above the smallest eigenvalues of the measured

@@ -12,6 +12,7 @@ from certpgo.errors import InputError
 from certpgo.graph import Estimate, Graph, Instance, RotationGraph
 from certpgo.graph.display import Speaking
 from certpgo.graph.phrases import counted
+from certpgo.graph.succession import succession
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.choose_cost import CHORDAL, certifiable
 from certpgo.objective.problem import RotationProblem
@@ -155,7 +156,7 @@ def _near(
     if estimate.translations is None:
         raise InputError(f"{instance.name}: nodes of a rotation graph have no distance")
     pairs = KDTree(estimate.translations[nodes]).query_pairs(within, output_type="ndarray")
-    apart = np.abs(np.diff(instance.ids[nodes][pairs], axis=1)[:, 0]) != 1
+    apart = ~succession(instance).are_steps(nodes[pairs])
     if not apart.any():
         raise InputError(f"{instance.name}: no two nodes are within {within:g} m of each other")
     return np.asarray(pairs[apart])
