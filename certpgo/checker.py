@@ -1598,9 +1598,8 @@ def _about(graph: Graph, claim: dict[str, Any], cut: Rejections | None = None) -
         unit = "root mean square scale" if graph.in_mean_unit else "poses of known scale"
         said.append(f"in the unit of the {unit}")
     if cut is not None:
-        least, most = (end.as_integer_ratio() for end in (cut.prices.min(), cut.prices.max()))
-        low = Context(6, ROUND_FLOOR).divide(*map(Decimal, least))
-        high = Context(6, ROUND_CEILING).divide(*map(Decimal, most))
+        low = Context(6, ROUND_FLOOR).plus(Decimal(cut.prices.min()))
+        high = Context(6, ROUND_CEILING).plus(Decimal(cut.prices.max()))
         said.append(f"truncated: {len(cut.prices)} rejected ones cost {low:g} to {high:g} at most")
     return ", ".join(said)
 

@@ -1091,10 +1091,9 @@ def about(graph: Graph, claim: dict[str, Any], rejected: list[Rejected]) -> str:
         unit = "root mean square scale" if graph.in_mean_unit else "poses of known scale"
         said.append(f"in the unit of the {unit}")
     if rejected:
-        prices = [Decimal(cut.price) for cut in rejected]
-        low = Context(6, ROUND_FLOOR).divide(min(prices), Decimal(ONE))
-        high = Context(6, ROUND_CEILING).divide(max(prices), Decimal(ONE))
-        said.append(f"truncated: {len(prices)} rejected ones cost {low:g} to {high:g} at most")
+        low = Context(6, ROUND_FLOOR).divide(min(cut.price for cut in rejected), ONE)
+        high = Context(6, ROUND_CEILING).divide(max(cut.price for cut in rejected), ONE)
+        said.append(f"truncated: {len(rejected)} rejected ones cost {low:g} to {high:g} at most")
     return ", ".join(said)
 
 
