@@ -2,5 +2,6 @@
 
 from certpgo.view.curves import bounds, convergence, residuals, spectrum
 from certpgo.view.maps import scale_bar, trajectory
+from certpgo.view.style import STYLE
 
-__all__ = ["bounds", "convergence", "residuals", "scale_bar", "spectrum", "trajectory"]
+__all__ = ["STYLE", "bounds", "convergence", "residuals", "scale_bar", "spectrum", "trajectory"]

@@ -30,7 +30,7 @@ from certpgo.objective.choose_cost import InformationProblem, information_proble
 from certpgo.objective.costs.g2o import G2oCost
 from certpgo.objective.costs.gtsam import GtsamCost
 from certpgo.optimize.levenberg_marquardt import descend
-from reports.harness.experiments.figure import STYLE
+from certpgo.plot import STYLE
 
 # %% [markdown]
 # ## One edge

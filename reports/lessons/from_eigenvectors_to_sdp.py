@@ -28,8 +28,8 @@ from certpgo.io import datasets
 from certpgo.io.datasets.synthetic import helix
 from certpgo.linalg import rotations as so
 from certpgo.objective.problem import problem_of
+from certpgo.plot import STYLE
 from certpgo.solve.bounds_table import ladder
-from reports.harness.experiments.figure import STYLE
 
 # %% [markdown]
 # ## The graph

@@ -22,7 +22,7 @@ import certpgo
 from certpgo.io.datasets.monocular import drifting
 from certpgo.io.datasets.synthetic import helix
 from certpgo.objective.similarity_problem import SimilarityProblem
-from reports.harness.experiments.figure import STYLE
+from certpgo.plot import STYLE
 
 truth = helix(20, np.random.default_rng(0)).truth
 n = truth.num_nodes

@@ -23,8 +23,8 @@ from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.io.datasets.thesis import langevin_graph
 from certpgo.linalg import rotations as so
 from certpgo.optimize.spectral import smallest_eigenpairs, spectral_bound
+from certpgo.plot import STYLE
 from certpgo.solve.consistency import consistency, perturbation_bound
-from reports.harness.experiments.figure import STYLE
 
 # %% [markdown]
 # ## Two Laplacians

@@ -22,11 +22,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import certpgo
-from certpgo import RotationProblem, certify, checker
+from certpgo import RotationProblem, certify, checker, registry
 from certpgo.errors import MissingDependency
 from certpgo.io.datasets.synthetic import winding_cycle
-from reports.harness.certifiers import rules
-from reports.harness.experiments.figure import STYLE
+from certpgo.plot import STYLE
 
 # %% [markdown]
 # ## Two points on a ring
@@ -143,24 +142,25 @@ for step in (10, 20, 40, 60, 160):
 def accepts(rule, problem, point):
     """Whether a rule accepts a point, or one of equal cost, as optimal."""
     try:
-        accepted = rules.get_rule(rule)(problem, point)
+        accepted = registry.load_file("baselines", f"certifiers.{rule}").CERTIFIER(problem, point)
     except MissingDependency:
         return None
     return accepted is not None and problem.cost(accepted) > 0.5 * problem.cost(point)
 
 
+RULES = registry.names_in("baselines/certifiers")
 SIZES = (20, 60, 100, 200, 300)
 said, verdicts = {}, {}
 for n in SIZES:
     ring_problem, _, wound_up = ring(n)
-    for rule in rules.rule_names():
+    for rule in RULES:
         said[rule, n] = accepts(rule, ring_problem, wound_up)
     verdicts[n] = certify(ring_problem, wound_up).verdict.value
 
 WORDS = {True: "optimal", False: "no", None: "missing"}
 print(f"{'n':>18s} " + "".join(f"{n:>10d}" for n in SIZES))
 print(f"{'eigenvalue':>18s} " + "".join(f"{smallest_at_wound(n):10.5f}" for n in SIZES))
-for rule in rules.rule_names():
+for rule in RULES:
     print(f"{rule:>18s} " + "".join(f"{WORDS[said[rule, n]]:>10s}" for n in SIZES))
 print(f"{'certpgo':>18s} " + "".join(f"{verdicts[n]:>10s}" for n in SIZES))
 

@@ -15,6 +15,7 @@ from certpgo.io.writing import folder_to_write, write_whole
 from certpgo.linalg.factor import default_engine
 from certpgo.registry import source
 from certpgo.solve.provenance import provenance
+from certpgo.view.style import STYLE
 from reports.harness.experiments.claims import Claim
 from reports.harness.experiments.keys import Profile, content_key
 
@@ -28,24 +29,6 @@ Data = dict[str, Any]
 #: `certpgo.view.page_scene.page_scene`.
 VIEWS = "views"
 
-#: Matplotlib's settings for every figure: small type that stays legible in a column of 8.8 cm, thin
-#: lines, and dense artists at the resolution of a screen.
-STYLE = {
-    "font.size": 8.0,
-    "axes.titlesize": 8.0,
-    "axes.labelsize": 8.0,
-    "xtick.labelsize": 7.0,
-    "ytick.labelsize": 7.0,
-    "legend.fontsize": 7.0,
-    "legend.frameon": False,
-    "axes.linewidth": 0.6,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "lines.linewidth": 1.2,
-    "lines.markersize": 3.5,
-    "grid.linewidth": 0.4,
-    "savefig.dpi": 130,
-}
 #: Light on dark, hues kept; the background is nearly black, as that of dark pages.
 DARK = (
     "<style>@media (prefers-color-scheme: dark) "
