@@ -1,7 +1,7 @@
 """How figures of a page or paper look."""
 
-#: Settings of Matplotlib: small type that stays legible in a column of 8.8 cm, thin lines, and dense
-#: artists at the resolution of a screen.
+#: Settings of Matplotlib: small type that stays legible in a column of 8.8 cm, thin lines, and
+#: dense artists at the resolution of a screen.
 STYLE: dict[str, float | bool] = {
     "font.size": 8.0,
     "axes.titlesize": 8.0,

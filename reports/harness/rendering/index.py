@@ -113,7 +113,7 @@ def _ran(counts: Mapping[CellStatus, int]) -> int:
 def _of_cells(found: Sequence[Cell]) -> str:
     counts = cells.tally(found)
     unexplained = sum(c.found is CellStatus.DIFFERS and not c.reason for c in found)
-    why = f", {unexplained} of them unexplained" if unexplained else ", each explained"
+    why = f", {unexplained} of them unexplained" if unexplained else ", each with what is known of it"
     reproduced, differing = counts[CellStatus.REPRODUCED], counts[CellStatus.DIFFERS]
     ran = _ran(counts)
     share = f" ({100 * reproduced / ran:.0f} %)" if ran else ""
