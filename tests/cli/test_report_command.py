@@ -79,9 +79,8 @@ def test_the_index_says_first_what_was_reproduced(results):
     text = dict(publication.report_files(gather(results)))["index.md"].decode()
     assert text.split("\n")[2] == (
         "**Of 2 values that the papers print of their own methods and that were run, 1 are "
-        "reproduced (50 %), 0 better, 1 different, each explained. Of 3 claims tried, 1 hold and 2 "
-        "differ. "
-        "Not run: 0 printed values and 0 claims.**"
+        "reproduced (50 %), 0 better, 1 different, each with what is known of it. Of 3 claims "
+        "tried, 1 hold and 2 differ. Not run: 0 printed values and 0 claims.**"
     )
     for line in (
         "| [paper_table1](paper_table1.md) | 2 | 1 | 0 | 0 | 1 | 0 |",

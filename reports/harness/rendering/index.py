@@ -113,14 +113,15 @@ def _ran(counts: Mapping[CellStatus, int]) -> int:
 def _of_cells(found: Sequence[Cell]) -> str:
     counts = cells.tally(found)
     unexplained = sum(c.found is CellStatus.DIFFERS and not c.reason for c in found)
-    why = f", {unexplained} of them unexplained" if unexplained else ", each with what is known of it"
+    why = f"{unexplained} of them unexplained" if unexplained else "each with what is known of it"
     reproduced, differing = counts[CellStatus.REPRODUCED], counts[CellStatus.DIFFERS]
     ran = _ran(counts)
     share = f" ({100 * reproduced / ran:.0f} %)" if ran else ""
     return (
         f"Of {counted(ran, 'value{s}')} that the papers print of their own methods and that were "
         f"run, {reproduced} are reproduced{share}, {among(counts)}"
-        f"{counts[CellStatus.BETTER]} better, {differing} different{why if differing else ''}."
+        f"{counts[CellStatus.BETTER]} better, {differing} different"
+        f"{f', {why}' if differing else ''}."
     )
 
 
