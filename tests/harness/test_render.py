@@ -4,6 +4,7 @@ import pytest
 
 from certpgo.errors import InputError
 from reports.harness.experiments.absence import Absence
+from reports.harness.experiments.keys import QUICK_NOTES
 from reports.harness.experiments.records import Record
 from reports.harness.experiments.spec import Column, Method, Row, Table
 from reports.harness.rendering.published import Printed
@@ -120,6 +121,13 @@ def test_the_order_in_which_records_were_made_does_not_show():
         )
         == text
     )
+
+
+def test_quick_results_are_not_under_notes_of_full_ones():
+    quick = record(profile="quick")
+    assert notes(TABLE, [record(), quick]) == (QUICK_NOTES, *TABLE.notes)
+    assert QUICK_NOTES in table_markdown(TABLE, [quick])
+    assert notes(replace(TABLE, notes=()), [quick]) == ()
 
 
 def test_times_that_were_not_taken_alone_are_warned_of():

@@ -17,7 +17,7 @@ from certpgo.registry import source
 from certpgo.solve.provenance import provenance
 from certpgo.view.style import STYLE
 from reports.harness.experiments.claims import Claim
-from reports.harness.experiments.keys import Profile, content_key
+from reports.harness.experiments.keys import QUICK_NOTES, Profile, content_key
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
@@ -102,7 +102,7 @@ def document(figure: Figure, record: Data, *, profile: Profile = "full") -> Data
         "title": figure.title,
         "source": figure.source,
         "caption": figure.captioned(record),
-        "notes": list(figure.notes),
+        "notes": [*([QUICK_NOTES] if profile == "quick" and figure.notes else []), *figure.notes],
         "data": record,
         "provenance": provenance(default_engine(), source()),
     }

@@ -13,6 +13,8 @@ from reports.harness.experiments.spec import Method, Row, Table
 
 Profile = Literal["quick", "full"]
 
+#: Comes before the notes of a table or figure whose results are of the quick profile.
+QUICK_NOTES = "Results of the quick profile, a part of the full one, which the notes are about:"
 #: Hexadecimal digits of a key.
 DIGITS = 16
 

@@ -14,6 +14,7 @@ from certpgo.solve.comparison_table import remarks, seconds_by_phase, sizes
 from certpgo.view.markdown_tables import markdown_table
 from reports.harness.experiments.averages import LOWER, UPPER, summarized
 from reports.harness.experiments.journal import latest
+from reports.harness.experiments.keys import QUICK_NOTES
 from reports.harness.experiments.metrics import metric_of
 from reports.harness.experiments.records import Record
 from reports.harness.experiments.spec import FIELDS, Column, Method, Row, Table
@@ -88,11 +89,15 @@ def arranged(table: Table, records: Iterable[Record]) -> list[Record]:
 
 
 def notes(table: Table, records: Iterable[Record]) -> tuple[str, ...]:
-    """The sentences below the table: its own, and a warning of times that were not taken alone."""
-    said = [record.provenance.get("alone", "yes") for record in records if record.seconds]
+    """The sentences below the table: its own, and what they do not say of these records."""
+    listed = list(records)
+    own = table.notes
+    if own and any(record.profile == "quick" for record in listed):
+        own = (QUICK_NOTES, *own)
+    said = [record.provenance.get("alone", "yes") for record in listed if record.seconds]
     if not any(column.is_time for column in table.columns) or set(said) <= {"yes"}:
-        return table.notes
-    return (*table.notes, CROWDED)
+        return own
+    return (*own, CROWDED)
 
 
 def table_markdown(table: Table, records: Sequence[Record], *, interrupted: bool = False) -> str:

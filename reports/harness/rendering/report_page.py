@@ -15,7 +15,7 @@ from certpgo.view.page import data_uri, page
 from reports.harness.experiments.figure import DARK
 from reports.harness.experiments.records import Record
 from reports.harness.experiments.spec import Table
-from reports.harness.rendering.render import Section, sections
+from reports.harness.rendering.render import Section, notes, sections
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ def _table(results: TablePart) -> dict[str, Any]:
         "source": table.source,
         "results": _results(records),
         "sections": sections(table, records),
-        "notes": table.notes,
+        "notes": notes(table, records),
         "claims": results.claims,
         "cells": ", ".join(f"{count:,} {name}" for name, count in results.cells.items()),
         "findings": results.findings,
