@@ -86,6 +86,7 @@ _STATED = {
     "information": "information matrices",
     "covariance": "covariances",
     "sqrt-information": "square roots of information matrices",
+    "disparities": "disparities and calibration",
 }
 
 

@@ -207,7 +207,10 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
         graph=PoseGraph(RotationGraph(len(ids), edges, R, weighing.kappa), t, weighing.tau),
         ids=ids,
         source=str(path),
-        options={"rotation_information": options.rotation_information or "tangent"},
+        options={
+            "rotation_information": options.rotation_information or "tangent",
+            "weights_are": "covariance",
+        },
         notices=(*weighing.notices, *notices),
         information=weighing.information and replace(weighing.information, residual="gtsam"),
     )

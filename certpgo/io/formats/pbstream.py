@@ -265,7 +265,10 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
         ids=np.arange(len(keys)),
         initial=initial,
         source=str(path),
-        options={"rotation_information": options.rotation_information or "tangent"},
+        options={
+            "rotation_information": options.rotation_information or "tangent",
+            "weights_are": "sqrt-information",
+        },
         notices=(*weighing.notices, *([said] if loops else [])),
         names=names,
         information=own,

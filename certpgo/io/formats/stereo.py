@@ -73,6 +73,7 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
         graph,
         ids,
         source=str(path),
+        options={"weights_are": "disparities"},
         notices=tuple(notices),
         apart=graph.points,
         moved_by=moved_by,
