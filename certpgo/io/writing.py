@@ -9,7 +9,7 @@ import shutil
 import stat
 import tempfile
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal, Protocol
@@ -18,14 +18,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from certpgo.errors import InputError, InputNotice, kind_of
-from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph, SimilarityGraph
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.held import as_stated
 from certpgo.graph.keys import SECOND, Keys
-from certpgo.graph.kinds import Kind
-from certpgo.graph.phrases import counted
 from certpgo.io.format import Format, format_to_write
-from certpgo.io.names import name_numbers
 from certpgo.io.timestamps import node_times, refuse_number
+from certpgo.io.unwritten import lost_of_graph, lost_of_keys, refuse_unwritable
 from certpgo.linalg.arrays import IntArray
 
 
@@ -58,7 +56,8 @@ def write(
 
     The file is written under a temporary name and then renamed, so it is complete or absent. A
     symbolic link is followed; a pipe or device is written to. Ids, times and names go to every
-    format that holds them; an `InputNotice` says what is not written.
+    format that holds them; an `InputNotice` says what is not written of them, and of the ground
+    truth and known outliers that were read from a file.
 
     Parameters
     ----------
@@ -111,22 +110,9 @@ def write(
     whole = _as_instance(path, what, ids)
     if form.name != "npz":
         whole = as_stated(whole)
-    graph = whole.graph
-    if graph.rotation.is_general:
-        raise InputError(f"{path}: no format holds matrix weights or couplings")
-    if isinstance(graph, SimilarityGraph) and not form.holds_scales:
-        raise InputError(f"{path}: only .g2o and .npz files hold similarities")
-    if form.name != "npz":
-        _refuse_arms(path, whole, form)
-        _refuse_partial(path, whole, form)
-    if not form.holds_ranges:
-        _refuse_ranges(path, whole)
-    if whole.fixed and form.name not in ("npz", "g2o"):
-        lost = f"{form.name} files hold no fixed nodes: they are not written"
-        warnings.warn(f"{path}: {lost}", InputNotice, stacklevel=2)
+    refuse_unwritable(path, whole, form)
     atomically(path, lambda temporary: graph_writer(temporary, whole))
-    keys = whole.keys.subset(np.arange(len(whole.ids[: whole.world])))
-    for lost in _lost(form, keys):
+    for lost in lost_of_graph(form, whole):
         warnings.warn(f"{path}: {lost}", InputNotice, stacklevel=2)
 
 
@@ -162,7 +148,7 @@ def _write_estimate(
         keys = replace(keys, times_ns=None)
         lost.append("several poses have one timestamp: node ids are written instead")
     if timestamps is None or not form.holds_times:
-        lost.extend(_lost(form, keys))
+        lost.extend(lost_of_keys(form, keys))
     if not all(map(form.holds_name, keys.names)):
         keys = replace(keys, names=())
     atomically(path, lambda temporary: writer(temporary, anchored, keys))
@@ -192,70 +178,6 @@ def _timed(keys: Keys, n: int, timestamps: str | Path | None) -> Keys:
     times = node_times(Path(timestamps))
     refuse_number(Path(timestamps), times, n)
     return replace(keys, times_ns=times)
-
-
-def _lost(form: Format, keys: Keys) -> Iterator[str]:
-    """What such a file does not hold of the keys, one sentence each."""
-    ids, times, names = keys.ids, keys.times_ns, keys.names
-    numbered = ids is not None and not np.array_equal(ids, np.arange(len(ids)))
-    named = bool(names) and all(map(form.holds_name, names))
-    if numbered and not keys.ids_are_times and not named:
-        if not form.holds_ids:
-            yield f"{form.name} files hold no node ids: they are not written"
-        elif form.name == "tum" and times is not None:
-            yield "a tum file holds timestamps or node ids: the ids are not written"
-    if times is not None and not form.holds_times and not (form.holds_ids and keys.ids_are_times):
-        yield f"{form.name} files hold no timestamps: they are not written"
-    if names and not named and not _says(names, ids):
-        yield f"{form.name} files hold no such names as {names[0]!r}: they are not written"
-
-
-def _says(names: tuple[str, ...], ids: IntArray | None) -> bool:
-    """Whether the ids are the numbers in the names."""
-    numbers = name_numbers(names)
-    return numbers is not None and ids is not None and np.array_equal(numbers, ids)
-
-
-def _refuse_partial(path: Path, whole: Instance, form: Format) -> None:
-    """Refuse edges that measure a part, and are neither priors from the world nor sightings."""
-    if not isinstance(whole.graph, PoseGraph):
-        return
-    found = whole.measurements.are
-    of_world = whole.world is None and found(Kind.POSITION, Kind.ATTITUDE).any()
-    holding = ".npz" if of_world else ".g2o and .npz"
-    if of_world or (form.name != "g2o" and found(Kind.ROTATION, Kind.TRANSLATION).any()):
-        raise InputError(
-            f"{path}: only {holding} files hold edges that measure only a rotation or a "
-            "translation, except for priors and points"
-        )
-
-
-def _refuse_arms(path: Path, whole: Instance, form: Format) -> None:
-    """Refuse what only .npz files hold: measurements from and to points on poses."""
-    graph = whole.graph
-    if whole.stated is not None:
-        raise InputError(
-            f"{path}: this graph is of an .npz file that holds fixed nodes as constraints, which "
-            "only .npz files do"
-        )
-    if not isinstance(graph, PoseGraph) or graph.arms is None:
-        return
-    mounted = graph.arms.any(axis=1)
-    from_world = graph.edges[:, 0] == whole.world
-    if form.name != "g2o" or graph.d == 2 or (mounted & ~from_world).any():
-        raise InputError(f"{path}: only .npz files, and in space priors of g2o, hold arms")
-
-
-def _refuse_ranges(path: Path, whole: Instance) -> None:
-    """Refuse what only formats with ranges hold."""
-    graph, holding = whole.graph, "only .npz and .pyfg files hold"
-    if whole.ranges is not None:
-        raise InputError(f"{path}: {holding} ranges, and there are {whole.ranges.num_edges}")
-    seen = np.unique(graph.edges[whole.measurements.are(Kind.SIGHTING), 1])
-    unseen = int(graph.is_point.sum() - graph.is_point[seen].sum())
-    if unseen:
-        said = counted(unseen, "point{s}")
-        raise InputError(f"{path}: {holding} points that no pose sees, and there are {said}")
 
 
 def _as_instance(path: Path, what: Graph | Instance, ids: ArrayLike | None) -> Instance:

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import certpgo
-from certpgo import FormatError, InputError, io
+from certpgo import FormatError, InputError, InputNotice, io
+from certpgo.graph.phrases import reading_sentence
 
 A, B = ord("a") << 56, ord("b") << 56
 HALF = float(np.sqrt(0.5))
@@ -71,11 +72,27 @@ def test_robots_share_one_graph_under_gtsams_cost(write):
     )
     np.testing.assert_array_equal(instance.truth.translations[2], [1, 1, 0])
     assert instance.outliers.tolist() == [False, False, True]
+    assert "weights from the file's covariances" in reading_sentence(instance.options)
     answer = certpgo.solve(instance)
     assert "GTSAM's error" in answer.certificate.objective
     assert answer.verdict.value == "CERTIFIED"
     # 0.2 m are shared by three steps, and nothing turns.
     assert answer.cost == pytest.approx(25 * 0.2**2 / 3, rel=1e-9)
+
+
+def test_truth_and_outliers_are_kept_or_said_to_be_lost(write, tmp_path):
+    truth = {"a": [{**pose(k, 0), "key": A + k} for k in range(2)], "b": [{**pose(1, 1), "key": B}]}
+    content = log(*STEPS, of_b=[LOOP], groundtruth=truth, outlier_factors={"b": [[0, 0]]})
+    instance = io.read(write(content), quiet=True)
+    with pytest.warns(InputNotice) as said:
+        io.write(tmp_path / "g.g2o", instance)
+    notices = " ".join(str(one.message) for one in said)
+    assert "g2o files hold no ground truth: it is not written" in notices
+    assert "g2o files do not say which measurements are outliers" in notices
+    io.write(tmp_path / "g.npz", instance)
+    again = io.read(tmp_path / "g.npz", quiet=True)
+    assert again.outliers.tolist() == instance.outliers.tolist()
+    np.testing.assert_array_equal(again.truth.translations, instance.truth.translations)
 
 
 def test_planes_priors_and_what_is_skipped(write):

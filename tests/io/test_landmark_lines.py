@@ -215,7 +215,7 @@ def test_stereo(file, tmp_path):
     np.testing.assert_allclose(instance.graph.translations[0], [1.75, 0.5, 2.5])
     np.testing.assert_allclose(instance.graph.tau, (0.02 + 0.5 * 2.5**2 / 50.0) ** -2)
     assert any("2 sightings left out" in notice for notice in instance.notices)
-    assert "weights from the file's disparities and calibration" in str(dict(instance.facts()))
+    assert "weights from the file's disparities and calibration" in str(instance)
     (tmp_path / "calibration.txt").unlink()
     with pytest.raises(FormatError, match=r"calibration\.txt: no such file"):
         io.read(tmp_path / "stereo_factors.txt")

@@ -30,7 +30,7 @@ def test_constraints_are_a_planar_graph(tmp_path, indexed):
     assert instance.information.matrices[0].tolist() == np.diag([100.0, 100, 400]).tolist()
     assert instance.initial.translations[:, 0].tolist() == [0, 1, 0, 1]
     assert "1 loop closure, without Huber's loss" in instance.notices[-1]
-    assert "weights from the file's square roots of information" in str(dict(instance.facts()))
+    assert "weights from the file's square roots of information" in str(instance)
     answer = certpgo.solve(instance)
     assert answer.verdict.value == "CERTIFIED"
     assert answer.cost == pytest.approx(0.25, rel=1e-9)

@@ -73,6 +73,7 @@ _GRAPH_OPTIONAL = {
     "initial_scales": ("f", "n"),
     "truth_scales": ("f", "n"),
     "camera": ("f", "4"),
+    "outliers": ("b", "m"),
 }
 _ESTIMATE = {"rotations": ("f", "ndd"), "ids": ("i", "n")}
 _ESTIMATE_OPTIONAL = {
@@ -170,6 +171,7 @@ def _instance(arrays: _Arrays, source: str) -> Instance:
         moved_by=int(arrays.get("moved_by", 0)),
         times_ns=arrays.get("times_ns"),
         stated=arrays.get("stated"),
+        outliers=arrays.get("outliers"),
         camera=tuple(arrays["camera"].tolist()) if "camera" in arrays else (),
     )
 
@@ -261,7 +263,7 @@ def _write_graph(path: Path, instance: Instance) -> None:
         arrays |= {"apart": instance.apart, "moved_by": instance.moved_by}
     if instance.names:
         arrays["names"] = np.array(instance.names)
-    for name in ("times_ns", "stated"):
+    for name in ("times_ns", "stated", "outliers"):
         if (given := getattr(instance, name)) is not None:
             arrays[name] = given
     if instance.information is not None:
