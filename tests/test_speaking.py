@@ -201,3 +201,18 @@ def test_unknown_lines_that_measure_nothing_are_skipped_and_named(tmp_path):
 def test_values_are_sent_to_where_they_are_certified(made):
     with pytest.raises(certpgo.InputError, match="certify_values takes GTSAM's Values"):
         certpgo.read_estimate({}, made)
+
+
+def test_the_next_step_is_one_that_is_taken(tmp_path):
+    edges, R = np.array([[0, 1], [2, 3], [3, 4]]), np.array([np.eye(2)] * 3)
+    rotation = certpgo.RotationGraph(5, edges, R, np.ones(3))
+    for graph in (rotation, certpgo.PoseGraph(rotation, np.ones((3, 2)), np.ones(3))):
+        step = str(graph).partition("\nnext")[2].strip()
+        found = eval(step, {"certpgo": certpgo, "graph": graph})
+        assert (found.verdict.value, found.estimate.num_nodes) == ("CERTIFIED", 3)
+    path = tmp_path / "two.g2o"
+    path.write_text("".join(f"EDGE_SE2 {i} {j} 1 0 0 1 0 0 1 0 1\n" for i, j in edges))
+    instance = certpgo.read(path, quiet=True)
+    step = str(instance).partition("\nnext")[2].split("\n")[0].strip()
+    parts = eval(step, {"certpgo": certpgo, "instance": instance})
+    assert [certpgo.solve(part).estimate.num_nodes for part in parts] == [3, 2]

@@ -33,12 +33,12 @@ PIPE_CLOSED = 141
 #: What each exit code means.
 EXIT_CODES = {
     0: "success or CERTIFIED",
-    1: "unusable input or combination of options",
-    2: "unknown command, option or value",
+    1: "unusable input, unknown name, or options that do not go together",
+    2: "command line that is not as the printed usage says",
     3: "BOUNDED",
     4: "REFUTED",
     5: "UNDECIDED",
-    6: "proof refused",
+    6: "no proof, or proof refused",
     7: "gate failed",
     _start.INTERRUPTED: "interrupted by Ctrl-C",
     PIPE_CLOSED: "output pipe closed early",

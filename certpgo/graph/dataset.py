@@ -314,7 +314,10 @@ class Instance(Speaking):
             yield "fixed", f"{few(self.ids[list(self.fixed)].tolist())} in the source"
         for sentence in self.notices:
             yield "notice", sentence
-        yield "next", "certpgo.solve(instance); certpgo.certify(instance, estimate)"
+        if self.measurements.is_connected:
+            yield "next", "certpgo.solve(instance); certpgo.certify(instance, estimate)"
+        else:
+            yield "next", 'certpgo.graph.components.connected_parts(instance, "each")'
 
     def _picture(self) -> str:
         from certpgo.graph.trees import tree_initialization

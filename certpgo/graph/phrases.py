@@ -139,6 +139,14 @@ def shown_path(path: str | Path) -> str:
     return str(given.relative_to(here)) if given.is_relative_to(here) else given.name
 
 
+def solving(component_sizes: Sequence[int]) -> str:
+    """What solves a graph with these components, in Python; its largest one, if it has several."""
+    if len(component_sizes) == 1:
+        return "certpgo.solve(graph)"
+    largest = max(range(len(component_sizes)), key=lambda k: component_sizes[k])
+    return f"certpgo.solve(graph.subgraph((graph.components == {largest}).nonzero()[0]))"
+
+
 def components_in_words(sizes: Sequence[int]) -> str:
     """Whether a graph is connected, and else the sizes of its components."""
     if len(sizes) == 1:

@@ -22,7 +22,12 @@ from certpgo.graph.edges import (
     symmetric,
 )
 from certpgo.graph.kinds import kinds_of
-from certpgo.graph.phrases import components_in_words, ranges_of_weights, size_in_words
+from certpgo.graph.phrases import (
+    components_in_words,
+    ranges_of_weights,
+    size_in_words,
+    solving,
+)
 from certpgo.graph.picture import circle_of, closures, drawn
 from certpgo.graph.rotation_graph import RotationGraph
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_flags, frozen_floats
@@ -173,7 +178,7 @@ class PoseGraph(Speaking):
         if self.is_partial:
             yield "partial", "some edges measure a rotation or a translation alone"
         yield "connected", components_in_words(self.component_sizes)
-        yield "next", "certpgo.solve(graph)"
+        yield "next", solving(self.component_sizes)
 
     def _picture(self) -> str:
         from certpgo.graph.trees import tree_initialization

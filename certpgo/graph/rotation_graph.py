@@ -24,7 +24,12 @@ from certpgo.graph.edges import (
     simple_edges,
 )
 from certpgo.graph.kinds import kinds_of
-from certpgo.graph.phrases import components_in_words, ranges_of_weights, size_in_words
+from certpgo.graph.phrases import (
+    components_in_words,
+    ranges_of_weights,
+    size_in_words,
+    solving,
+)
 from certpgo.graph.picture import circle_of
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import (
@@ -156,7 +161,7 @@ class RotationGraph(Speaking, Pairs):
         if self.is_general:
             yield "", "these are means: edges have matrix weights"
         yield "connected", components_in_words(self.component_sizes)
-        yield "next", "certpgo.solve(graph)"
+        yield "next", solving(self.component_sizes)
 
     def _picture(self) -> str:
         return circle_of(self.num_nodes, self.edges)

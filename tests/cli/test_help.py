@@ -2,7 +2,7 @@
 
 import pytest
 
-from certpgo.cli import command_names
+from certpgo.cli import EXIT_CODES, command_names
 from certpgo.cli._help import GROUPS, OTHERS, in_groups
 
 
@@ -111,3 +111,32 @@ def test_the_usage_line_has_dots_once(certpgo):
     assert (
         certpgo("solve", "--help").out.splitlines()[0] == "Usage: certpgo solve [OPTIONS] GRAPH..."
     )
+
+
+@pytest.mark.parametrize(
+    ("given", "code"),
+    [
+        ((), 2),
+        (("nothing",), 2),
+        (("solve",), 2),
+        (("solve", "{}", "--nothing"), 2),
+        (("solve", "{}", "--cost", "nothing"), 2),
+        (("solve", "{}", "--time-limit", "x"), 2),
+        (("list", "nothing"), 2),
+        (("solve", "{}", "--method", "nothing"), 1),
+        (("solve", "{}", "--method", "newton", "--set", "nothing=1"), 1),
+        (("solve", "{}", "-o", "out.nothing"), 1),
+        (("solve", "{}", "--quantile", "0.9"), 1),
+        (("compare", "{}", "--methods", "nothing"), 1),
+        (("fetch", "nothing"), 1),
+        (("check", "{}", "nothing.cert"), 1),
+        (("prove", "nothing.g2o"), 1),
+    ],
+)
+def test_exit_codes_are_those_of_the_help(certpgo, square, given, code):
+    done = certpgo(*(word.format(square) for word in given))
+    assert done.code == code
+    said = done.out + done.err
+    assert ("Usage: certpgo" in said) == (code == 2)
+    assert EXIT_CODES[1].startswith("unusable input, unknown name")
+    assert "printed usage" in EXIT_CODES[2]
