@@ -142,12 +142,25 @@ class Solved(Result):
                 "note": solution.note,
                 "undetermined": self._undetermined,
                 "kept": self._count_kept,
+                "noise_scale": None if found is None else found.noise_scale,
                 "rejected": _verdict.edges_as_json(self.part, solution.rejected),
                 "rejection": _verdict.rejection_as_json(self.part, self.rejection),
+                "at_stated_noise": self._at_stated_noise(),
                 "own_bound": solution.lower_bound,
                 "settings": None if found is None else asdict(found.settings),
                 "written": None if outputs.estimate is None else str(outputs.estimate),
             },
+        }
+
+    def _at_stated_noise(self) -> dict[str, Any] | None:
+        """What is rejected at the stated noise, for --json, where another is assumed."""
+        stated = None if self.found is None else self.found.at_stated_noise
+        if stated is None:
+            return None
+        return {
+            **_verdict.in_short(stated.certificate),
+            "rejected": _verdict.edges_as_json(self.part, stated.solution.rejected),
+            "rejection": _verdict.rejection_as_json(self.part, stated.rejection),
         }
 
     def show(self, outputs: Outputs) -> None:
@@ -179,6 +192,8 @@ class Solved(Result):
         from certpgo.solve.provenance import peak_memory
 
         solution, part = self.solution, self.part
+        if self.found is not None and self.found.noise:
+            yield "noise", self.found.noise
         yield "graph", part.name
         yield "method", self.method
         yield "ended", solution.status.value

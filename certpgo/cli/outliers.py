@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -67,7 +68,7 @@ def command(
     from certpgo.cli._options import refuse_with_distances
     from certpgo.cli._verdict import EXIT_CODES, headline
     from certpgo.optimize.solution import Status
-    from certpgo.solve.outlier_report import outlier_report, write_report
+    from certpgo.solve.outlier_report import outlier_report
 
     outputs = Outputs(csv=csv, json=json)
     outputs.refuse()
@@ -85,46 +86,63 @@ def command(
         answer = solve_robustly(instance, monitor=monitor, **how)
         if answer.solution.status is Status.INTERRUPTED:  # nothing is known of its choice
             raise KeyboardInterrupt
-        if answer.rejection is None:
-            return _nothing_listed(instance, answer, csv, json=json)
+        stated = answer.at_stated_noise
+        answers = [answer] if stated is None or stated.rejection is None else [answer, stated]
         proofs = PROOFS if time_limit is None else time_limit
-        report = outlier_report(answer, level=level, time_limit=proofs)
-    if report.interrupted:
+        reports = [
+            None if one.rejection is None else outlier_report(one, level=level, time_limit=proofs)
+            for one in answers
+        ]
+    known = [report for report in reports if report is not None]
+    if any(report.interrupted for report in known):
         tell_interrupted("what is proven by then stands")
-    elif not report.is_complete:
+    elif not all(report.is_complete for report in known):
         notice("the proofs were stopped; --time-limit lets them continue")
     if csv is not None:
-        write_report(csv, report.edges)
-        notice(f"{len(report.edges)} rejected measurements written to {csv}")
+        _written(csv, known)
+    if not json and answer.noise:
+        facts([("noise", answer.noise)])
+    codes, documents = [], []
+    for one, report in zip(answers, reports, strict=True):
+        codes.append(EXIT_CODES[one.verdict.value])
+        if report is None:
+            documents.append(_nothing_listed(instance, one, json=json))
+            continue
+        codes.append(EXIT_CODES[report.rejection.verdict.value])
+        documents.append(_as_json(instance.name, report))
+        if not json:
+            headline(one.certificate, report.rejection)
+            facts([("graph", instance.name), *report.in_words(one.certificate)])
+            table("Rejected measurements", _HEADER, map(_row, report.edges), optional=_OPTIONAL)
     if json:
-        document(_as_json(instance.name, report))
-    else:
-        headline(answer.certificate, report.rejection)
-        facts([("graph", instance.name), *report.in_words(answer.certificate)])
-        table("Rejected measurements", _HEADER, map(_row, report.edges), optional=_OPTIONAL)
-    if report.interrupted:
-        return INTERRUPTED
-    return max(EXIT_CODES[verdict.value] for verdict in (answer.verdict, report.rejection.verdict))
+        other = documents[1] if len(documents) > 1 else None
+        document({"noise_scale": answer.noise_scale, **documents[0], "at_stated_noise": other})
+    return INTERRUPTED if any(report.interrupted for report in known) else max(codes)
 
 
-def _nothing_listed(
-    instance: Instance, answer: CertifiedSolution, csv: Path | None, *, json: bool
-) -> int:
-    """Say that no measurement is rejected, or refuse if nothing is known of those that are."""
-    from certpgo.cli._verdict import EXIT_CODES, warnings
+def _written(csv: Path, reports: Sequence[OutlierReport]) -> None:
+    """Write the rejected measurements, at the stated noise where no others are."""
     from certpgo.solve.outlier_report import write_report
+
+    edges = reports[0].edges if reports else ()
+    write_report(csv, edges)
+    if edges:
+        notice(f"{len(edges)} rejected measurements written to {csv}, {reports[0].rejection.noise}")
+
+
+def _nothing_listed(instance: Instance, answer: CertifiedSolution, *, json: bool) -> dict[str, Any]:
+    """Say that no measurement is rejected, or refuse if nothing is known of those that are."""
+    from certpgo.cli._verdict import warnings
 
     if len(answer.solution.rejected):
         raise InputError(answer.solution.note.rpartition("; ")[2])
     said = f"none of the {instance.num_measurements} measurements is rejected"
-    if csv is not None:
-        write_report(csv, ())
-    if json:
-        verdict = answer.verdict.value
-        document({"graph": instance.name, "verdict": verdict, "sentence": said, "rejected": []})
+    if answer.noise_scale != 1.0:
+        said += f" at {answer.noise_scale:.3g} times the stated noise"
     for sentence in (said, *warnings(answer.fit)):
         notice(sentence)
-    return EXIT_CODES[answer.verdict.value]
+    verdict = answer.verdict.value
+    return {"graph": instance.name, "verdict": verdict, "sentence": said, "rejected": []}
 
 
 _HEADER = ("nodes", "degrees", "metres", "cost", "price", "accepting costs", "over odometry", "")

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,12 +24,13 @@ from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.chi_squared import flagged_from, numbers_measured, quantiles
 from certpgo.objective.information_problem import InformationProblem
-from certpgo.objective.problem import Problem, RotationProblem
+from certpgo.objective.problem import PoseProblem, Problem, RotationProblem
 from certpgo.optimize.initialization import start_of
 from certpgo.optimize.levenberg_marquardt import descend
 from certpgo.optimize.methods._robust import connected, remark
 from certpgo.optimize.methods.adaptive_trimming import EXACT, PLENTY, AdaptiveTrimming
 from certpgo.optimize.methods.graduated_non_convexity import GraduatedNonConvexity, largest_angle
+from certpgo.optimize.methods.spanning_tree import SpanningTree
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 from certpgo.optimize.solution import Solution
@@ -47,8 +48,8 @@ MANY = 0.05
 ROUNDS, GAIN = 6, 0.2
 #: Choices under the cost of another program at most, and how well the fits between them converge.
 CHOICES, CLOSE = 20, 1e-6
-#: Rejected measurements that are tried again at most, and up to how many prices they cost.
-TRIALS, WORTH = 30, 30.0
+#: Rejected measurements that are tried again at most, and up to how many times the noise.
+TRIALS, WORTH = 30, 5.5
 #: Problems whose measurements are chosen.
 Posed = Problem | InformationProblem
 
@@ -103,12 +104,15 @@ class Selection(Brief):
     estimate : a robust fit, near the best one to the kept measurements
     method : the method that computed the fit
     scale : assumed standard deviation of the noise, relative to that stated by the weights
+    stated : the choice at the noise that the weights state, where another is assumed and that
+        choice differs
     """
 
     weights: FloatArray
     estimate: Estimate
     method: str
     scale: float
+    stated: Selection | None = None
 
     @property
     def rejected(self) -> BoolArray:
@@ -156,7 +160,8 @@ def disagreement(
         return None
     stated = states_noise(problem)
     angles = problem.residual_angles(estimate)
-    found = outlying(problem, problem.edge_costs(estimate), WIDER * _noise(problem, estimate))
+    costs = problem.edge_costs(estimate)
+    found = outlying(problem, costs, WIDER * noise_scale(problem, costs))
     hidden = stated and not found.any() and angles.max() > math.pi / 2.0
     if refit or hidden:
         with suppress(NumericalError, np.linalg.LinAlgError):
@@ -178,7 +183,7 @@ def agrees(problem: Posed, estimate: Estimate) -> bool:
         return not outlying(problem, costs, 1.0).any()
     if problem.residual_angles(estimate).max() <= UNREMARKABLE:
         return True
-    return not outlying(problem, costs, _noise(problem, estimate)).any()
+    return not outlying(problem, costs, noise_scale(problem, costs)).any()
 
 
 def states_noise(problem: Posed) -> bool:
@@ -253,18 +258,38 @@ def select(
     """
     if isinstance(problem, InformationProblem):
         begun = select(problem.chordal, fit=fit, initial=initial, trusted=trusted, monitor=monitor)
-        return _under(problem, begun, trusted, monitor)
+        fits = [begun] if begun.stated is None else [begun, begun.stated]
+        chosen, *stated = (_under(problem, one, trusted, monitor) for one in fits)
+        return _beside(problem, chosen, stated)
     if isinstance(problem, RotationProblem) and problem.graph.num_edges >= PLENTY * problem.n:
         name = "adaptive_trimming"
         found = AdaptiveTrimming().solve(problem, initial=initial, monitor=monitor)
-        confirmed = states_noise(problem) and _confirms_weights(problem, found)
-        scale = 1.0 if confirmed else WIDER * _noise_kept(problem, found)
+        found_at = [(found, 1.0)] if states_noise(problem) else []
+        if not (found_at and _confirms_weights(problem, found)):
+            found_at.insert(0, (found, WIDER * _noise_kept(problem, found)))
     else:
         name = "graduated_non_convexity"
-        found, scale = _graduated(problem, fit, initial, trusted, monitor)
-    weights = _kept(problem, found.estimate, scale, trusted)
-    weights, estimate = _reconsidered(problem, weights, found.estimate, scale, monitor)
-    return Selection(weights, estimate, name, scale)
+        found_at = _graduated(problem, fit, initial, trusted, monitor)
+    chosen, *stated = (
+        Selection(_kept(problem, one.estimate, scale, trusted), one.estimate, name, scale)
+        for one, scale in found_at
+    )
+    chosen, *stated = (_reconsidered(problem, one, monitor) for one in (chosen, *stated))
+    return _beside(problem, chosen, stated)
+
+
+def _beside(problem: Posed, chosen: Selection, stated: list[Selection]) -> Selection:
+    """The choice with the cheapest one at the stated noise, if there is one, and it differs."""
+    if not stated:
+        return chosen
+    best = min(stated, key=lambda one: _truncated(problem, one.weights, one.estimate))
+    return replace(chosen, stated=best) if (best.weights != chosen.weights).any() else chosen
+
+
+def _truncated(problem: Posed, weights: FloatArray, estimate: Estimate) -> float:
+    """The cost of what is kept, and the prices of the rest at the stated noise."""
+    prices = quantiles(problem, flagged_from(problem))
+    return float(np.where(weights > 0.0, problem.edge_costs(estimate), prices).sum())
 
 
 def _kept(problem: Posed, estimate: Estimate, scale: float, trusted: IntArray | None) -> FloatArray:
@@ -288,8 +313,7 @@ def _under(
         before, weights = weights, _kept(problem, estimate, scale, trusted)
         if (weights == before).all():
             break
-    weights, estimate = _reconsidered(problem, weights, estimate, scale, monitor)
-    return Selection(weights, estimate, begun.method, scale)
+    return _reconsidered(problem, Selection(weights, estimate, begun.method, scale), monitor)
 
 
 def _fit(problem: Posed, start: Estimate, monitor: Monitor) -> Estimate:
@@ -299,32 +323,26 @@ def _fit(problem: Posed, start: Estimate, monitor: Monitor) -> Estimate:
     return newton(problem, start, NewtonSettings(tolerance=CLOSE), monitor=monitor).estimate
 
 
-def _reconsidered(
-    problem: Posed,
-    weights: FloatArray,
-    estimate: Estimate,
-    scale: float,
-    monitor: Monitor,
-) -> tuple[FloatArray, Estimate]:
-    """The choice and its fit, with what is cheaper to keep than to leave out for its price.
+def _reconsidered(problem: Posed, chosen: Selection, monitor: Monitor) -> Selection:
+    """The choice with what is cheaper to keep than to leave out for its price.
 
     A right measurement that is left out is farther off than one that takes part in the fit. Noise
     that is estimated is too rough for that.
     """
-    if scale != 1.0:
-        return weights, estimate
-    prices = quantiles(problem, flagged_from(problem))
+    if chosen.scale != 1.0:
+        return chosen
+    weights, estimate = chosen.weights, chosen.estimate
     costs = problem.edge_costs(estimate)
-    least = float(np.where(weights > 0.0, costs, prices).sum())
-    doubtful = np.flatnonzero((weights == 0.0) & (costs < WORTH * prices))
+    least = _truncated(problem, weights, estimate)
+    doubtful = np.flatnonzero((weights == 0.0) & ~outlying(problem, costs, WORTH))
     for e in doubtful[np.argsort(costs[doubtful], kind="stable")][:TRIALS]:
         trial = weights.copy()
         trial[e] = 1.0
         found = _fit(problem.reweighted(trial), estimate, monitor)
-        cost = float(np.where(trial > 0.0, problem.edge_costs(found), prices).sum())
+        cost = _truncated(problem, trial, found)
         if cost < least:
             weights, estimate, least = trial, found, cost
-    return weights, estimate
+    return replace(chosen, weights=weights, estimate=estimate)
 
 
 def _graduated(
@@ -333,16 +351,24 @@ def _graduated(
     initial: Estimate | None,
     trusted: IntArray | None,
     monitor: Monitor,
-) -> tuple[Solution, float]:
-    """The fit by graduated non-convexity, and the noise scale for its residuals."""
+) -> list[tuple[Solution, float]]:
+    """Fits by graduated non-convexity, the best first, and the noise scales for their residuals.
+
+    Those after it are at the stated noise, with which hardly more than a tree agrees: one more is
+    the tree of the earliest measurements itself.
+    """
+    at_stated = []
 
     def fitted(solver: GraduatedNonConvexity, start: Estimate | None) -> Solution:
         return solver.solve(problem, initial=start, trusted=trusted, monitor=monitor)
 
     if states_noise(problem):
         found = fitted(GraduatedNonConvexity(probability=flagged_from(problem)), initial)
+        at_stated = [(found, 1.0)]
         if _confirms_weights(problem, found):
-            return found, 1.0
+            return at_stated
+        if not (isinstance(problem, PoseProblem) and problem.graph.is_partial):
+            at_stated.append((SpanningTree("earliest").solve(problem), 1.0))
     if fit is None:
         start = start_of(problem)
         fit = newton(problem, start.estimate, near=start.near, monitor=monitor).estimate
@@ -353,7 +379,7 @@ def _graduated(
         if scale > (1.0 - GAIN) * before:
             break
     found = fitted(GraduatedNonConvexity(scale=WIDER * scale), found.estimate)
-    return found, WIDER * _noise_kept(problem, found)
+    return [(found, WIDER * _noise_kept(problem, found)), *at_stated]
 
 
 def _noise_kept(problem: Problem, found: Solution) -> float:
@@ -371,7 +397,3 @@ def _confirms_weights(problem: Problem, found: Solution) -> bool:
 def outlying(problem: Posed, costs: FloatArray, scale: float) -> BoolArray:
     """(m,) which terms of the cost, ``costs`` (m,), are too large for noise of this scale."""
     return np.asarray(costs > scale**2 * quantiles(problem, flagged_from(problem)))
-
-
-def _noise(problem: Posed, estimate: Estimate) -> float:
-    return noise_scale(problem, problem.edge_costs(estimate))

@@ -11,7 +11,7 @@ import numpy as np
 from certpgo.certify import Certificate, Verdict
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph, SimilarityGraph
 from certpgo.graph.display import Speaking, Text
-from certpgo.graph.phrases import counted
+from certpgo.graph.phrases import cost_shown, counted
 from certpgo.graph.picture import circle_of, closures, drawn
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.choose_cost import Certifiable
@@ -46,6 +46,8 @@ class CertifiedSolution(Speaking):
     chordal : under the cost of another program, the result for the chordal cost F from which the
         search began; None for F itself, or from a given initial estimate
     rejection : what is proven about measurements that `certpgo.solve_robustly` rejected; else None
+    noise_scale : standard deviation of the noise that rejections assume, over the stated one
+    at_stated_noise : the answer at the stated noise, where another is assumed and it rejects others
     instance : what was solved, if it was read rather than a bare graph: `certpgo.write` takes the
         node ids from it
 
@@ -70,6 +72,23 @@ class CertifiedSolution(Speaking):
     chordal: CertifiedSolution | None = None
     instance: Instance | None = field(default=None, repr=False)
     rejection: Rejection | None = None
+    noise_scale: float = 1.0
+    at_stated_noise: CertifiedSolution | None = field(default=None, repr=False)
+
+    @property
+    def noise(self) -> str:
+        """By how much the noise was scaled, and what the stated one would reject; or empty."""
+        if self.noise_scale == 1.0:
+            return ""
+        said = f"taken as {self.noise_scale:.3g} times the stated"
+        if (other := self.at_stated_noise) is None:
+            return said
+        here, there = len(self.solution.rejected), len(other.solution.rejected)
+        said += f", with which hardly more than a tree agrees: {here} rejected"
+        said += f"; at the stated noise {there} rejected"
+        if other.rejection is None:
+            return said
+        return f"{said}, truncated cost {cost_shown(other.rejection.certificate.cost_upper)}"
 
     @property
     def estimate(self) -> Estimate:
@@ -128,6 +147,8 @@ class CertifiedSolution(Speaking):
 
     def _facts(self) -> Iterator[tuple[str, str]]:
         solution, found = self.solution, self.disagreement
+        if self.noise:
+            yield "noise", self.noise
         yield "graph", self.graph.size_in_words
         if solution.kept is not None:
             count = self.graph.num_measurements

@@ -6,6 +6,7 @@ robust method first rejects outliers; the pipeline solves and certifies the rema
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -15,14 +16,15 @@ from certpgo.certify.certificate import of_instance
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.io.accept_paths import AnyPath, measured
 from certpgo.linalg.arrays import IntArray
-from certpgo.objective.choose_cost import problem_under
+from certpgo.objective.choose_cost import InformationProblem, problem_under
+from certpgo.objective.problem import Problem
 from certpgo.objective.truncated_problem import UncertifiableError, refuse_quantile
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.notebook import watched
 from certpgo.optimize.progress import Stop
 from certpgo.optimize.solution import Status
-from certpgo.solve.outliers import select
+from certpgo.solve.outliers import Selection, select
 from certpgo.solve.rejection import certify_rejection
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.search import search
@@ -64,6 +66,9 @@ def solve_robustly(
     these better. ``rejection`` has the verdict about the truncated cost, that of the kept ones plus
     min(f_e, c_e) of each rejected one: if CERTIFIED, no other estimate costs less, whichever of
     them it takes back. None if nothing was rejected, or where there is none, as the note says.
+    ``noise_scale`` is 1, or how many times the stated noise is assumed, because hardly more than a
+    tree agrees with the stated one; ``at_stated_noise`` is then the answer at that, if it rejects
+    others.
     ``solution.weights`` is 0 for rejected ones, ``solution.rejected`` lists these, and
     ``solution.judged(problem)`` is the certified problem; ``cost`` is that of all measurements.
 
@@ -95,57 +100,78 @@ def solve_robustly(
         posed.check(initial)
     with watched(monitor) as shown:
         stop = Stop(shown, objective="the chordal cost F of all measurements, in a robust fit")
-        with stop.within(limit):
-            with stop.watch.phase("select"):
-                selection = select(posed, initial=initial, trusted=trusted, monitor=stop)
-            left = None if limit is None else limit - min(limit, stop.watch.total)
+        with stop.within(limit), stop.watch.phase("select"):
+            selection = select(posed, initial=initial, trusted=trusted, monitor=stop)
             ended = stop.ended_by
-            found = search(
-                posed.reweighted(selection.weights),
-                replace(chosen, time_limit=left if ended is None else 0.0),
-                Start(selection.estimate, "the robust fit"),
-                shown,
+        of_choice = dict(stop.watch.seconds)
+        left = _left(limit, of_choice) if ended is None else 0.0
+
+        def answer(choice: Selection) -> CertifiedSolution:
+            how = replace(chosen, time_limit=left)
+            found = _answered(posed, choice, how, quantile, ended, shown)
+            certificate, solution = found.certificate, found.solution
+            if source is not None:
+                certificate = of_instance(certificate, source, found.estimate)
+            seconds = {**of_choice, **solution.seconds}
+            return replace(
+                found,
+                certificate=certificate,
+                solution=replace(solution, seconds=seconds),
+                settings=chosen,
+                instance=source,
             )
-        rejection, note = None, f"{selection.note(posed)}; {found.solution.note}"
-        rejected = np.flatnonzero(selection.rejected)
-        if len(rejected) and Status.INTERRUPTED in (ended, found.solution.status):
-            note = f"{note}; rejections are not certified: interrupted"
-        elif len(rejected):
-            try:
-                rejection = certify_rejection(
-                    posed,
-                    found.estimate,
-                    rejected,
-                    quantile=quantile,
-                    scale=selection.scale,
-                    settings=replace(chosen, time_limit=_left(found, left)),
-                    monitor=shown,
-                )
-            except UncertifiableError as error:
-                note = f"{note}; rejections are not certified: {error}"
+
+        found = answer(selection)
+        if selection.stated is None or found.solution.status is Status.INTERRUPTED:
+            return found
+        left = _left(left, found.solution.seconds)
+        return replace(found, at_stated_noise=answer(selection.stated))
+
+
+def _answered(
+    posed: Problem | InformationProblem,
+    selection: Selection,
+    settings: SolveSettings,
+    quantile: float | None,
+    ended: Status | None,
+    monitor: Monitor,
+) -> CertifiedSolution:
+    """The answer for a choice, and what is proven about the choice."""
+    found = search(
+        posed.reweighted(selection.weights),
+        settings,
+        Start(selection.estimate, "the robust fit"),
+        monitor,
+    )
+    rejection, note = None, f"{selection.note(posed)}; {found.solution.note}"
+    rejected = np.flatnonzero(selection.rejected)
+    if len(rejected) and Status.INTERRUPTED in (ended, found.solution.status):
+        note = f"{note}; rejections are not certified: interrupted"
+    elif len(rejected):
+        left = _left(settings.time_limit, found.solution.seconds)
+        how: dict[str, Any] = {"quantile": quantile, "scale": selection.scale, "monitor": monitor}
+        how["settings"] = replace(settings, time_limit=left)
+        try:
+            rejection = certify_rejection(posed, found.estimate, rejected, **how)
+        except UncertifiableError as error:
+            note = f"{note}; rejections are not certified: {error}"
     solution = replace(
         found.solution,
         cost=posed.cost(found.estimate),
         status=ended or found.solution.status,
-        seconds={**stop.watch.seconds, **found.solution.seconds},
         note=note,
         weights=selection.weights,
     )
-    certificate = found.certificate
-    if source is not None:
-        certificate = of_instance(certificate, source, found.estimate)
     return replace(
         found,
-        certificate=certificate,
         solution=solution,
         start=selection.method,
-        settings=chosen,
         disagreement=None,
-        instance=source,
         rejection=rejection,
+        noise_scale=selection.scale,
     )
 
 
-def _left(found: CertifiedSolution, limit: float | None) -> float | None:
-    """Seconds that a search left of its limit."""
-    return None if limit is None else max(limit - sum(found.solution.seconds.values()), 0.0)
+def _left(limit: float | None, seconds: Mapping[str, float]) -> float | None:
+    """Seconds that are left of a limit."""
+    return None if limit is None else max(limit - sum(seconds.values()), 0.0)

@@ -3,11 +3,14 @@
 import numpy as np
 import pytest
 from scipy import optimize
+from scipy.stats import chi2
 
 from certpgo import Disagreement, PoseGraph, RotationGraph, certify, solve_robustly
 from certpgo.io import read, write
 from certpgo.io.datasets import thesis
 from certpgo.io.datasets.synthetic import helix, winding_cycle
+from certpgo.objective.chi_squared import exceeded_by
+from certpgo.objective.problem import problem_of
 from certpgo.solve.accuracy_wording import disagreeing
 
 
@@ -400,3 +403,41 @@ def test_what_holds_fixed_nodes_is_in_no_count(certpgo, tmp_path):
     assert price.read_text().splitlines()[1].startswith("5,0,2,")
     chosen = ("--methods", "newton", "--out", tmp_path / "compared", "--json")
     assert {row["edges"] for row in certpgo("compare", path, *chosen).json} == {7}
+
+
+@pytest.mark.parametrize("cost", ["chordal", "g2o"])
+def test_a_changed_noise_is_said_first_and_the_stated_one_judged_too(certpgo, tmp_path, cost):
+    """Loop closures of a circle that are written as their inverses; its steps are exact."""
+    path, csv, n, loops = tmp_path / "inverses.g2o", tmp_path / "rejected.csv", 40, 8
+    angle = 2.0 * np.pi / n
+    place = np.exp(1j * angle * np.arange(n))
+
+    def line(i, j, k, turn):
+        step = (place[k] - place[i]) * np.exp(-1j * angle * i)
+        numbers = f"{float(step.real)!r} {float(step.imag)!r} {float(turn)!r}"
+        return f"EDGE_SE2 {i} {j} {numbers} 4e4 0 0 4e4 0 4e4\n"
+
+    steps = [line(i, i + 1, i + 1, angle) for i in range(n - 1)]
+    # Seen from i, node i - 6 is where i + 6 should be.
+    wrong = [line(i, i + 6, i - 6, -6.0 * angle) for i in range(6, 6 + 3 * loops, 3)]
+    path.write_text("".join([*steps, *wrong]))
+    found = certpgo("outliers", path, "--cost", cost, "--csv", csv, "--json").json
+    m = n - 1 + loops
+    exact = exceeded_by(problem_of(read(path).graph), 0.01 / m)[0]
+    price = chi2.isf(0.01 / m, 3) if cost == "g2o" else exact
+    stated = found["at_stated_noise"]
+    assert next(iter(found)) == "noise_scale"
+    assert found["noise_scale"] > 2.0
+    assert [one["edge"] for one in sorted(stated["rejected"], key=lambda e: e["edge"])] == list(
+        range(n - 1, m)
+    )
+    assert stated["cost"] == pytest.approx(loops * price, rel=1e-9)
+    if not found["rejected"]:
+        assert len(csv.read_text().splitlines()) == 1 + loops
+    said = certpgo("outliers", path, "--cost", cost).out
+    assert said.splitlines()[0].startswith(f"noise  taken as {found['noise_scale']:.3g} times")
+    assert f"at the stated noise {loops} rejected, truncated cost" in flat(said)
+    report = certpgo("solve", path, "--cost", cost, "--robust", "--json").json["solution"]
+    assert report["noise_scale"] == found["noise_scale"]
+    assert [one["edge"] for one in report["at_stated_noise"]["rejected"]] == list(range(n - 1, m))
+    assert "noise taken as" in flat(certpgo("solve", path, "--cost", cost, "--robust").out)
