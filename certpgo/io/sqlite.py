@@ -44,24 +44,20 @@ def kinds_of(path: Path, program: str) -> dict[str, str]:
     return {name: "virtual table" if virtual else kind for name, kind, virtual in known}
 
 
-def refuse_views(path: Path, program: str) -> None:
-    """Refuse a database with anything but plain tables, whose rows may have no end."""
-    for name, kind in kinds_of(path, program).items():
-        _refuse_view(path, name, kind, program)
-
-
-def _refuse_view(path: Path, name: str, kind: str, program: str) -> None:
-    if kind != "table":
-        said = f"a database of {program} expected, and {name} is a {kind}"
-        raise FormatError(path, None, said)
-
-
 def columns_of(path: Path, table: str, program: str) -> tuple[str, ...]:
-    """The names of a table's columns; none if it is not there."""
-    kinds = kinds_of(path, program)
-    if table not in kinds:
+    """The names of a table's columns; none if it is not there.
+
+    Raises
+    ------
+    FormatError
+        It is a view, whose rows may have no end, or no plain table.
+    """
+    kind = kinds_of(path, program).get(table)
+    if kind is None:
         return ()
-    _refuse_view(path, table, kinds[table], program)
+    if kind != "table":
+        said = f"a database of {program} expected, and {table} is a {kind}"
+        raise FormatError(path, None, said)
     return tuple(row[1] for row in _rows(path, f"PRAGMA table_info({table})", program))
 
 

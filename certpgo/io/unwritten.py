@@ -22,8 +22,8 @@ def lost_of_graph(form: Format, whole: Instance) -> Iterator[str]:
     if form.name != "npz":
         if whole.fixed and form.name != "g2o":
             yield f"{form.name} files hold no fixed nodes: they are not written"
-        # Whoever generates a graph has its truth at hand; that of a file would be lost unseen.
-        read = whole.options.get("weights") != "synthetic"
+        # Who makes a graph has its truth at hand; that of a file would be lost unseen.
+        read = whole.options.get("weights", "synthetic") != "synthetic"
         if whole.truth is not None and read:
             yield f"{form.name} files hold no ground truth: it is not written"
         if whole.outliers is not None and read:

@@ -21,6 +21,7 @@ from certpgo.errors import FormatError
 from certpgo.io import compressed
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.io.matlab import sparse_pattern
+from certpgo.io.stream import piped
 from certpgo.io.timestamps import node_times
 from certpgo.registration.scans import read_scan
 from reports.studies import _containers
@@ -543,3 +544,9 @@ def test_counts_of_points_that_are_not_there(tmp_path, name, old, new, said):
     path = tmp_path / f"scan.{name.split()[0]}"
     path.write_bytes(_containers.scans()[name].replace(old.encode(), new.encode()))
     refused(path, said, read_scan)
+
+
+def test_a_stream_without_line_ends(monkeypatch):
+    monkeypatch.setattr("certpgo.io.stream.LONGEST_LINE", 100)
+    with pytest.raises(FormatError, match="standard input:2: lines of at most"):
+        list(piped(BytesIO(EDGE + b"\n" + b"EDGE_SE2 0 1 " + b"0" * 20_000), 5))
