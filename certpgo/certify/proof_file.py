@@ -276,6 +276,8 @@ def _claim(
         raise InputError(
             "the checker holds no nodes that a file fixes: certpgo solve --no-fixed releases them"
         )
+    if isinstance(instance.graph, PoseGraph) and instance.graph.assumed is not None:
+        raise InputError("the checker takes attitudes with positions, of which there are none")
     file = source / "EGs.txt" if source.is_dir() else source
     component = file.with_name("cc.txt")
     restricted = file.name == "EGs.txt" and component.is_file()

@@ -295,7 +295,7 @@ class Solved(Result):
 
         from certpgo.graph.phrases import few
         from certpgo.io.covariances import write_covariances
-        from certpgo.io.writing import in_file_frame
+        from certpgo.io.frames import in_file_frame
         from certpgo.optimize.marginals import Marginals
 
         part = self.part

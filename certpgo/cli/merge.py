@@ -87,7 +87,7 @@ class _Merged(Result):
     between: Instance
 
     def write(self, outputs: Outputs) -> None:
-        from certpgo.io.writing import with_answer
+        from certpgo.io.frames import with_answer
 
         outputs.write(with_answer(self.merged.kept, self.merged.answer.estimate))
 

@@ -100,7 +100,7 @@ class _Sparsified(Result):
     by: By
 
     def write(self, outputs: Outputs) -> None:
-        from certpgo.io.writing import with_answer
+        from certpgo.io.frames import with_answer
 
         outputs.write(with_answer(self.found.instance, self.found.answer.estimate))
 

@@ -226,14 +226,21 @@ class Instance(Speaking):
         return next((node for node in still if node is not None), None)
 
     @property
+    def is_measured(self) -> BoolArray:
+        """(m,) which edges are measurements, and hold no nodes, the last ones, or the world."""
+        flags = self.graph.is_measured.copy()
+        flags[len(flags) - max(len(set(self.held)) - 1, 0) :] = False
+        return flags
+
+    @property
     def constraints(self) -> int:
-        """How many of the edges, the last ones, are no measurements, but hold nodes."""
-        return max(len(set(self.held)) - 1, 0)
+        """How many of the edges are no measurements."""
+        return self.graph.num_edges - self.num_measurements
 
     @property
     def num_measurements(self) -> int:
         """How many edges measure."""
-        return self.graph.num_edges - self.constraints
+        return int(np.count_nonzero(self.is_measured))
 
     @property
     def pairs(self) -> IntArray:
@@ -246,14 +253,18 @@ class Instance(Speaking):
     @cached_property
     def known_numbers(self) -> IntArray:
         """(m,) the number of each of the `measurements` in the source, see `numbers`."""
-        return np.arange(len(self.pairs)) if self.numbers is None else self.numbers
+        if self.numbers is not None:
+            return self.numbers
+        measured = np.ones(len(self.pairs), dtype=bool)
+        measured[: self.graph.num_edges] = self.is_measured
+        return np.where(measured, np.cumsum(measured) - 1, -1)
 
     @cached_property
     def measurements(self) -> Measurements:
         """All measurements with their kinds: the graph's edges, then the distances."""
         graph, ranges = self.graph, self.ranges
         kinds = kinds_of(graph, graph.from_world | (graph.edges[:, 0] == self.world))
-        kinds[graph.num_edges - self.constraints :] = Kind.HELD
+        kinds[~self.is_measured] = Kind.HELD if self.held else Kind.ASSUMED
         if ranges is None:
             return Measurements(graph.num_nodes, graph.edges, kinds)
         edges = np.concatenate([graph.edges, ranges.edges])

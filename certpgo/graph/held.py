@@ -70,6 +70,7 @@ def with_held(instance: Instance, *, hold: bool = True) -> Instance:
     if instance.ranges is not None:
         raise InputError(f"{where}: nodes {named} are fixed, and distances are measured {release}")
     source, values = instance, instance.initial
+    instance = instance.with_edges(instance.graph.is_measured)  # where the world is, is known now
     if not len(poses) and instance.world is None:
         instance, values = _with_world(instance, values, fixed)
     world = instance.world
@@ -242,8 +243,6 @@ def _with_exact(
     tau = np.full(len(seen), graph.tau.max() or 1.0)
     absolute = seen[:, 0] == world if world is not None else None
     exact = PoseGraph(rotation, t, tau, None, graph.points, np.ones(len(seen), bool), absolute)
-    if world is not None and graph.assumed is not None:  # the world's position is known now
-        graph = replace(graph, tau=np.where(graph.assumed, 0.0, graph.tau), assumed=None)
     of_axes = kappa * (1.0 if d == 2 else 2.0)
     weights = [tau[:, None]] * d + [of_axes[:, None]] * (d * (d - 1) // 2)
     matrices = np.concatenate(weights, axis=1)[:, :, None] * np.eye(d * (d + 1) // 2)

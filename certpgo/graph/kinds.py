@@ -33,6 +33,7 @@ class Kind(IntEnum):
     ATTITUDE = 6  #: a rotation in the world, or one of its directions
     RANGE = 7  #: a distance between two nodes
     HELD = 8  #: nothing: a constraint between nodes that the source fixes
+    ASSUMED = 9  #: nothing: where a world is whose position nothing measures
 
     @property
     def phrase(self) -> str:
@@ -55,6 +56,7 @@ _PHRASES = {
     Kind.ATTITUDE: "attitude prior{s}",
     Kind.RANGE: "distance{s}",
     Kind.HELD: "constraint{s} of fixed nodes",
+    Kind.ASSUMED: "assumed position{s} of the world",
 }
 
 

@@ -21,7 +21,7 @@ def in_one_world(measured: Sequence[Measured]) -> tuple[FloatArray | None, list[
 
     It is that of the first graph with a world, or the sources' own where that is not exact. Where a
     position of the world is measured, none is assumed, and where none is, the first assumption
-    stands. Graphs that need no change are returned as they are.
+    stands; the edges of others are left out. Graphs that need no change are returned as they are.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def _placed_once(graphs: Sequence[Graph], worlds: Sequence[int | None]) -> list[
     for graph in graphs:
         if isinstance(graph, PoseGraph) and graph.assumed is not None:
             if not free:
-                graph = replace(graph, tau=np.where(graph.assumed, 0.0, graph.tau), assumed=None)
+                graph = graph.with_edges(graph.is_measured)
             free = False
         placed.append(graph)
     return placed

@@ -21,7 +21,7 @@ from certpgo.graph.edges import (
     simple_edges,
     symmetric,
 )
-from certpgo.graph.kinds import kinds_of
+from certpgo.graph.kinds import Kind, kinds_of
 from certpgo.graph.phrases import (
     components_in_words,
     ranges_of_weights,
@@ -230,7 +230,7 @@ class PoseGraph(Speaking):
     @cached_property
     def kinds(self) -> IntArray:
         """(m,) what each edge measures, a `certpgo.graph.kinds.Kind`."""
-        return kinds_of(self, self.from_world)
+        return np.where(self.is_measured, kinds_of(self, self.from_world), Kind.ASSUMED)
 
     @property
     def is_measured(self) -> BoolArray:

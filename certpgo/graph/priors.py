@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Literal
+from dataclasses import replace
+from typing import Literal, cast
 
 import numpy as np
 
 from certpgo.errors import GraphError, InputError
+from certpgo.graph.concatenate import joined
 from certpgo.graph.edges import broadcast, check_weights, components_of
 from certpgo.graph.graph import has_matrix_weights, require_one_unit
 from certpgo.graph.pose_graph import PoseGraph
@@ -37,6 +39,9 @@ def with_priors(
     The world is the last node, and an ordinary pose: in an estimate moved so that it is the
     identity (`Estimate.anchored`) the others are in the world's frame. Positions alone, such as
     GPS, have kappa = 0; attitudes alone have tau = 0.
+
+    Where no position is measured, the world is put at the first node, by one more edge that is
+    `PoseGraph.assumed`, and no measurement.
 
     Parameters
     ----------
@@ -83,7 +88,7 @@ def with_priors(
         if np.any(weights) != (values is not None):
             what = "rotations" if name == "kappa" else "translations"
             raise InputError(f"{name} and {what} are given together, or neither")
-    k, d, rotation = len(nodes), graph.d, graph.rotation
+    k, d = len(nodes), graph.d
     R = np.tile(np.eye(d), (k, 1, 1)) if rotations is None else np.asarray(rotations)
     t = np.zeros((k, d)) if translations is None else np.asarray(translations, dtype=np.float64)
     if translations is not None and (origin := origin_of(t[np.broadcast_to(tau, k) > 0.0])).any():
@@ -92,18 +97,12 @@ def with_priors(
         )
     added = int(world is None)
     place = np.full(k, graph.num_nodes if world is None else world)
-    joined = RotationGraph(
-        graph.num_nodes + added,
-        np.concatenate([graph.edges, np.stack([place, nodes], axis=1)]),
-        np.concatenate([rotation.rotations, R]),
-        np.concatenate([rotation.kappa, broadcast(kappa, k)]),
+    if np.any(tau):
+        graph = _unplaced(graph, world)
+    priors = RotationGraph(
+        graph.num_nodes + added, np.stack([place, nodes], axis=1), R, broadcast(kappa, k)
     )
-    weights, *flags = _placing(graph, broadcast(tau, k), world)
-    points = graph.points
-    if points is not None:
-        points = np.append(points, np.zeros(added, dtype=bool))
-    measured = np.concatenate([graph.translations, t])
-    return PoseGraph(joined, measured, weights, None, points, *flags)
+    return _with_absolute(graph, priors, t, broadcast(tau, k), placed=world is not None)
 
 
 def with_directions(
@@ -166,49 +165,56 @@ def with_directions(
     weights = broadcast(kappa, k)
     pairs = np.stack([place, nodes], axis=1)
     check_weights("kappa", weights, pairs)
-    couplings = rotation.kappa[:, None, None] * rotation.rotations
-    if rotation.couplings is not None:
-        couplings = rotation.couplings
-    joined = RotationGraph.of_couplings(
+    if rotation.couplings is None:
+        coupled = rotation.kappa[:, None, None] * rotation.rotations
+        general = RotationGraph.of_couplings(
+            graph.num_nodes, graph.edges, rotation.rotations, coupled
+        )
+        graph = replace(graph, rotation=general)
+    seen_by = RotationGraph.of_couplings(
         graph.num_nodes + added,
-        np.concatenate([graph.edges, pairs]),
-        np.concatenate([rotation.rotations, so.aligning(g, h)]),
-        np.concatenate([couplings, weights[:, None, None] * h[:, None] * g[:, None, :]]),
+        pairs,
+        so.aligning(g, h),
+        weights[:, None, None] * h[:, None] * g[:, None, :],
     )
     zeros = np.zeros((k, d))
-    tau, *flags = _placing(graph, np.zeros(k), world)
-    return PoseGraph(
-        joined,
-        np.concatenate([graph.translations, zeros]),
-        tau,
-        None if graph.arms is None else np.concatenate([graph.arms, zeros]),
-        None if graph.points is None else np.append(graph.points, np.zeros(added, dtype=bool)),
-        *flags,
-    )
+    return _with_absolute(graph, seen_by, zeros, np.zeros(k), placed=world is not None)
 
 
-def _placing(
-    graph: PoseGraph, tau: FloatArray, world: int | None
-) -> tuple[FloatArray, BoolArray, BoolArray]:
-    """The weights tau of all edges, which are assumed, and which are absolute, with a world's.
+def _with_absolute(
+    graph: PoseGraph, rotation: RotationGraph, t: FloatArray, tau: FloatArray, *, placed: bool
+) -> PoseGraph:
+    """The graph with measurements from a world, which is new, and not measured to be anywhere.
 
-    A new world that no position is measured from is put at the first node, which is met exactly.
-    Nothing is assumed any more once a position is measured.
+    Parameters
+    ----------
+    rotation : theirs, of all nodes
+    placed : whether the world is somewhere already
     """
-    none = np.zeros(graph.num_edges, dtype=bool)
-    assumed, absolute = (
-        np.append(none if before is None else before, np.full(len(tau), new))
-        for before, new in ((graph.assumed, False), (graph.absolute, True))
-    )
-    weights = np.append(graph.tau, tau)
-    if tau.any():
-        settled = assumed[: graph.num_edges] & (graph.edges[:, 0] == world)
-        weights[: graph.num_edges][settled] = 0.0
-        assumed[: graph.num_edges][settled] = False
-    if world is None and not tau.any() and len(tau):
-        weights[graph.num_edges] = np.median(graph.tau[graph.measures_translation])
-        assumed[graph.num_edges] = True
-    return weights, assumed, absolute
+    n, points = rotation.num_nodes, graph.points
+    if points is not None:
+        points = np.append(points, np.zeros(n - graph.num_nodes, dtype=bool))
+    known = np.ones(len(tau), dtype=bool)
+    parts = [graph, PoseGraph(rotation, t, tau, None, points, None, known)]
+    if not placed and not tau.any() and len(tau):
+        parts.append(_place(rotation, np.median(graph.tau[graph.measures_translation]), points))
+    return cast("PoseGraph", joined(parts, n, points))
+
+
+def _place(rotation: RotationGraph, tau: float, points: BoolArray | None) -> PoseGraph:
+    """The edge that puts a world at the first node that is measured from it."""
+    d, none = rotation.d, rotation.couplings
+    if none is not None:
+        none = np.zeros((1, d, d))
+    edge, still, is_so = rotation.edges[:1], np.eye(d)[None], np.array([True])
+    place = RotationGraph(rotation.num_nodes, edge, still, np.zeros(1), none)
+    return PoseGraph(place, np.zeros((1, d)), np.array([tau]), None, points, is_so, is_so)
+
+
+def _unplaced(graph: PoseGraph, world: int | None) -> PoseGraph:
+    """The graph without the edge that puts a world somewhere, as positions are measured from it."""
+    assumed = ~graph.is_measured & (graph.edges[:, 0] == world)
+    return graph.with_edges(~assumed) if assumed.any() else graph
 
 
 def _unit(directions: FloatArray) -> FloatArray:

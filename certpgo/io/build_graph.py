@@ -76,7 +76,10 @@ def _instance(dialect: Dialect, path: Path, options: ReadOptions, content: Recor
         graph, origin, notice = anchored(graph, priors)
         notices.append(notice)
         world, nodes = len(nodes.ids), nodes.with_world(path)
-        information = joined_information([information, priors.information])
+        stated = [information, priors.information]
+        information = joined_information(
+            [*stated, _of_place(graph)] if graph.assumed is not None else stated
+        )
         graph, information = _of_bodies(graph, information, nodes.mounts)
     chosen = _choices(dialect, options, content.counts[UNINFORMED], len(measured))
     if "weights_are" in chosen and not dialect.precision:
@@ -207,16 +210,25 @@ def anchored(graph: PoseGraph, priors: Rows) -> tuple[PoseGraph, FloatArray | No
     return joined, origin if origin.any() else None, said
 
 
+def _of_place(graph: PoseGraph) -> Information:
+    """The information matrix of the last edge, which puts the world somewhere."""
+    d = graph.d
+    weights = np.where(np.arange(d * (d + 1) // 2) < d, graph.tau[-1], 0.0)
+    return Information(np.diag(weights)[None], np.zeros(1, dtype=np.intp))
+
+
 def _of_bodies(
     graph: PoseGraph, information: Information | None, mounts: Frames | None
 ) -> tuple[PoseGraph, Information | None]:
-    """The graph whose last edges, the priors, are of sensors that are there on their bodies."""
+    """The graph whose last measurements, the priors, are of sensors that are on their bodies."""
     if mounts is None:
         return graph, information
     none = Frames.none(graph.num_edges, graph.d)
-    k = len(mounts.translations)
+    m = graph.num_measurements
+    of_priors = slice(m - len(mounts.translations), m)
     second = Frames(none.rotations.copy(), none.translations.copy())
-    second.rotations[-k:], second.translations[-k:] = mounts.rotations, mounts.translations
+    second.rotations[of_priors] = mounts.rotations
+    second.translations[of_priors] = mounts.translations
     return mounted(graph, information, graph.edges, none, second)
 
 

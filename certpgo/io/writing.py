@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +22,7 @@ from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.held import as_stated
 from certpgo.graph.keys import SECOND, Keys
 from certpgo.io.format import Format, format_to_write
+from certpgo.io.frames import Anchor, anchored
 from certpgo.io.timestamps import node_times, refuse_number
 from certpgo.io.unwritten import lost_of_graph, lost_of_keys, refuse_unwritable
 from certpgo.linalg.arrays import IntArray
@@ -38,8 +39,6 @@ class AnyAnswer(Protocol):
 
 #: How texts have what is in no UTF-8: file names may be of any bytes.
 NO_UTF8 = "backslashreplace"
-
-Anchor = Literal["file", "identity", "prior", "none"]
 
 
 def write(
@@ -131,19 +130,19 @@ def _write_estimate(
     if instance is not None and instance.graph.d != estimate.d:
         raise InputError(f"estimate of another graph: {estimate.d}D, not {instance.graph.d}D")
     keys = _keys(estimate, instance, ids)
-    anchored = _anchored(estimate, keys.ids_of(estimate.num_nodes), instance, anchor)
+    placed = anchored(estimate, keys.ids_of(estimate.num_nodes), instance, anchor)
     if instance is not None and instance.world is not None:
         keys = keys.subset(np.arange(instance.world))
     lost = []
     if keys.points is not None and keys.points.any() and not form.holds_points:
         poses = np.flatnonzero(~keys.points)
-        anchored, keys = anchored.subset(poses), keys.subset(poses)
+        placed, keys = placed.subset(poses), keys.subset(poses)
         lost.append(f"{form.name} files hold poses only: points are not written")
     if estimate.translations is not None and not form.holds_translations:
         lost.append(f"{form.name} files hold rotations only: translations are not written")
-    if anchored.scales is not None and not form.holds_scales:
+    if placed.scales is not None and not form.holds_scales:
         lost.append(f"{form.name} files hold poses only: scales are not written")
-    keys = _timed(keys, anchored.num_nodes, timestamps)
+    keys = _timed(keys, placed.num_nodes, timestamps)
     if form.name == "tum" and keys.times_ns is not None and not keys.times_differ:
         keys = replace(keys, times_ns=None)
         lost.append("several poses have one timestamp: node ids are written instead")
@@ -151,7 +150,7 @@ def _write_estimate(
         lost.extend(lost_of_keys(form, keys))
     if not all(map(form.holds_name, keys.names)):
         keys = replace(keys, names=())
-    atomically(path, lambda temporary: writer(temporary, anchored, keys))
+    atomically(path, lambda temporary: writer(temporary, placed, keys))
     for sentence in lost:
         warnings.warn(f"{path}: {sentence}", InputNotice, stacklevel=3)
 
@@ -195,83 +194,6 @@ def _ids(ids: ArrayLike | None, n: int, instance: Instance | None) -> IntArray:
     if keys.shape != (n,) or keys.dtype.kind not in "iu" or len(np.unique(keys)) != n:
         raise InputError(f"ids must be {n} distinct integers")
     return keys.astype(np.intp)
-
-
-def _anchored(
-    estimate: Estimate, ids: IntArray, instance: Instance | None, anchor: Anchor | None
-) -> Estimate:
-    if anchor is None:
-        anchor = "none" if instance is None else "file"
-    if anchor not in ("file", "identity", "prior", "none"):
-        raise InputError(f"anchor must be file, identity, prior or none, not {anchor!r}")
-    initial = None if instance is None else instance.initial
-    if instance is not None and instance.world is not None:
-        if anchor in ("file", "none"):
-            return instance.in_world(estimate)
-        estimate = estimate.subset(np.arange(instance.world))
-        ids, initial = ids[:-1], None if initial is None else instance.in_world(initial)
-    node = first_pose(ids, instance)
-    if anchor == "none":
-        return estimate
-    if anchor == "identity":
-        return estimate.anchored(node)
-    if anchor == "prior":
-        if instance is None or not instance.fixed or initial is None:
-            raise InputError("anchor 'prior' needs a graph with a fixed node and its initial value")
-        node = instance.fixed[0]
-    if initial is not None and _same_pose(estimate, initial, node):
-        return estimate
-    return estimate.anchored(node, initial)
-
-
-def with_answer(instance: Instance, estimate: Estimate) -> Instance:
-    """The instance with an estimate as its initial values, in the frame of the source.
-
-    Nodes that are held stay where they are, without rounding. Of others that the source fixes only
-    the one by which the frame is chosen stays fixed: all others have moved.
-    """
-    held, before = list(instance.held), instance.initial
-    if not held and instance.world is None:
-        first = frame_node(instance)
-        found = estimate.anchored(first, before)
-        return replace(instance, initial=found, fixed=tuple({first} & {*instance.fixed}))
-    found = instance.with_world(in_file_frame(estimate, instance))
-    if before is None:
-        return replace(instance, initial=found)
-    R, t = found.rotations.copy(), found.translations
-    R[held] = before.rotations[held]
-    if t is not None and before.translations is not None:
-        t = t.copy()
-        t[held] = before.translations[held]
-    return replace(instance, initial=replace(found, rotations=R, translations=t))
-
-
-def in_file_frame(estimate: Estimate, instance: Instance) -> Estimate:
-    """An estimate in the frame in which `write` writes it by default."""
-    return _anchored(estimate, instance.ids, instance, None)
-
-
-def first_pose(ids: IntArray, instance: Instance | None) -> int:
-    """The pose with the smallest id, or of those that are held; a point holds no rotation."""
-    nodes = np.arange(len(ids)) if instance is None else instance.poses
-    if instance is not None and instance.held:  # what is held stays where it is
-        nodes = nodes[np.isin(nodes, instance.held)]
-    return int(nodes[np.argmin(ids[nodes])])
-
-
-def frame_node(instance: Instance) -> int:
-    """The pose by which a graph's frame is chosen: the first that is fixed, else the first."""
-    fixed = [k for k in instance.poses.tolist() if k in instance.fixed]
-    return fixed[0] if fixed else first_pose(instance.ids, instance)
-
-
-def _same_pose(a: Estimate, b: Estimate, node: int) -> bool:
-    """Whether the node need not be moved, which avoids rounding."""
-    if not np.array_equal(a.rotations[node], b.rotations[node]):
-        return False
-    if a.translations is None or b.translations is None:
-        return True
-    return np.array_equal(a.translations[node], b.translations[node])
 
 
 def write_whole(path: Path, content: bytes) -> Path:

@@ -108,7 +108,7 @@ def structure(instance: Instance) -> Structure:
     graph, ids = instance.graph, instance.ids
     measured, kappa = instance.measurements, graph.rotation.kappa
     points, sightings, priors = instance.kinds
-    edges = instance.pairs[: instance.num_measurements]  # constraints are the last
+    edges = instance.pairs[: graph.num_edges][instance.is_measured]
     simple = len(np.unique(np.sort(edges, axis=1), axis=0))
     return Structure(
         kind=graph.kind,
@@ -124,7 +124,7 @@ def structure(instance: Instance) -> Structure:
         priors=priors,
         parallel_edges=len(edges) - simple,
         measurements={kind.name.lower(): count for kind, count in measured.counts.items()},
-        bridges=len(bridges(measured)) - instance.constraints,
+        bridges=len(bridges(measured.without(Kind.HELD, Kind.ASSUMED))),
         kappa=(float(kappa.min()), float(kappa.max())),
         tau=(float(graph.tau.min()), float(graph.tau.max()))
         if isinstance(graph, PoseGraph)

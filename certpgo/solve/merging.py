@@ -26,7 +26,7 @@ from certpgo.graph.kinds import Kind
 from certpgo.graph.labels import WORLD, Label, Landmark, called, in_order
 from certpgo.graph.origins import in_one_world
 from certpgo.graph.phrases import counted, few
-from certpgo.io.writing import frame_node
+from certpgo.io.frames import frame_node
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.chi_squared import FALSE_ALARMS
 from certpgo.objective.choose_cost import CHORDAL, certifiable, range_problem
@@ -314,6 +314,11 @@ def _joined(
     origins = [*(one.origin for one in maps), None]
     posed = zip((part.graph for part in parts), worlds, origins, strict=True)
     origin, graphs = in_one_world(list(posed))
+    # Only one place of the world is assumed.
+    parts = [
+        part if graph.num_edges == part.graph.num_edges else part.with_edges(part.is_measured)
+        for part, graph in zip(parts, graphs, strict=True)
+    ]
     labels = list(owner)
     labels = [labels[k] for k in in_order(labels).tolist()]
     place = {label: k for k, label in enumerate(labels)}

@@ -27,7 +27,7 @@ from certpgo.solve.rejection import Rejection, certify_rejection
 from certpgo.solve.session import Session
 from certpgo.solve.session_status import Standing
 from certpgo.solve.settings import SolveSettings
-from certpgo.solve.terms import chordal_problem
+from certpgo.solve.terms import ASSUMED, chordal_problem
 
 #: A descent that shows whether new measurements agree; outliers would make it long.
 TRIAL = NewtonSettings(tolerance=1e-6, max_iterations=30)
@@ -141,7 +141,7 @@ class RobustSession(Session):
 
     def _keep(self, kept: set[int]) -> None:
         """Keep the measurements with these numbers, and put the others aside."""
-        aside = self._put_aside
+        aside, kept = self._put_aside, {*kept, ASSUMED}
         for number in sorted(kept & aside.keys()):
             self._take(*aside.pop(number), [number])
         graph, names = self.graph, self.nodes

@@ -24,7 +24,7 @@ from certpgo.certify import Certificate, Tier, Verdict
 from certpgo.certify.certificate import tier_called
 from certpgo.certify.tolerances import FLOOR, difference_up
 from certpgo.errors import GraphError, InputError
-from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
+from certpgo.graph import Estimate, Graph, Instance, RotationGraph
 from certpgo.graph.display import Speaking
 from certpgo.graph.labels import WORLD, Label, called
 from certpgo.graph.origins import Measured, in_frame, in_one_world
@@ -39,10 +39,12 @@ from certpgo.solve.session_outliers import Suspicion, suspicion
 from certpgo.solve.session_status import Standing
 from certpgo.solve.settings import DEFAULT, SolveSettings
 from certpgo.solve.terms import (
+    ASSUMED,
     Part,
     Terms,
     gathered,
     measurements_of,
+    numbered_from,
     scale_of,
     with_measurements,
 )
@@ -159,9 +161,10 @@ class Session(Speaking):
         if WORLD in labels:
             origin = measurements.origin if isinstance(measurements, Instance) else None
             part = self._in_one_world(part, labels, origin)
-        self._take(part, labels, range(self._count, self._count + part.num_edges))
-        self._count += part.num_edges
-        self.pending += part.num_edges
+        self._take(part, labels, numbered_from(part, self._count))
+        count = measurements_of(part).num_measurements
+        self._assumes |= count < part.num_edges
+        self._count, self.pending = self._count + count, self.pending + count
         if self.every is not None and self.pending >= self.every:
             # What is free so far, such as where north is, measurements to come determine.
             with suppress(GraphError):
@@ -179,11 +182,10 @@ class Session(Speaking):
     def _in_one_world(self, part: Part, labels: Sequence[Label], origin: FloatArray | None) -> Part:
         """New measurements with the world where those that came have it."""
         graph, world = measurements_of(part), labels.index(WORLD)
-        assumes = isinstance(graph, PoseGraph) and graph.assumed is not None
         if self._track is None or WORLD not in self._track.numbers:
-            self._origin, self._assumes = origin, assumes
+            self._origin = origin
             return part
-        if origin is self._origin and not (assumes or self._assumes):
+        if origin is self._origin and not self._assumes and graph.is_measured.all():
             return part
         self._poses.steps(graph, labels)  # refuses before anything changes
         known = self._measured
@@ -201,6 +203,8 @@ class Session(Speaking):
         """Go on with `_measured` from another origin, which changes no optimum and no bound."""
         part = with_measurements(self._all, measured[0])
         best = in_frame(self.estimate, self._poses.numbers[WORLD], self._origin, origin)
+        if part.num_edges < len(self._edges):
+            self._edges, self._assumes = [k for k in self._edges if k != ASSUMED], False
         self._parts, self._scale, self._origin = [part], scale_of(part), origin
         self._adopt(best)
 
@@ -219,7 +223,7 @@ class Session(Speaking):
             The others do not determine all nodes; the session is as before.
         """
         removed = sorted(set(edges))
-        absent = sorted(set(removed) - set(self._edges))
+        absent = sorted(set(removed) - {*self._edges} | {*removed} & {ASSUMED})
         if absent:
             raise InputError(f"there is no measurement {absent[0]}")
         if not removed:
@@ -267,7 +271,8 @@ class Session(Speaking):
             verdict = Verdict.CERTIFIED
         nodes = 0 if self._track is None else len(self._track)
         title = self._terms.title(self._parts)
-        return Standing(nodes, len(self._edges), cost, lower, gap, tolerance, verdict, title)
+        count = len(self._edges) - self._assumes
+        return Standing(nodes, count, cost, lower, gap, tolerance, verdict, title)
 
     @property
     def lower_bound(self) -> float:
@@ -301,7 +306,7 @@ class Session(Speaking):
 
     @property
     def edges(self) -> IntArray:
-        """(m,) numbers of the measurements that were not removed, in the order of `graph`."""
+        """(m,) numbers of the edges of `graph`; -1 for one that only puts the world somewhere."""
         return np.array(self._edges, dtype=np.intp)
 
     @property
@@ -337,7 +342,7 @@ class Session(Speaking):
         added = gathered(parts, len(self._poses), self._are_points, edges)
         ends = np.unique(added.edges)
         rise = self._terms.upper(added.subgraph(ends), self.estimate.subset(ends))
-        self._cost = _sum_up(self._cost, rise)
+        self._cost = difference_up(self._cost, -rise)
         self._scale += scale_of(added)
         self._parts.append(added)
         self._new = []
@@ -393,8 +398,3 @@ class Session(Speaking):
         self._settled, self._optimum = len(self._edges), found.cost
         self._verdict, self.pending = self.standing.verdict, 0
         return found
-
-
-def _sum_up(a: float, b: float) -> float:
-    """A double not below the sum."""
-    return math.nextafter(a + b, math.inf)

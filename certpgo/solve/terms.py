@@ -21,6 +21,8 @@ from certpgo.objective.enclosure import enclosure
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import Problem, problem_of
 
+#: The number of an edge that is no measurement, but puts a world somewhere.
+ASSUMED = -1
 #: Measurements with what their cost needs.
 Part = Graph | InformationGraph
 
@@ -112,6 +114,13 @@ def measurements_of(part: Part) -> Graph:
     return part.isotropic if isinstance(part, InformationGraph) else part
 
 
+def numbered_from(part: Part, first: int) -> list[int]:
+    """Numbers of measurements, from the first one's; `ASSUMED` for edges that are none."""
+    measured = measurements_of(part).is_measured
+    numbers = np.where(measured, first + np.cumsum(measured) - 1, ASSUMED)
+    return [int(number) for number in numbers]
+
+
 def chordal_problem(graph: Graph, named: Callable[[int], str]) -> Problem:
     """The problem of F, of nodes that are called so."""
     _require_determined(graph, named)
@@ -125,7 +134,9 @@ def _require_determined(graph: Graph, named: Callable[[int], str]) -> None:
 
 
 def with_measurements(part: Part, graph: Graph) -> Part:
-    """The part with another graph of the same edges."""
+    """The part with another graph of the same edges, perhaps without those that are assumed."""
+    if graph.num_edges < part.num_edges:
+        part = part.with_edges(measurements_of(part).is_measured)
     if isinstance(part, InformationGraph) and isinstance(graph, PoseGraph):
         return replace(part, isotropic=graph)
     return graph

@@ -273,10 +273,11 @@ def test_npz_keeps_where_a_world_is_assumed_to_be(tmp_path):
     io.write(tmp_path / "graph.npz", turned)
     assert io.read(tmp_path / "graph.npz", quiet=True).graph.assumed.tolist() == [
         False,
-        True,
         False,
+        False,
+        True,
     ]
-    with pytest.raises(GraphError, match="assumed must be 3 flags"):
+    with pytest.raises(GraphError, match="assumed must be 4 flags"):
         certpgo.PoseGraph(turned.rotation, turned.translations, turned.tau, assumed=[True])
 
 

@@ -9,6 +9,8 @@ from strategies import dense_cost, dimensions, pose_graph, rng_of, seeds
 
 import certpgo
 from certpgo import Estimate, PoseGraph, RotationGraph, Verdict, certify, solve, with_priors
+from certpgo.errors import InputError
+from certpgo.graph.kinds import Kind
 from certpgo.io.datasets.synthetic import helix
 from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem
@@ -195,9 +197,92 @@ def test_a_world_that_was_assumed_to_be_somewhere_is_where_positions_say():
     nodes, n = np.arange(0, made.graph.num_nodes, 4), made.graph.num_nodes
     R, positions = made.truth.rotations[nodes], made.truth.translations[nodes] + 0.3
     turned = with_priors(made.graph, nodes, R, kappa=50.0)
-    assert np.flatnonzero(turned.assumed).tolist() == [made.graph.num_edges]
+    assert np.flatnonzero(turned.assumed).tolist() == [made.graph.num_edges + len(nodes)]
     both = with_priors(turned, nodes, translations=positions, tau=9.0, world=n)
     other = with_priors(made.graph, nodes, translations=positions, tau=9.0)
     other = with_priors(other, nodes, R, kappa=50.0, world=n)
     assert both.assumed is other.assumed is None
     assert solve(both).cost == pytest.approx(solve(other).cost, rel=1e-9)
+
+
+def compasses(wrong, rng):
+    """Twelve poses around a circle, a compass at five of them, one of which is wrong."""
+    turns = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
+    t, R = (
+        3.0 * np.stack([np.cos(turns), np.sin(turns)], axis=1),
+        so.exp(turns[:, None] + np.pi / 2),
+    )
+    edges = np.stack([np.arange(12), np.roll(np.arange(12), -1)], axis=1)
+    i, j = edges.T
+    measured = np.swapaxes(R[i], 1, 2) @ R[j] @ so.exp(0.01 * rng.standard_normal((12, 1)))
+    steps = (np.swapaxes(R[i], 1, 2) @ (t[j] - t[i])[:, :, None])[:, :, 0]
+    steps += 0.01 * rng.standard_normal((12, 2))
+    rotation = RotationGraph(12, edges, measured, np.full(12, 1e4))
+    seen = 0.01 * rng.standard_normal((5, 1))
+    seen[wrong] += 1.5
+    nodes = np.array([0, 3, 5, 7, 9])
+    graph = PoseGraph(rotation, steps, np.full(12, 1e4))
+    return with_priors(graph, nodes, R[nodes] @ so.exp(seen), kappa=1e4)
+
+
+@pytest.mark.parametrize("wrong", range(5))
+def test_a_wrong_compass_is_rejected_whichever_it_is(wrong):
+    """Also the first, at whose node the world is put."""
+    graph = compasses(wrong, np.random.default_rng(1))
+    answer = certpgo.solve_robustly(graph)
+    assert answer.rejected.tolist() == [12 + wrong]
+    assert answer.verdict.value == answer.rejection.verdict.value == "CERTIFIED"
+    assert answer.rejection.quantile == pytest.approx(1.0 - 0.01 / 17, rel=1e-15)
+    without = solve(graph.with_edges(np.delete(np.arange(18), 12 + wrong)))
+    assert answer.certificate.cost_upper == pytest.approx(without.cost, rel=1e-9)
+    judged = certpgo.certify(graph, answer.estimate, rejected=answer.rejected)
+    assert judged.cost_upper == pytest.approx(without.cost + answer.rejection.prices[0], rel=1e-9)
+    assert graph.num_measurements == 17
+    session = certpgo.RobustSession(every=None)
+    session.add(graph, [*range(12), certpgo.WORLD])
+    session.settle()
+    assert session.rejected.tolist() == [12 + wrong]
+    assert session.standing.edges == 16
+    assert session.rejection().edges.tolist() == [12 + wrong]
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_files_of_attitudes_alone_are_read_written_and_merged(tmp_path, d):
+    """Where the world is put is in no file, and in no count."""
+    if d == 2:
+        step, attitude = (
+            "EDGE_SE2 {} {} 1 0 0.3 4 0 0 4 0 9\n",
+            "EDGE_PRIOR_SE2 {} 7 8 {} 0 0 0 0 0 9\n",
+        )
+    else:
+        weights = "4 0 0 0 0 0 4 0 0 0 0 4 0 0 0 9 0 0 9 0 9"
+        step = "EDGE_SE3:QUAT {} {} 1 0 0 0 0 0.1 0.995 " + weights + "\n"
+        attitude = "EDGE_SE3_PRIOR {} 0 7 8 9 {} 0 0 0.995 " + weights.replace("4", "0") + "\n"
+    lines = [step.format(k, k + 1) for k in range(5)] + [step.format(0, 5)]
+    priors = [attitude.format(1, 0.1), attitude.format(4, 0.3)]
+    path, again, one, two, joint = (tmp_path / f"{k}.g2o" for k in ("a", "b", "c", "d", "e"))
+    path.write_text("".join(lines + priors))
+    instance = certpgo.read(path, quiet=True)
+    assert instance.num_measurements == 8
+    assert instance.measurements.are(Kind.ATTITUDE).sum() == 2
+    certpgo.write(again, instance)
+    assert sum(line.startswith("EDGE") for line in again.read_text().splitlines()) == 8
+    cost = solve(instance.graph).cost
+    there = certpgo.read(again, quiet=True)
+    assert solve(there.graph).cost == pytest.approx(cost, rel=1e-9)
+    assert there.known_numbers.tolist() == [*range(8), -1]
+    for name in ("chordal", "g2o"):
+        both = [certpgo.solve(k, cost=name).cost for k in (instance, there)]
+        assert both[0] == pytest.approx(both[1], rel=1e-9)
+    one.write_text("".join(lines[:2] + priors[:1]))
+    two.write_text("".join(lines[3:5] + priors[1:]))
+    joint.write_text("".join([lines[2], lines[5]]))
+    maps = [certpgo.read(k, quiet=True) for k in (one, two, joint)]
+    merged = certpgo.merge(maps[:2], maps[2])
+    assert merged.answer.cost == pytest.approx(cost, rel=1e-9)
+    assert merged.instance.num_measurements == 8
+    assert len(merged.between) == 2
+    assert merged.instance.information is not None
+    certificate = certpgo.certify(instance, certpgo.solve(instance, cost="chordal").estimate)
+    with pytest.raises(InputError, match="attitudes with positions"):
+        certpgo.write_proof(tmp_path / "p", path, instance, certificate.best, certificate)

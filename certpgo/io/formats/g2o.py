@@ -239,7 +239,7 @@ def _write_graph(path: Path, instance: Instance) -> None:
             values = instance.in_world(instance.initial) if instance.world else instance.initial
             file.writelines(_vertex_lines(ids[known], values, points[known]))
         file.writelines(f"FIX {ids[k]}\n" for k in instance.fixed)
-        file.writelines(lines)
+        file.writelines(lines[k] for k in np.flatnonzero(graph.is_measured).tolist())
 
 
 FORMAT = Format(
