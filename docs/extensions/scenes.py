@@ -54,7 +54,7 @@ def wound() -> str:
     """Cameras around a circle that turn once too often, as HTML: a local minimum."""
     instance, estimate = synthetic.winding_cycle(CAMERAS, 0.0, 1)
     problem = problem_of(instance.graph)
-    assessment = assess(problem, estimate, certify(instance, estimate), ids=instance.ids)
+    assessment = assess(problem, estimate, certify(instance, estimate), instance=instance)
     origin = Origin("cycle.g2o", "wound.g2o")
     return certificate_page(instance, problem, estimate, assessment, origin)
 
@@ -62,7 +62,7 @@ def wound() -> str:
 def _solved(instance: Instance, name: str) -> str:
     answer = solve(instance)
     problem, estimate, trace = answer.problem, answer.estimate, answer.solution.trace
-    assessment = assess(problem, estimate, answer.certificate, ids=instance.ids)
+    assessment = assess(problem, estimate, answer.certificate, instance=instance)
     origin = Origin(name, method="certified")
     return certificate_page(instance, problem, estimate, assessment, origin, trace)
 

@@ -123,7 +123,7 @@ def solved():
     instance = Instance(HOSTILE, instance.graph, instance.ids, options=instance.options)
     found = solve(instance.graph)
     problem = problem_of(instance.graph)
-    assessment = assess(problem, found.estimate, found.certificate, ids=instance.ids)
+    assessment = assess(problem, found.estimate, found.certificate, instance=instance)
     return instance, problem, found, assessment
 
 
@@ -317,7 +317,7 @@ def test_the_bound_of_a_tier_that_proves_nothing_is_called_likely(solved):
         ("standard", "no estimate of this graph costs less"),
     ):
         certificate = certify(problem, found.estimate, tier=tier)
-        assessment = assess(problem, found.estimate, certificate, ids=instance.ids)
+        assessment = assess(problem, found.estimate, certificate, instance=instance)
         about = instance, problem, found.estimate, assessment, Origin("g", "e")
         page = certificate_page(*about)
         notes = re.findall(r'<dd class="note">([^<]*)</dd>', page)
