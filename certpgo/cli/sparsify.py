@@ -1,4 +1,4 @@
-"""certpgo sparsify: the loop closures that connect a graph best, and what the others were worth."""
+"""certpgo sparsify: loop closures that connect a graph well, and what the others were worth."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def command(
     *,
     reading: Reading,
 ) -> int:
-    """Keep the loop closures that connect a graph best, and show what is lost.
+    """Keep loop closures that connect a graph well, and show what is lost.
 
     They are chosen by algebraic connectivity, with a bound on every other choice of as many, or by
     the spectrum of what they measure. The whole and the sparse graph are solved and certified.

@@ -1,4 +1,4 @@
-"""certpgo suggest: which loop closures would help a graph most."""
+"""certpgo suggest: which loop closures would help a graph."""
 
 from __future__ import annotations
 
@@ -29,10 +29,11 @@ def command(
     *,
     reading: Reading,
 ) -> None:
-    """Name the pairs of nodes whose loop closures would connect a graph best.
+    """Name pairs of nodes whose loop closures would connect a graph much better.
 
-    Each raises the algebraic connectivity most, given those before it. New loop closures are
-    assumed to have the median precision of those in the graph.
+    A greedy choice: each is the best of the eight that raise the algebraic connectivity most to
+    first order, given those before it. Other pairs may raise it more. New loop closures are assumed
+    to have the median precision of those in the graph.
     """
     from certpgo.solve.suggesting import suggest_loops
 
@@ -58,5 +59,9 @@ def command(
         [f"{i}-{j}", f"{value:.4g}", f"{value / before:.3g}"]
         for (i, j), before, value in zip(pairs, values, values[1:], strict=False)
     ]
-    table("Loop closures that would help most", ["nodes", "connectivity", "times before"], rows)
+    table(
+        "Loop closures that would help, chosen greedily",
+        ["nodes", "connectivity", "times before"],
+        rows,
+    )
     typer.echo(str(found).splitlines()[0])

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
-from certpgo.certify import Certificate
+from certpgo.certify import Certificate, Verdict
+from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.display import Brief
 from certpgo.graph.labels import Label
@@ -16,7 +18,7 @@ from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import Problem
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.methods._robust import connected
-from certpgo.solve.outliers import Disagreement, disagreement
+from certpgo.solve.outliers import Disagreement, disagreement, select
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.settings import SolveSettings
 from certpgo.solve.warm_start import found_anew
@@ -72,6 +74,17 @@ class Suspicion(Brief):
 SHOWN = 5
 
 
+def _hidden(problem: Problem | InformationProblem, estimate: Estimate) -> Disagreement | None:
+    """What a robust fit rejects, though least squares spreads its error below the stated noise."""
+    with suppress(NumericalError, np.linalg.LinAlgError):
+        chosen = select(problem, fit=estimate)
+        if chosen.scale == 1.0 and chosen.rejected.any():
+            edges = np.flatnonzero(chosen.rejected)
+            angles = problem.residual_angles(chosen.estimate)[edges]
+            return Disagreement(edges, problem.graph.num_edges, float(angles.max()))
+    return None
+
+
 def suspicion(
     problem: Problem | InformationProblem,
     estimate: Estimate,
@@ -82,6 +95,8 @@ def suspicion(
 ) -> Suspicion | None:
     """The measurements of a problem that disagree with the rest; None if there are none.
 
+    By their residuals, and where the optimum is not certified, by a robust fit in any case.
+
     Parameters
     ----------
     estimate, certificate : the optimum of all measurements
@@ -90,6 +105,8 @@ def suspicion(
     settings : of the search without them
     """
     found = disagreement(problem, estimate, refit=True)
+    if found is None and certificate.verdict is not Verdict.CERTIFIED:
+        found = _hidden(problem, estimate)
     if found is None:
         return None
     weights = np.ones(problem.graph.num_edges)

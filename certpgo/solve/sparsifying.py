@@ -118,7 +118,7 @@ def sparsify(
     by: By = "connectivity",
     **options: Any,
 ) -> Sparsified:
-    """Keep the loop closures that connect a graph best, and solve it with and without the others.
+    """Keep loop closures that connect a graph well, and solve it with and without the others.
 
     Steps of odometry, between a pose and the next one by time, name or id, see
     `certpgo.graph.succession`, are always kept; where they do not connect the graph, so is a

@@ -1,4 +1,4 @@
-"""Loop closures that are missing: the eigenvector of lambda_2 says which would help most."""
+"""Loop closures that are missing: the eigenvector of lambda_2 says which would help much."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ ENDS = 64
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SuggestedLoops(Speaking):
-    """Loop closures that would make a graph more connected, the best first.
+    """Loop closures that would make a graph more connected, chosen one after another.
 
     Attributes
     ----------
@@ -83,11 +83,13 @@ def suggest_loops(
     within: float | None = None,
     estimate: Estimate | None = None,
 ) -> SuggestedLoops:
-    """Pairs of nodes whose loop closures would raise lambda_2 most, one after another.
+    """Pairs of nodes whose loop closures would raise lambda_2, chosen greedily.
 
     A loop closure of weight kappa between i and j raises it by kappa (v_i - v_j)^2 in first order,
-    v being the unit eigenvector. Of the pairs with the largest such gain, the best is taken. Where
-    lambda_2 is double, as on a cycle, no single loop closure raises it.
+    v being the unit eigenvector. Of the eight pairs with the largest such gain, the best is taken,
+    and the next pair is chosen with it. No search: another pair may raise lambda_2 more, and other
+    sets of as many pairs may. Where lambda_2 is double, as on a cycle, no single loop closure
+    raises it.
 
     Parameters
     ----------

@@ -9,7 +9,11 @@ from certpgo.graph.streaming import streamed
 from certpgo.io.datasets.synthetic import helix
 from certpgo.io.datasets.thesis import langevin_graph
 from certpgo.linalg import rotations as so
+from certpgo.objective.problem import PoseProblem
 from certpgo.solve import robust_session
+from certpgo.solve.outliers import agrees
+from certpgo.solve.session_outliers import suspicion
+from certpgo.solve.settings import SolveSettings
 
 #: Weight of the wrong loop's rotation.
 KAPPA = 1e4
@@ -37,6 +41,32 @@ def wrong_loop():
         2, [[0, 1]], [np.diag([1.0, -1.0, -1.0])], [float(graph.rotation.kappa.max())]
     )
     return graph, PoseGraph(wrong, [[5.0, 5.0, 5.0]], [float(graph.tau.max())]), graph.num_edges
+
+
+def test_a_robust_fit_names_what_least_squares_spreads_below_the_stated_noise():
+    """A wrong loop along an exact ladder whose weights state far too much noise."""
+    n = 24
+    edges = np.array([(k, k + s) for s in (1, 2) for k in range(n - s)] + [(0, n - 1)])
+    R = np.tile(np.eye(2), (len(edges), 1, 1))
+    R[-1] = so.exp(np.array([[2.2]]))[0]
+    t = np.outer(np.diff(edges, axis=1)[:, 0], [1.0, 0.0])
+    rotation = RotationGraph(n, edges, R, np.full(len(edges), 50.0))
+    problem = PoseProblem(PoseGraph(rotation, t, np.full(len(edges), 0.01)))
+    estimate = certpgo.solve(problem.graph).estimate
+    assert agrees(problem, estimate)
+    numbers = np.arange(len(edges))
+    for tier, named in (("standard", False), ("screen", True)):  # the latter never certifies
+        found = suspicion(
+            problem,
+            estimate,
+            certpgo.certify(problem, estimate, tier=tier),
+            numbers,
+            range(n),
+            SolveSettings(),
+        )
+        assert (found is not None) is named
+    assert found.edges.tolist() == [len(edges) - 1]
+    assert found.without.verdict is Verdict.CERTIFIED
 
 
 def test_a_wrong_loop_is_named_and_the_graph_without_it_is_offered(wrong_loop):
