@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import subprocess
 import sys
 from fractions import Fraction
@@ -19,6 +20,8 @@ from certpgo.errors import InputError
 
 #: What the checker's line begins with if it cannot read a file.
 SAYS = "error: "
+#: How it prints file names that are no UTF-8.
+ANY_BYTES = "surrogateescape"
 
 
 def command(
@@ -47,7 +50,14 @@ def command(
     program = Path(__file__).parents[1] / ("integer_checker.py" if exact else "checker.py")
     arguments = [sys.executable, str(program), str(path), str(proof)]
     with working(f"checking {proof}"):
-        done = subprocess.run(arguments, capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            arguments,
+            env={**os.environ, "PYTHONIOENCODING": f"utf-8:{ANY_BYTES}"},
+            capture_output=True,
+            encoding="utf-8",
+            errors=ANY_BYTES,
+            check=False,
+        )
     if done.stderr.startswith(SAYS):
         raise InputError(done.stderr.removeprefix(SAYS).strip())
     typer.echo(done.stdout, nl=False)

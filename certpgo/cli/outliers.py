@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from certpgo.cli._interrupting import INTERRUPTED, tell_interrupted
+from certpgo.cli._interrupting import INTERRUPTED, tell_interrupted, tells_unwritten
 from certpgo.cli._options import (
     CostOption,
     GraphName,
@@ -34,6 +34,7 @@ PROOFS = 60.0
 
 
 @takes_reading
+@tells_unwritten("csv")
 def command(
     graph: GraphName,
     cost: CostOption = None,

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from certpgo.cli._interrupting import tells_unwritten
 from certpgo.cli._options import CostOption, Json, tier_for, time_limit_option
 from certpgo.cli._outputs import refuse_overwriting, refuse_unwritable
 from certpgo.cli._proving import REFUSED
@@ -32,6 +33,7 @@ role="img" aria-label="{0}"><title>{0}</title><rect width="90" height="20" fill=
 _GOOD, _BAD = "#2e7d32", "#b71c1c"
 
 
+@tells_unwritten("badge")
 def command(
     graphs: Annotated[list[str], typer.Argument(metavar="GRAPH...", help="Files of graphs.")],
     cost: CostOption = None,

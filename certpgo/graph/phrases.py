@@ -14,11 +14,18 @@ from certpgo.linalg.arrays import FloatArray
 ROOM = 24
 #: Ratio of a matrix's eigenvalues from which it counts as anisotropic.
 ROUND = 1.01
+#: How texts have bytes of file names that are no UTF-8.
+NO_UTF8 = "backslashreplace"
 
 
 def counted(count: int, what: str) -> str:
     """The count and what is counted, ``{s}`` marking its plural: 1 node, 2 nodes."""
     return f"{count} {what.replace('{s}', '' if count == 1 else 's')}"
+
+
+def in_utf8(text: str) -> str:
+    """A text with escapes for bytes of file names that are no UTF-8."""
+    return text.encode(errors=NO_UTF8).decode()
 
 
 def rounded_up(value: float, digits: int) -> str:

@@ -7,7 +7,8 @@ import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from certpgo.io.writing import NO_UTF8, atomically
+from certpgo.graph.phrases import NO_UTF8
+from certpgo.io.writing import atomically
 
 Cell = str | float | None
 

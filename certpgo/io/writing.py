@@ -21,6 +21,7 @@ from certpgo.errors import InputError, InputNotice, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.held import as_stated
 from certpgo.graph.keys import SECOND, Keys
+from certpgo.graph.phrases import in_utf8
 from certpgo.io.format import Format, format_to_write
 from certpgo.io.frames import Anchor, anchored
 from certpgo.io.timestamps import node_times, refuse_number
@@ -35,10 +36,6 @@ class AnyAnswer(Protocol):
     def estimate(self) -> Estimate:
         """One pose or rotation per node."""
         ...
-
-
-#: How texts have what is in no UTF-8: file names may be of any bytes.
-NO_UTF8 = "backslashreplace"
 
 
 def write(
@@ -204,7 +201,7 @@ def write_whole(path: Path, content: bytes) -> Path:
 
 def write_text(path: Path, text: str) -> None:
     """Write a text atomically, in UTF-8; bytes of file names that are none as escapes."""
-    write_whole(path, text.encode(errors=NO_UTF8))
+    write_whole(path, in_utf8(text).encode())
 
 
 def folder_to_write(folder: Path) -> Path:

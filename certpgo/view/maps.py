@@ -13,6 +13,7 @@ import numpy as np
 from certpgo.errors import InputError, MissingDependency, kind_of
 from certpgo.graph import Estimate, Instance
 from certpgo.graph.kinds import PRIORS
+from certpgo.graph.phrases import in_utf8
 from certpgo.graph.picture import principal_frame, seen
 from certpgo.io.surfaces import Surface
 from certpgo.linalg.arrays import FloatArray, round_below
@@ -139,7 +140,7 @@ def picture(scene: Scene, form: str, *, dark: bool = False, colour: str | None =
     with style.context(["dark_background"] if dark else []):
         figure = Figure(figsize=SIZE, layout="constrained")
         ax = draw(scene, figure.add_subplot(), unit=unit, dark=dark)
-        ax.set_title(", ".join([scene.name, *_said(scene, unit)]))
+        ax.set_title(in_utf8(", ".join([scene.name, *_said(scene, unit)])))
         if ax.get_legend_handles_labels()[0]:
             ax.legend(frameon=False)
         figure.savefig(content, format=form, dpi=DOTS)

@@ -46,7 +46,7 @@ def shell(line, folder, **options):
     return subprocess.run(
         ["bash", "-c", command],
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHONIOENCODING": "utf-8"},  # strictly
         capture_output=True,
         check=False,
         timeout=60,
@@ -140,7 +140,8 @@ def test_names_that_are_no_utf8(graph, tmp_path):
     except OSError:
         pytest.skip("this file system takes names in UTF-8 only")
     done = shell(
-        "f=$(printf 'caf\\351'); certpgo solve $f.g2o -o $f.tum --html $f.html && "
+        "f=$(printf 'caf\\351'); certpgo solve $f.g2o -o $f.tum --html $f.html --proof p && "
+        "certpgo convert $f.g2o out.npz && certpgo view $f.g2o -o map.svg && "
         "certpgo certify $f.g2o $f.tum --csv $f.csv && certpgo compare $f.g2o --methods eigen_ra",
         tmp_path,
     )
@@ -150,6 +151,10 @@ def test_names_that_are_no_utf8(graph, tmp_path):
     rows = (tmp_path / os.fsdecode(b"caf\xe9.csv")).read_text(encoding="utf-8")
     assert "caf\\udce9.tum" in rows
     assert "caf\\udce9" in (tmp_path / os.fsdecode(b"caf\xe9.html")).read_text(encoding="utf-8")
+    assert package.read(tmp_path / "out.npz").name == "caf\\udce9"
+    refused = shell("f=$(printf 'caf\\351'); cp $f.tum $f; certpgo check $f p", tmp_path)
+    assert refused.returncode == 6
+    assert refused.stdout.startswith(b"REFUSED: caf\xe9 is not the file")
     missing = shell("certpgo info $(printf '\\351').g2o", tmp_path)
     assert missing.returncode == 1
     assert missing.stderr.startswith(b"certpgo: \xe9.g2o: no such file")

@@ -24,6 +24,7 @@ from certpgo.errors import CertPGOError, FormatError, InputError, NoMeasurements
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph, SimilarityGraph
 from certpgo.graph.information import Information
 from certpgo.graph.keys import Keys
+from certpgo.graph.phrases import in_utf8
 from certpgo.graph.ranges import Ranges
 from certpgo.io.archives import arrays_in
 from certpgo.io.format import Format, LabelledPoses, ReadOptions
@@ -241,7 +242,7 @@ def _write_graph(path: Path, instance: Instance) -> None:
         "rotations": rotation.rotations,
         "kappa": rotation.kappa,
         "ids": instance.ids,
-        "name": instance.name,
+        "name": in_utf8(instance.name),
         "fixed": np.array(instance.fixed, dtype=np.intp),
         "options": json.dumps(dict(instance.options)),
         "notices": json.dumps(instance.notices),
