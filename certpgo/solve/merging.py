@@ -3,6 +3,9 @@
 No relative pose of the maps has to be known: F of all measurements together is solved and
 certified. Terms of F are never negative, so that F* of the merged graph is at least the sum of
 those of the maps; what it is more is what the measurements between them cost.
+
+Whether these agree with the rest is judged by the law of the noise that the files state: under the
+cost of their program, where all are of one and have its information, at a fit under that cost.
 """
 
 from __future__ import annotations
@@ -28,17 +31,22 @@ from certpgo.graph.origins import in_one_world
 from certpgo.graph.phrases import counted, few
 from certpgo.io.frames import frame_node
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
-from certpgo.objective.chi_squared import FALSE_ALARMS
-from certpgo.objective.choose_cost import CHORDAL, certifiable, range_problem
-from certpgo.objective.problem import Problem, problem_of
+from certpgo.objective.chi_squared import FALSE_ALARMS, numbers_measured
+from certpgo.objective.choose_cost import CHORDAL, certifiable, problem_under, range_problem
+from certpgo.objective.information_problem import InformationProblem
+from certpgo.objective.problem import problem_of
 from certpgo.objective.range_problem import RangeProblem
+from certpgo.optimize.levenberg_marquardt import descend
 from certpgo.optimize.monitor import Monitor
 from certpgo.solve.fit import Fit, squares
 from certpgo.solve.many import by_threads
-from certpgo.solve.outliers import outlying, select
+from certpgo.solve.outliers import Posed, outlying, select
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.search import search
 from certpgo.solve.settings import DEFAULT, SolveSettings
+
+#: The reading option that says what rotational information is of.
+READ_AS = "rotation_information"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -54,7 +62,8 @@ class Merged(Speaking):
     parts : the certified answer of each map alone
     between : (k,) rows of the measurements between the maps in `Instance.measurements`
     terms : (k,) their terms of F at the optimum
-    tails : (k,) probabilities that a correct measurement is as far off, or further
+    tails : (k,) probabilities that a correct measurement is as far off, or further, by the noise
+        that the files state
     disagreeing : rows of those between maps that disagree with the rest
     left_out : whether these were left out, so that the answer is about the others
 
@@ -200,33 +209,28 @@ def merge(
         whole = _in_first_frame(whole, instances, names, answer.estimate)
         tails = _tails(problem, answer.estimate)
         disagreeing = across[tails[across] < FALSE_ALARMS / len(tails)]
-        return _merged(whole, answer, parts, across, problem, disagreeing)
-    disagreeing = across[outlying(problem, problem.edge_costs(answer.estimate), 1.0)[across]]
+        terms = problem.edge_costs(answer.estimate)
+        return Merged(whole, answer, parts, across, terms[across], tails[across], disagreeing)
+    judged = problem_under(whole)
+    fit = _fit(judged, answer.estimate)
+    disagreeing = across[outlying(judged, judged.edge_costs(fit), 1.0)[across]]
     left_out = False
     if len(disagreeing):
         # Least squares spreads the error of a wrong measurement over right ones.
-        selection = select(problem, trusted=np.arange(across[0]))
+        selection = select(judged, trusted=np.arange(across[0]))
         disagreeing = across[selection.rejected[across]]
         if left_out := robust and len(disagreeing) > 0:
             answer = search(problem.reweighted(selection.weights), chosen)
+            fit = _fit(judged.reweighted(selection.weights), answer.estimate)
+    tails = _tails(judged, fit)
     whole = _in_first_frame(whole, instances, names, answer.estimate)
-    return _merged(whole, answer, parts, across, problem, disagreeing, left_out=left_out)
+    terms = problem.edge_costs(answer.estimate)
+    return Merged(whole, answer, parts, across, terms[across], tails[across], disagreeing, left_out)
 
 
-def _merged(
-    whole: Instance,
-    answer: CertifiedSolution,
-    parts: tuple[CertifiedSolution, ...],
-    across: IntArray,
-    problem: Problem | RangeProblem,
-    disagreeing: IntArray,
-    *,
-    left_out: bool = False,
-) -> Merged:
-    """The result, with the terms of the measurements between maps and how likely they are."""
-    terms = problem.edge_costs(answer.estimate)[across]
-    tails = _tails(problem, answer.estimate)[across]
-    return Merged(whole, answer, parts, across, terms, tails, disagreeing, left_out)
+def _fit(problem: Posed, start: Estimate) -> Estimate:
+    """The optimum of F, or one near it under the cost of another program."""
+    return descend(problem, start).estimate if isinstance(problem, InformationProblem) else start
 
 
 def _in_first_frame(
@@ -250,9 +254,12 @@ def _in_first_frame(
     return replace(whole, initial=estimate.anchored(frame_node(whole)))
 
 
-def _tails(problem: Problem | RangeProblem, estimate: Estimate) -> FloatArray:
+def _tails(problem: Posed | RangeProblem, estimate: Estimate) -> FloatArray:
     """Probabilities that correct measurements are as far off, or further."""
-    chi2, numbers = (of.sum(axis=1) for of in squares(problem, estimate))
+    if isinstance(problem, InformationProblem):
+        chi2, numbers = problem.edge_costs(estimate), sum(numbers_measured(problem))
+    else:
+        chi2, numbers = (of.sum(axis=1) for of in squares(problem, estimate))
     return np.asarray(special.gammaincc(0.5 * numbers, 0.5 * chi2))
 
 
@@ -327,7 +334,9 @@ def _joined(
     whole = joined(graphs, len(labels), _points(graphs, nodes, labels), edges)
     ranges = joined_ranges([part.ranges for part in parts], len(labels), nodes)
     merged = Instance.labelled(f"{len(maps)} maps", whole, labels, origin=origin)
-    merged = replace(merged, information=_information(parts), ranges=ranges)
+    read = {part.options.get(READ_AS, "tangent") for part in parts if len(part.options)}
+    options = {READ_AS: read.pop()} if len(read) == 1 else {}
+    merged = replace(merged, information=_information(parts), ranges=ranges, options=options)
     # Rows are of all graphs in order, then of their distances.
     own_rows = [part.graph.num_edges for part in parts]
     own_rows += [0 if part.ranges is None else part.ranges.num_edges for part in parts]

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 from strategies import definite, pose_graph, rng_of
 
-from certpgo import certify, read, solve_robustly
+from certpgo import certify, merge, read, solve_robustly
 from certpgo.certify.certificate import Verdict
 from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.graph.information import InformationGraph
@@ -88,6 +88,7 @@ def drawn_as_g2o_states(path, seed, n=30, loops=30):
     rng = rng_of(seed)
     pairs = [(k, k + 1) for k in range(n - 1)]
     pairs += [sorted(rng.choice(n, 2, replace=False)) for _ in range(loops)]
+    pairs[-1] = (3, n - 4)
     i, j = np.array(pairs).T
     R, t = Rotation.random(n, rng=rng), 3.0 * rng.normal(size=(n, 3))
     scale = np.array([20.0, 20.0, 20.0, 100.0, 100.0, 100.0])
@@ -127,3 +128,22 @@ def test_one_wrong_loop_is_rejected_alone_where_noise_is_as_g2o_states_it(tmp_pa
         )
         found.append(answer.rejection.certificate.cost_upper)
     assert found[0] == pytest.approx(found[1], rel=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_one_wrong_measurement_between_maps_is_left_out_alone(tmp_path, seed):
+    path, n = tmp_path / "whole.g2o", 30
+    drawn_as_g2o_states(path, seed, n)
+    lines = path.read_text().splitlines(keepends=True)
+    sides = [[int(end) >= n // 2 for end in line.split()[1:3]] for line in lines]
+    instances = []
+    for name, sought in (("a", [False, False]), ("b", [True, True]), ("between", [False, True])):
+        part = tmp_path / f"{name}.g2o"
+        part.write_text("".join(k for k, of in zip(lines, sides, strict=True) if of == sought))
+        instances.append(read(part, quiet=True))
+    first, second, between = instances
+    merged = merge([first, second], between, robust=True)
+    assert merged.disagreeing.tolist() == merged.between[-1:].tolist()
+    assert merged.left_out
+    assert merged.tails[-1] < 1e-20
+    assert merged.tails[:-1].min() > 1e-4
