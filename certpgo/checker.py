@@ -1535,7 +1535,7 @@ def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
     >>> from certpgo.io.datasets.synthetic import helix
     >>> certpgo.write("helix.g2o", helix(3, np.random.default_rng(0)))
     >>> instance = certpgo.read("helix.g2o")
-    >>> result = certpgo.solve(instance.graph)
+    >>> result = certpgo.solve(instance, cost="chordal")
     >>> proven = instance, result.estimate, result.certificate
     >>> _ = certpgo.write_proof("helix.cert", "helix.g2o", *proven)
     >>> print(certpgo.check("helix.g2o", "helix.cert"))

@@ -10,7 +10,6 @@ import numpy as np
 from flint import arb, ctx
 
 from certpgo.graph import PoseGraph, RotationGraph
-from certpgo.graph.information import InformationGraph
 from certpgo.linalg import rotations as so
 from certpgo.objective.costs.g2o import G2oCost
 
@@ -178,7 +177,7 @@ def random_edges(rng, m, d, *, condition=1e4, cross=0.7, far=True, size=1.0):
     Omega = np.stack([information(rng, p, condition, rng.random() > cross) for _ in range(m)])
     edges = np.c_[np.arange(m), np.arange(1, m + 1)]
     graph = PoseGraph(RotationGraph(m + 1, edges, R, np.ones(m)), t, np.ones(m))
-    cost = G2oCost(InformationGraph(graph, Omega))
+    cost = G2oCost(graph.with_information(Omega))
     return Edges(cost, size * rng.standard_normal((m, d)), turns(rng, m, d, far))
 
 

@@ -18,7 +18,7 @@ def proven(folder, graph, name="graph"):
     path, proof = folder / f"{name}.g2o", folder / f"{name}.cert"
     certpgo.write(path, graph)
     instance = certpgo.read(path, quiet=True)
-    answer = certpgo.solve(instance.graph)
+    answer = certpgo.solve(instance.graph, cost="chordal")
     write_proof(proof, path, instance, answer.estimate, answer.certificate)
     return path, proof
 

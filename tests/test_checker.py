@@ -186,7 +186,7 @@ def test_proves_public_optima(name, rotations, tmp_path, dataset, dataset_path):
     instance = dataset(name)
     if rotations:
         instance = rotations_alone(instance)
-    answer = certpgo.solve(instance.graph)
+    answer = certpgo.solve(instance.graph, cost="chordal")
     path, proof = dataset_path(name), tmp_path / "proof.cert"
     said = write_proof(proof, path, instance, answer.estimate, answer.certificate)
     assert said == checker.check(path, proof)
@@ -198,7 +198,7 @@ def test_proves_public_optima(name, rotations, tmp_path, dataset, dataset_path):
 @pytest.mark.parametrize("name", ["kitti_00"])
 def test_proves_long_loops(name, tmp_path, dataset, dataset_path):
     instance = dataset(name)
-    answer = certpgo.solve(instance.graph)
+    answer = certpgo.solve(instance.graph, cost="chordal")
     proven = instance, answer.estimate, answer.certificate
     assert write_proof(tmp_path / "proof.cert", dataset_path(name), *proven).relative_gap < 1e-7
 
@@ -389,7 +389,7 @@ def test_a_rigged_factorization_proves_nothing_false(tmp_path, monkeypatch, rig)
 
 def _reproved(path, folder):
     instance = certpgo.read(path, quiet=True)
-    answer = certpgo.solve(instance.graph)
+    answer = certpgo.solve(instance.graph, cost="chordal")
     write_proof(folder / "own.cert", path, instance, answer.estimate, answer.certificate)
     return folder / "own.cert"
 

@@ -149,7 +149,7 @@ def graph_of(cost):
         ones,
         ones,
         q=q,
-        information=graph.information,
+        information=graph.information_matrices,
     )
 
 

@@ -135,7 +135,7 @@ def test_proves_landmarks_and_priors(tmp_path, d, whole, far):
     assert problem.cost(estimate) == pytest.approx(said.upper, rel=1e-7)
     graph = checker.read_graph(path.read_bytes(), proofs.claim_of(arrays), None)
     assert np.array_equal(np.stack([graph.i, graph.j], axis=1), instance.graph.edges)
-    assert np.array_equal(graph.information, instance.information.matrices)
+    assert np.array_equal(graph.information, instance.graph.information_matrices)
 
 
 @pytest.mark.parametrize("d", [2, 3])

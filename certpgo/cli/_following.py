@@ -24,7 +24,6 @@ from certpgo.errors import GraphError, InputError
 if TYPE_CHECKING:
     from certpgo import Session, Standing
     from certpgo.graph import Estimate, Instance
-    from certpgo.graph.information import Information
     from certpgo.graph.labels import Label
     from certpgo.io.datasets.source import Source
     from certpgo.solve.fit import Fit
@@ -59,7 +58,6 @@ class Followed:
     rejected: int = 0
     ended: bool = False
     options: Mapping[str, str] = field(default_factory=dict)
-    matrices: list[Information | None] = field(default_factory=list)
 
     def add(self, part: Instance, names: Sequence[Label], every: int, status: Any) -> None:
         """Add measurements, and refresh if as many are new."""
@@ -68,7 +66,6 @@ class Followed:
         except GraphError as error:
             raise GraphError(f"{self.name}: {error}") from None
         self.options = part.options
-        self.matrices.append(part.information)
         if self.session.pending >= every:
             self.refresh(status)
 
@@ -131,7 +128,6 @@ class Followed:
     @cached_property
     def fit(self) -> Fit | None:
         """chi^2 of all measurements, if they came and none is put aside."""
-        from certpgo.graph.information import joined_information
         from certpgo.objective.choose_cost import certifiable
         from certpgo.solve.fit import fit_of
 
@@ -139,8 +135,7 @@ class Followed:
             return None
         instance, estimate = self.best()
         if self.whole is None:
-            matrices = joined_information(self.matrices)
-            instance = replace(instance, options=self.options, information=matrices)
+            instance = replace(instance, options=self.options)
         return fit_of(instance, certifiable(instance, self.cost), estimate)
 
     @property

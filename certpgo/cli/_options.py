@@ -186,7 +186,7 @@ def chosen_cost(cost: str | None, instance: Instance, **options: Any) -> str:
         return CHORDAL
     from certpgo.objective.choose_cost import own_cost
 
-    own, information = own_cost(instance), instance.information
+    own, information = own_cost(instance), instance.graph.information
     for name, value in options.items():
         if value:
             if own != CHORDAL:

@@ -198,9 +198,10 @@ def _averaged(part: Instance, certificate: Certificate | None) -> dict[str, floa
     """The largest ratios of precisions that kappa and tau average; None where they do not."""
     from certpgo.certify.certificate import CHORDAL
 
-    if part.information is None or certificate is None or certificate.objective != CHORDAL:
+    information = part.graph.information
+    if information is None or certificate is None or certificate.objective != CHORDAL:
         return None
-    translation, rotation = part.information.anisotropy
+    translation, rotation = information.anisotropy
     return {"translation": translation, "rotation": rotation}
 
 

@@ -64,6 +64,7 @@ def command(
     reading: Reading,
 ) -> None:
     """Convert a graph (to g2o, npz, PyFG) or an estimate (those, TUM, KITTI, rots)."""
+    from certpgo.graph import PoseGraph
     from certpgo.io import read_estimate
     from certpgo.io.format import format_of, format_to_write
     from certpgo.io.timestamps import file_of_times
@@ -83,8 +84,8 @@ def command(
                         f"{name} is about estimates, and {path} has measurements; --estimate "
                         "converts its poses"
                     )
-            if isotropic:
-                converted = replace(converted, information=None)
+            if isotropic and isinstance(converted.graph, PoseGraph):
+                converted = replace(converted, graph=converted.graph.with_information(None))
             outputs.write(converted)
             return
     if isotropic:

@@ -318,7 +318,7 @@ def _objective(found: Reconstruction | Fused) -> str:
     """The name of the certified cost."""
     if _factors(found) is not None:
         return found.averaged.answer.certificate.objective
-    return "F" if found.averaged.instance.information is None else "g2o"
+    return "F" if found.averaged.instance.graph.information is None else "g2o"
 
 
 def _factors(found: Reconstruction | Fused) -> FloatArray | None:

@@ -21,9 +21,7 @@ def rotations_alone(instance: Instance) -> Instance:
     if not isinstance(instance.graph, PoseGraph):
         return instance
     truth = None if instance.truth is None else instance.truth.with_translations(None)
-    return replace(
-        instance, graph=instance.graph.rotation, truth=truth, initial=None, information=None
-    )
+    return replace(instance, graph=instance.graph.rotation, truth=truth, initial=None)
 
 
 def connected_parts(instance: Instance, components: Components) -> list[Instance]:
@@ -73,7 +71,6 @@ def restricted(instance: Instance, nodes: IntArray, name: str) -> Instance:
         fixed=tuple(place[node] for node in instance.fixed if node in place),
         names=tuple(instance.names[node] for node in nodes) if instance.names else (),
         outliers=None if instance.outliers is None else instance.outliers[inside],
-        information=instance.information and instance.information.subset(inside),
         stated=_stated(instance, nodes, inside),
         numbers=instance.known_numbers[np.isin(instance.measurements.edges, nodes).all(axis=1)],
         ranges=instance.ranges and instance.ranges.between(nodes),

@@ -8,6 +8,7 @@ import numpy as np
 
 from certpgo.errors import GraphError
 from certpgo.graph.graph import Graph, require_one_unit
+from certpgo.graph.information import joined_information
 from certpgo.graph.pose_graph import PoseGraph
 from certpgo.graph.ranges import Ranges
 from certpgo.graph.rotation_graph import RotationGraph
@@ -56,6 +57,7 @@ def joined(
         points,
         _flags([graph.assumed for graph in poses], poses),
         _flags([graph.absolute for graph in poses], poses),
+        joined_information([graph.information for graph in poses]),
     )
 
 

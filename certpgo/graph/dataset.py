@@ -13,7 +13,6 @@ from certpgo.errors import GraphError
 from certpgo.graph.display import Speaking
 from certpgo.graph.estimate import Estimate
 from certpgo.graph.graph import Graph, PoseGraph
-from certpgo.graph.information import Information
 from certpgo.graph.keys import NO_TIME, Keys
 from certpgo.graph.kinds import PRIORS, Kind, Measurements, kinds_of
 from certpgo.graph.labels import WORLD, Label, Landmark, numbering
@@ -67,8 +66,6 @@ class Instance(Speaking):
     apart : (n,) which nodes are landmarks that the source numbers apart from poses, as in
         LANDMARK2; None for none
     moved_by : what their ids have more than the source's own numbers
-    information : the source's information matrices as they are, translation before rotation; None
-        where it has none, or other weights were chosen
     stated : (m, 2) nodes that the source names in each measurement, where the graph has those that
         hold them, see `certpgo.graph.held`; None for the graph's own
     released : as the source states it, where nodes are held: what is written; None if not known
@@ -97,7 +94,6 @@ class Instance(Speaking):
     notices: tuple[str, ...] = ()
     names: tuple[str, ...] = ()
     outliers: BoolArray | None = None
-    information: Information | None = None
     world: int | None = None
     origin: FloatArray | None = None
     ranges: Ranges | None = None
@@ -129,8 +125,6 @@ class Instance(Speaking):
             object.__setattr__(self, what, value.keyed(self.keys))
         if self.ranges is not None and self.ranges.num_nodes != n:
             raise GraphError(f"ranges are of {self.ranges.num_nodes} nodes, the graph has {n}")
-        if self.information is not None:
-            self._check_information(self.information)
 
     def _check_arrays(self, n: int) -> None:
         """Freeze the arrays that may be there, and refuse those of another length."""
@@ -157,15 +151,6 @@ class Instance(Speaking):
         if self.stated is None and (self.graph.edges[:, 1] == self.world).any():
             raise GraphError("edges leave the world, and none leads to it")
 
-    def _check_information(self, information: Information) -> None:
-        if not isinstance(self.graph, PoseGraph):
-            raise GraphError("information matrices are of poses; this graph measures rotations")
-        p = self.graph.d * (self.graph.d + 1) // 2
-        expected = (self.graph.num_edges, p, p)
-        found = (len(information.index), *information.distinct.shape[1:])
-        if found != expected:
-            raise GraphError(f"information must be {expected}, a matrix per edge, not {found}")
-
     @classmethod
     def labelled(
         cls,
@@ -174,7 +159,6 @@ class Instance(Speaking):
         labels: Sequence[Label],
         *,
         origin: FloatArray | None = None,
-        information: Information | None = None,
     ) -> Instance:
         """The instance whose nodes have these `labels`; the world, if it is there, is the last.
 
@@ -189,7 +173,6 @@ class Instance(Speaking):
             graph,
             ids,
             names=names,
-            information=information,
             world=world,
             origin=origin,
             apart=apart,
@@ -288,10 +271,10 @@ class Instance(Speaking):
     @property
     def states_noise(self) -> bool:
         """Whether the source states how accurate every measurement is, by other weights than 1."""
-        if self.information is not None:
-            found = self.information.distinct
-            return bool((found != np.eye(found.shape[1])).any())
         reading, graph = self.options, self.graph
+        if graph.information is not None:
+            found = graph.information.distinct
+            return bool((found != np.eye(found.shape[1])).any())
         of_file = reading.get("weights", "file") in ("file", "mahalanobis")
         if not reading or not of_file or reading.get("information", "all") != "all":
             return False
@@ -302,7 +285,8 @@ class Instance(Speaking):
     @property
     def averaged(self) -> str:
         """What the weights kappa and tau leave out of the information matrices; or empty."""
-        return "" if self.information is None else averaged(self.information.anisotropy)
+        information = self.graph.information
+        return "" if information is None else averaged(information.anisotropy)
 
     @property
     def _headline(self) -> str:
@@ -374,7 +358,6 @@ class Instance(Speaking):
             outliers=None if self.outliers is None else self.outliers[chosen],
             stated=None if self.stated is None else self.stated[chosen],
             numbers=np.concatenate([numbers[:m][chosen], numbers[m:]]),
-            information=self.information and self.information.subset(chosen),
         )
 
     def in_world(self, estimate: Estimate) -> Estimate:

@@ -19,7 +19,6 @@ from certpgo.graph.concatenate import joined
 from certpgo.graph.dataset import Instance
 from certpgo.graph.estimate import Estimate
 from certpgo.graph.graph import Graph, PoseGraph, SimilarityGraph
-from certpgo.graph.information import Information, joined_information
 from certpgo.graph.labels import WORLD, unused
 from certpgo.graph.mounted import Frames, mounted
 from certpgo.graph.phrases import counted, few
@@ -81,9 +80,9 @@ def with_held(instance: Instance, *, hold: bool = True) -> Instance:
     if np.isin(instance.graph.edges, [root, *held.tolist()]).all():
         nodes = f"nodes {named} are fixed, and all measurements are between them"
         raise InputError(f"{where}: {nodes}: nothing is to be estimated {release}")
-    graph, information, between = _on_one(instance, there, root, held)
+    graph, between = _on_one(instance, there, root, held)
     within, stated = int((~between).sum()), instance.graph.edges[between]
-    graph, information = _with_exact(instance, graph, information, there, root, others)
+    graph = _with_exact(instance, graph, there, root, others)
     added = graph.num_edges - len(stated)
     said = f"{counted(len(fixed), 'node{s}')} held where the file fixes them ({named}): "
     said += f"relative poses of these are constraints {release}"
@@ -92,7 +91,6 @@ def with_held(instance: Instance, *, hold: bool = True) -> Instance:
     return replace(
         instance,
         graph=graph,
-        information=information,
         released=source,
         stated=np.concatenate([stated, graph.edges[len(stated) :]]),
         numbers=np.append(instance.known_numbers[between], np.full(added, -1)),
@@ -199,19 +197,17 @@ def displaced(instance: Instance, estimate: Estimate) -> str:
 
 def _on_one(
     instance: Instance, there: Estimate, root: int, held: IntArray
-) -> tuple[Graph, Information | None, BoolArray]:
+) -> tuple[Graph, BoolArray]:
     """The measurements with those of held nodes as of one, and which these are, (m,): not all."""
     graph, place = instance.graph, np.arange(instance.graph.num_nodes)
     place[held] = root
     edges = place[graph.edges]
     between = edges[:, 0] != edges[:, 1]
     rest, (i, j) = graph.with_edges(between), graph.edges[between].T
-    information = instance.information and instance.information.subset(between)
     frames = Frames.none(graph.num_nodes, graph.d)
     R, t = _poses(there, held)
     frames.rotations[held], frames.translations[held] = R, t
-    on_nodes = mounted(rest, information, edges[between], frames.subset(i), frames.subset(j))
-    return *on_nodes, between
+    return mounted(rest, edges[between], frames.subset(i), frames.subset(j)), between
 
 
 def _poses(values: Estimate, nodes: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -221,13 +217,8 @@ def _poses(values: Estimate, nodes: IntArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _with_exact(
-    instance: Instance,
-    graph: Graph,
-    information: Information | None,
-    there: Estimate,
-    root: int,
-    others: IntArray,
-) -> tuple[Graph, Information | None]:
+    instance: Instance, graph: Graph, there: Estimate, root: int, others: IntArray
+) -> Graph:
     """The graph with an edge to each held node, weighed as the best measurement is."""
     d, n, world = graph.d, graph.num_nodes, instance.world
     seen, (R, t) = np.stack([np.full(len(others), root), others], axis=1), _poses(there, others)
@@ -239,13 +230,10 @@ def _with_exact(
     kappa = np.where(is_point, 0.0, graph.rotation.kappa.max() or 1.0)
     rotation = RotationGraph(n, seen, np.where(is_point[:, None, None], np.eye(d), R), kappa)
     if not isinstance(graph, PoseGraph):
-        return joined([graph, rotation], n), None
+        return joined([graph, rotation], n)
     tau = np.full(len(seen), graph.tau.max() or 1.0)
     absolute = seen[:, 0] == world if world is not None else None
-    exact = PoseGraph(rotation, t, tau, None, graph.points, np.ones(len(seen), bool), absolute)
-    of_axes = kappa * (1.0 if d == 2 else 2.0)
-    weights = [tau[:, None]] * d + [of_axes[:, None]] * (d * (d - 1) // 2)
-    matrices = np.concatenate(weights, axis=1)[:, :, None] * np.eye(d * (d + 1) // 2)
-    own = information and Information(matrices, np.arange(len(seen)), information.residual)
-    both = joined_information([information, own]) if information else None
-    return joined([graph, exact], n, graph.points), both
+    own = graph.information and graph.information.stating(kappa, tau)
+    assumed = np.ones(len(seen), bool)
+    exact = PoseGraph(rotation, t, tau, None, graph.points, assumed, absolute, own)
+    return joined([graph, exact], n, graph.points)

@@ -15,7 +15,6 @@ from typing import overload
 import numpy as np
 
 from certpgo.graph.graph import Graph, PoseGraph
-from certpgo.graph.information import Information
 from certpgo.graph.rotation_graph import RotationGraph
 from certpgo.linalg.arrays import FloatArray, IntArray
 
@@ -43,30 +42,15 @@ class Frames:
 
 
 @overload
-def mounted(
-    graph: PoseGraph,
-    information: Information | None,
-    edges: IntArray,
-    first: Frames,
-    second: Frames,
-) -> tuple[PoseGraph, Information | None]: ...
+def mounted(graph: PoseGraph, edges: IntArray, first: Frames, second: Frames) -> PoseGraph: ...
 @overload
-def mounted(
-    graph: Graph, information: Information | None, edges: IntArray, first: Frames, second: Frames
-) -> tuple[Graph, Information | None]: ...
-def mounted(
-    graph: Graph,
-    information: Information | None,
-    edges: IntArray,
-    first: Frames,
-    second: Frames,
-) -> tuple[Graph, Information | None]:
+def mounted(graph: Graph, edges: IntArray, first: Frames, second: Frames) -> Graph: ...
+def mounted(graph: Graph, edges: IntArray, first: Frames, second: Frames) -> Graph:
     """The graph between other nodes, which carry the nodes that it is between.
 
     Parameters
     ----------
     graph : isotropic; between frames that are each on a node
-    information : of its edges
     edges : (m, 2) the nodes that carry the frames
     first, second : where those of the first and second nodes are
     """
@@ -74,18 +58,18 @@ def mounted(
     R = A @ graph.rotation.rotations @ np.swapaxes(B, 1, 2)
     rotation = RotationGraph(graph.num_nodes, edges, R, graph.rotation.kappa)
     if not isinstance(graph, PoseGraph):
-        return rotation, information
+        return rotation
     arms = second.translations
     if graph.arms is not None:
         arms = arms + _turned(B, graph.arms)
-    changed = replace(
+    frames = np.where(graph.measures_rotation[:, None, None], B, A)
+    return replace(
         graph,
         rotation=rotation,
         translations=first.translations + _turned(A, graph.translations),
         arms=arms if arms.any() else None,
+        information=graph.information and graph.information.turned(frames),
     )
-    frames = np.where(graph.measures_rotation[:, None, None], B, A)
-    return changed, information and information.turned(frames)
 
 
 def _turned(R: FloatArray, t: FloatArray) -> FloatArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Literal
@@ -21,6 +22,7 @@ from certpgo.graph.edges import (
     simple_edges,
     symmetric,
 )
+from certpgo.graph.information import Information
 from certpgo.graph.kinds import Kind, kinds_of
 from certpgo.graph.phrases import (
     components_in_words,
@@ -51,6 +53,9 @@ class PoseGraph(Speaking):
     assumed : (m,) which edges are no measurements, but put a world somewhere whose position nothing
         measures, or hold nodes in place; None for none
     absolute : (m,) which edges measure from a world, see `certpgo.with_priors`; None for none
+    information : full information matrices of the measurements, by which other programs weigh
+        their residuals; None where there are none, or other weights were chosen. A cost is a
+        choice, see `certpgo.solve`: F has kappa and tau alone
 
     Raises
     ------
@@ -81,6 +86,7 @@ class PoseGraph(Speaking):
     points: BoolArray | None = None
     assumed: BoolArray | None = None
     absolute: BoolArray | None = None
+    information: Information | None = None
 
     #: The unit of 1 / tau.
     _area: ClassVar[str] = "m^2"
@@ -103,6 +109,8 @@ class PoseGraph(Speaking):
             self._check_points(self.points)
         for name in ("assumed", "absolute"):
             self._check_flags(name)
+        if self.information is not None:
+            self._check_information(self.information)
 
     def _check_tau(self) -> None:
         check_weights("tau", self.tau, self.edges, or_none=True)
@@ -131,6 +139,67 @@ class PoseGraph(Speaking):
             turned |= points[self.edges[:, 1]] & self.arms.any(axis=1)
         if turned.any():
             raise GraphError(f"{edge_name(self.edges, turned)}: a point has no rotation")
+
+    def _check_information(self, information: Information) -> None:
+        p = self.d * (self.d + 1) // 2
+        expected = (self.num_edges, p, p)
+        found = (len(information.index), *information.distinct.shape[1:])
+        if found != expected:
+            raise GraphError(f"information must be {expected}, a matrix per edge, not {found}")
+        if self.rotation.is_general:
+            raise GraphError("edges have matrix weights or information matrices, not both")
+
+    @property
+    def rotations(self) -> FloatArray:
+        """(m, d, d) measured rotations R_ij ~ R_i^T R_j."""
+        return self.rotation.rotations
+
+    @property
+    def information_matrices(self) -> FloatArray:
+        """(m, p, p) the information matrices of the edges.
+
+        Raises
+        ------
+        GraphError
+            There are none.
+        """
+        if self.information is None:
+            raise GraphError("these measurements have no information matrices")
+        return self.information.matrices
+
+    @property
+    def is_definite(self) -> BoolArray:
+        """(m,) which information matrices are proven to be positive definite, without zero rows."""
+        if self.information is None:
+            return frozen_flags(np.zeros(self.num_edges))
+        return self.information.is_definite
+
+    def with_information(self, information: Information | FloatArray | None) -> PoseGraph:
+        """The same measurements, kappa and tau with other information matrices, or without.
+
+        Parameters
+        ----------
+        information : as the attribute, or (m, p, p) matrices of no program's residuals
+        """
+        if isinstance(information, np.ndarray):
+            information = Information.of(information)
+        other = copy(self)  # what else there is was checked
+        object.__setattr__(other, "information", information)
+        if information is not None:
+            self._check_information(information)
+        return other
+
+    def under(self, cost: str) -> PoseGraph:
+        """The same measurements whose default cost, see `certpgo.solve`, is this one.
+
+        Parameters
+        ----------
+        cost : ``"chordal"``, or the name of another that information matrices weigh
+        """
+        if self.information is None:
+            return self
+        residual = None if cost == "chordal" else cost
+        return self.with_information(replace(self.information, residual=residual))
 
     def with_matrix_weights(self, W: FloatArray) -> PoseGraph:
         """The same measurements with terms tr(E W E^T), E = X_j - X_i [[1, 0], [t_ij, R_ij]].
@@ -275,17 +344,31 @@ class PoseGraph(Speaking):
     def with_weights(
         self, kappa: FloatArray | float | None = None, tau: FloatArray | float | None = None
     ) -> PoseGraph:
-        """The same measurements with other concentrations; None keeps the current ones."""
+        """The same measurements with other concentrations; None keeps the current ones.
+
+        Information matrices, which state others, are left out.
+        """
         rotation = self.rotation if kappa is None else self.rotation.with_weights(kappa)
         new_tau = self.tau if tau is None else broadcast(tau, self.num_edges)
-        return replace(self, rotation=rotation, tau=new_tau)
+        return replace(self, rotation=rotation, tau=new_tau, information=None)
 
     def reweighted(self, factors: FloatArray) -> PoseGraph:
-        """Concentrations times factors (m,); an edge with factor 0 is removed."""
+        """Concentrations and information times factors (m,); an edge with factor 0 is removed."""
         kept = factors != 0.0
-        graph = self if kept.all() else self.with_edges(kept)
+        information = self.information and self.information.reweighted(factors)
+        graph = self if kept.all() else self.with_information(None).with_edges(kept)
         factors = factors[kept]
-        return replace(graph, rotation=graph.rotation.reweighted(factors), tau=factors * graph.tau)
+        return replace(
+            graph,
+            rotation=graph.rotation.reweighted(factors),
+            tau=factors * graph.tau,
+            information=information,
+        )
+
+    def scaled(self, factor: float) -> PoseGraph:
+        """All concentrations and information times ``factor``."""
+        graph = self.with_information(None).reweighted(np.full(self.num_edges, factor))
+        return graph.with_information(self.information and self.information.scaled(factor))
 
     def without_parallel_edges(self, keep: Keep) -> PoseGraph:
         """Keep ``"all"`` parallel edges, or the ``"first"`` or ``"last"`` of each pair {i, j}."""
@@ -305,9 +388,12 @@ class PoseGraph(Speaking):
         self, rotation: RotationGraph, chosen: IntArray | BoolArray, points: BoolArray | None
     ) -> PoseGraph:
         arms = None if self.arms is None else self.arms[chosen]
-        flags = (None if f is None else f[chosen] for f in (self.assumed, self.absolute))
+        assumed, absolute = (
+            None if f is None else f[chosen] for f in (self.assumed, self.absolute)
+        )
         t, tau = self.translations[chosen], self.tau[chosen]
-        return PoseGraph(rotation, t, tau, arms, points, *flags)
+        information = self.information and self.information.subset(chosen)
+        return PoseGraph(rotation, t, tau, arms, points, assumed, absolute, information)
 
     @property
     def is_general(self) -> bool:

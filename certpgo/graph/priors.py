@@ -170,7 +170,7 @@ def with_directions(
         general = RotationGraph.of_couplings(
             graph.num_nodes, graph.edges, rotation.rotations, coupled
         )
-        graph = replace(graph, rotation=general)
+        graph = replace(graph, rotation=general, information=None)
     seen_by = RotationGraph.of_couplings(
         graph.num_nodes + added,
         pairs,
@@ -195,10 +195,14 @@ def _with_absolute(
     if points is not None:
         points = np.append(points, np.zeros(n - graph.num_nodes, dtype=bool))
     known = np.ones(len(tau), dtype=bool)
-    parts = [graph, PoseGraph(rotation, t, tau, None, points, None, known)]
+    parts = [PoseGraph(rotation, t, tau, None, points, None, known)]
     if not placed and not tau.any() and len(tau):
         parts.append(_place(rotation, np.median(graph.tau[graph.measures_translation]), points))
-    return cast("PoseGraph", joined(parts, n, points))
+    if (own := graph.information) is not None:
+        parts = [
+            part.with_information(own.stating(part.rotation.kappa, part.tau)) for part in parts
+        ]
+    return cast("PoseGraph", joined([graph, *parts], n, points))
 
 
 def _place(rotation: RotationGraph, tau: float, points: BoolArray | None) -> PoseGraph:

@@ -219,6 +219,9 @@ class RotationGraph(Speaking, Pairs):
         """(n,) which nodes are points: none."""
         return frozen_flags(np.zeros(self.num_nodes))
 
+    #: Information matrices, which are of poses: none.
+    information: ClassVar[None] = None
+
     @property
     def pose_nodes(self) -> IntArray:
         """The nodes that are poses: all."""

@@ -41,6 +41,19 @@ class Scale:
         return Scale.weighed(graph, graph.rotation.kappa, graph.tau)
 
     @staticmethod
+    def informed(graph: PoseGraph) -> Scale:
+        """That of other programs' costs: of the mean information, of translations |t_ij|^2 times.
+
+        Raises
+        ------
+        GraphError
+            There are no information matrices.
+        """
+        diagonal = np.abs(np.diagonal(graph.information_matrices, axis1=1, axis2=2))
+        turn, move = diagonal[:, graph.d :].mean(axis=1), diagonal[:, : graph.d].mean(axis=1)
+        return Scale.weighed(graph, turn, move)
+
+    @staticmethod
     def weighed(graph: PoseGraph, turn: FloatArray, move: FloatArray) -> Scale:
         """That of measurements with other weights (m,) of rotations and of translations."""
         squares = np.einsum("ma,ma->m", graph.translations, graph.translations)

@@ -64,6 +64,8 @@ class SimilarityGraph(PoseGraph):
         super().__post_init__()
         if self.arms is not None or self.rotation.is_general:
             raise GraphError("similarities have isotropic weights, without arms and couplings")
+        if self.information is not None:
+            raise GraphError("similarities have isotropic weights, no information matrices")
         m, n = self.num_edges, self.num_nodes
         scales = frozen_floats(self.scales if np.size(self.scales) else np.ones(m))
         check_scales("edge", scales, m)
@@ -113,8 +115,8 @@ class SimilarityGraph(PoseGraph):
             self.points,
             self.assumed,
             self.absolute,
-            self.scales,
-            free,
+            scales=self.scales,
+            free=free,
         )
 
     def in_units_of(self, scales: FloatArray) -> SimilarityGraph:
@@ -158,4 +160,5 @@ class SimilarityGraph(PoseGraph):
             None if f is None else f[chosen] for f in (self.assumed, self.absolute)
         )
         t, tau, scales = self.translations[chosen], self.tau[chosen], self.scales[chosen]
-        return SimilarityGraph(rotation, t, tau, None, points, assumed, absolute, scales, free)
+        flags = assumed, absolute
+        return SimilarityGraph(rotation, t, tau, None, points, *flags, scales=scales, free=free)

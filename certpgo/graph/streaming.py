@@ -9,7 +9,6 @@ import numpy as np
 from certpgo.errors import InputError
 from certpgo.graph.dataset import Instance
 from certpgo.graph.graph import Graph, require_one_unit
-from certpgo.graph.information import Information
 from certpgo.graph.labels import Label
 from certpgo.linalg.arrays import IntArray
 
@@ -62,24 +61,19 @@ def streamed(
         require_one_unit(graph, "certpgo follow does")
         part = graph.with_edges(edges).subgraph(nodes)
         if isinstance(measured, Instance):
-            one = _part(measured, part, edges, nodes)
+            one = _part(measured, part, nodes)
             yield one, list(one.labels)
         else:
             yield part, nodes.tolist()
 
 
-def _part(whole: Instance, graph: Graph, edges: IntArray, nodes: IntArray) -> Instance:
+def _part(whole: Instance, graph: Graph, nodes: IntArray) -> Instance:
     """Some measurements of an instance, which takes time for these alone."""
-    stated = whole.information
-    if stated is not None:
-        matrices = stated.distinct[stated.index[edges]]
-        stated = Information(matrices, np.arange(len(edges)), stated.residual)
     return Instance(
         whole.name,
         graph,
         whole.ids[nodes],
         names=tuple(whole.names[k] for k in nodes) if whole.names else (),
-        information=stated,
         world=len(nodes) - 1 if nodes[-1] == whole.world else None,
         origin=whole.origin,
         apart=None if whole.apart is None else whole.apart[nodes],

@@ -16,7 +16,7 @@ from certpgo.graph import (
     RotationGraph,
     SimilarityGraph,
 )
-from certpgo.graph.information import Information, joined_information
+from certpgo.graph.information import joined_information
 from certpgo.graph.mounted import Frames, mounted
 from certpgo.graph.phrases import counted, shown_path
 from certpgo.graph.priors import origin_of, with_priors
@@ -68,19 +68,14 @@ def _instance(dialect: Dialect, path: Path, options: ReadOptions, content: Recor
     if isinstance(graph, SimilarityGraph):
         nodes, notice = in_unit_of(nodes, unit)
         notices.append(notice)
-    information, initial = measured.information, nodes.values
-    world, origin = None, None
+    initial, world, origin = nodes.values, None, None
     if isinstance(graph, RotationGraph):
-        information, initial = None, initial and Estimate(initial.rotations)
+        initial = initial and Estimate(initial.rotations)
     elif len(priors):
         graph, origin, notice = anchored(graph, priors)
         notices.append(notice)
         world, nodes = len(nodes.ids), nodes.with_world(path)
-        stated = [information, priors.information]
-        information = joined_information(
-            [*stated, _of_place(graph)] if graph.assumed is not None else stated
-        )
-        graph, information = _of_bodies(graph, information, nodes.mounts)
+        graph = _of_bodies(graph, nodes.mounts)
     chosen = _choices(dialect, options, content.counts[UNINFORMED], len(measured))
     if "weights_are" in chosen and not dialect.precision:
         kind = options.weights_are
@@ -98,7 +93,6 @@ def _instance(dialect: Dialect, path: Path, options: ReadOptions, content: Recor
         notices=tuple(notices),
         counts=content.counts,
         names=nodes.names,
-        information=information,
         world=world,
         origin=origin,
         ranges=ranges,
@@ -181,13 +175,18 @@ def _graph(
     n, R, kappa = len(nodes.ids), measured.rotations, measured.kappa
     rotation = RotationGraph(n, measured.nodes, R, kappa)
     if len(measured.scales):
-        more = measured.scales, np.arange(n) != unit
-        return SimilarityGraph(
-            rotation, measured.translations, measured.tau, None, None, None, None, *more
-        )
+        free = np.arange(n) != unit
+        t, tau, scales = measured.translations, measured.tau, measured.scales
+        return SimilarityGraph(rotation, t, tau, scales=scales, free=free)
     if not with_translations:
         return rotation
-    return PoseGraph(rotation, measured.translations, measured.tau, points=nodes.points)
+    return PoseGraph(
+        rotation,
+        measured.translations,
+        measured.tau,
+        points=nodes.points,
+        information=measured.information,
+    )
 
 
 def anchored(graph: PoseGraph, priors: Rows) -> tuple[PoseGraph, FloatArray | None, str]:
@@ -203,33 +202,27 @@ def anchored(graph: PoseGraph, priors: Rows) -> tuple[PoseGraph, FloatArray | No
         kappa=priors.kappa,
         tau=priors.tau,
     )
+    stated, m = joined.information, graph.num_edges + len(priors)
+    place = stated and stated.subset(np.arange(m, joined.num_edges))
+    both = joined_information([graph.information, priors.information, place])
     said = counted(len(priors), "prior{s}, measured from a node that stands for the world")
     for alone, what in ((priors.kappa == 0.0, "positions"), (~placed, "attitudes")):
         if alone.any():
             said += f"; {int(alone.sum())} of them {what} alone"
-    return joined, origin if origin.any() else None, said
+    return joined.with_information(both), origin if origin.any() else None, said
 
 
-def _of_place(graph: PoseGraph) -> Information:
-    """The information matrix of the last edge, which puts the world somewhere."""
-    d = graph.d
-    weights = np.where(np.arange(d * (d + 1) // 2) < d, graph.tau[-1], 0.0)
-    return Information(np.diag(weights)[None], np.zeros(1, dtype=np.intp))
-
-
-def _of_bodies(
-    graph: PoseGraph, information: Information | None, mounts: Frames | None
-) -> tuple[PoseGraph, Information | None]:
+def _of_bodies(graph: PoseGraph, mounts: Frames | None) -> PoseGraph:
     """The graph whose last measurements, the priors, are of sensors that are on their bodies."""
     if mounts is None:
-        return graph, information
+        return graph
     none = Frames.none(graph.num_edges, graph.d)
     m = graph.num_measurements
     of_priors = slice(m - len(mounts.translations), m)
     second = Frames(none.rotations.copy(), none.translations.copy())
     second.rotations[of_priors] = mounts.rotations
     second.translations[of_priors] = mounts.translations
-    return mounted(graph, information, graph.edges, none, second)
+    return mounted(graph, graph.edges, none, second)
 
 
 def _ranges(num_nodes: int, rows: Rows | None) -> Ranges | None:

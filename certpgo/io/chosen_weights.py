@@ -8,7 +8,7 @@ import numpy as np
 
 from certpgo.errors import InputError
 from certpgo.graph import Graph, Instance, PoseGraph
-from certpgo.graph.information import mahalanobis as mahalanobis_weights
+from certpgo.graph.mahalanobis import mahalanobis as mahalanobis_weights
 from certpgo.graph.phrases import counted
 
 #: Notice about lowered Mahalanobis weights, with the number of edges.
@@ -64,7 +64,7 @@ class ChosenWeights:
         graph, ranges = self._overridden(instance.graph), instance.ranges
         if ranges is not None and self.unit:
             ranges = replace(ranges, weights=np.ones(ranges.num_edges))
-        return replace(instance, graph=graph, information=None, ranges=ranges)
+        return replace(instance, graph=graph, ranges=ranges)
 
     def _overridden(self, graph: Graph) -> Graph:
         kappa, tau = (1.0, 1.0) if self.unit else (self.kappa, self.tau)
@@ -90,15 +90,15 @@ class ChosenWeights:
 
 
 def _with_mahalanobis(instance: Instance) -> Instance:
-    graph, information = instance.graph, instance.information
-    if not isinstance(graph, PoseGraph) or information is None:
+    graph = instance.graph
+    if not isinstance(graph, PoseGraph) or graph.information is None:
         raise InputError(
             f"{instance.source or instance.name}: Mahalanobis weights need poses with "
             "rotational information, about a tangent vector or a quaternion, on every edge"
         )
     scale = 0.25 if instance.options.get("rotation_information") == "quaternion" else 1.0
-    graph, clipped = mahalanobis_weights(graph, information, scale)
+    graph, clipped = mahalanobis_weights(graph, graph.information, scale)
     notices = instance.notices
     if clipped:
         notices += (counted(clipped, CLIPPED),)
-    return replace(instance, graph=graph, information=None, notices=notices)
+    return replace(instance, graph=graph, notices=notices)

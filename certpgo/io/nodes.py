@@ -217,10 +217,9 @@ def _in_body_frame(path: Path, sightings: Rows, sensors: dict[int, _Pose]) -> Ro
     d, R = t.shape[1], at.rotations
     t[own] = (R @ t[own, :, None])[:, :, 0] + at.translations
     if information is not None:
-        matrices = information.matrices[:, :d, :d]
+        matrices = information.matrices[:, :d, :d].copy()
         matrices[own] = symmetric(R @ matrices[own] @ np.swapaxes(R, 1, 2))
-        every = np.arange(len(sightings))
-        information = Information(of_positions(matrices), every, information.residual)
+        information = Information.of(of_positions(matrices), information.residual)
     return replace(sightings, translations=t, information=information)
 
 

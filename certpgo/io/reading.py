@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import get_args
@@ -10,9 +10,10 @@ from typing import get_args
 import numpy as np
 
 from certpgo.errors import FormatError, InputError
-from certpgo.graph import Instance
+from certpgo.graph import Graph, Instance, PoseGraph
 from certpgo.graph.edges import Keep, simple_edges
 from certpgo.graph.held import with_held
+from certpgo.graph.information import RotationAbout
 from certpgo.io.chosen_weights import ChosenWeights
 from certpgo.io.estimates import matched_truth, truth_in_words, warn_of
 from certpgo.io.format import (
@@ -174,7 +175,17 @@ def _with_choices(instance: Instance, keep: Keep, weights: ChosenWeights) -> Ins
         options["keep"] = keep
     if str(weights) != "file":
         options["weights"] = str(weights)
-    return replace(instance, options=options)
+    return replace(instance, graph=_about(instance.graph, options), options=options)
+
+
+def _about(graph: Graph, options: Mapping[str, str]) -> Graph:
+    """The graph whose information says what its kappa was taken to be about."""
+    if not isinstance(graph, PoseGraph) or graph.information is None:
+        return graph
+    about: RotationAbout = "tangent"
+    if options["rotation_information"] == "quaternion":
+        about = "quaternion"
+    return graph.with_information(replace(graph.information, about=about))
 
 
 def _with_truth(instance: Instance, path: Path) -> Instance:

@@ -72,7 +72,7 @@ class Rows:
     def subset(self, chosen: IntArray | BoolArray) -> Rows:
         """Some lines, by index or mask."""
         columns: dict[str, Any] = {name: getattr(self, name)[chosen] for name in self._columns()}
-        information = self.information and _used(self.information.subset(chosen))
+        information = self.information and self.information.subset(chosen)
         return replace(self, **columns, information=information)
 
     def in_order(self) -> Rows:
@@ -128,9 +128,3 @@ class Records:
     def take(self, kind: Kind) -> Rows:
         """All lines of a kind, in the order of the file, which are then no longer here."""
         return Rows.joined(self.rows.pop(kind, [Rows.none(self.d)])).in_order()
-
-
-def _used(information: Information) -> Information:
-    """The matrices without those that no edge has."""
-    used, index = np.unique(information.index, return_inverse=True)
-    return Information(information.distinct[used], index, information.residual)

@@ -68,7 +68,7 @@ class Objective(Speaking, ABC):
         *measured, _ = self.graph._facts()
         yield "cost", "F, of residuals weighed by kappa and tau; problem.cost(estimate)"
         yield from measured
-        yield "next", "certpgo.certify(problem, estimate); certpgo.solve(problem.graph)"
+        yield "next", "certpgo.certify(problem, estimate); certpgo.solve(problem)"
 
     def _picture(self) -> str:
         return self.graph._picture()

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from certpgo.errors import InputError, SpecError
 from certpgo.graph import Graph, Instance, PoseGraph
-from certpgo.graph.information import Information, InformationGraph
 from certpgo.graph.kinds import Kind
 from certpgo.graph.phrases import counted
 from certpgo.graph.priors import require_determined, require_held
@@ -19,8 +17,9 @@ from certpgo.objective.costs import CHORDAL, COSTS
 from certpgo.objective.edge_cost import EdgeCost
 from certpgo.objective.information_problem import InformationProblem, Surrogate, surrogate
 from certpgo.objective.position_costs import WithPositions
-from certpgo.objective.problem import SCALED, Problem, problem_of
+from certpgo.objective.problem import SCALED, PoseProblem, Problem, problem_of
 from certpgo.objective.range_problem import RangeProblem
+from certpgo.objective.rotation_problem import RotationProblem
 from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.objective.truncated_problem import TruncatedProblem
 
@@ -50,33 +49,33 @@ __all__ = [
 ]
 
 
-def own_cost(instance: Instance) -> str:
-    """The cost that the program of an instance's file minimises, if it can be certified.
+def own_cost(measured: Graph | Instance) -> str:
+    """The cost that the program of a graph's file minimises, if it can be certified.
 
     That is ``"g2o"`` for a g2o file whose information matrices are all positive definite where they
     state something, ``"gtsam"`` for such a JSON Robot Log, and ``"chordal"`` otherwise.
     """
-    own = None if instance.information is None else instance.information.residual
-    return own if own is not None and own in COSTS and _takes(instance, own) else CHORDAL
+    graph = measured.graph if isinstance(measured, Instance) else measured
+    own = None if graph.information is None else graph.information.residual
+    return own if own is not None and own in COSTS and _takes(graph, own) else CHORDAL
 
 
 def costs_of(instance: Instance) -> tuple[str, ...]:
     """The costs that an instance can be certified under, that of `own_cost` first."""
     own = own_cost(instance)
     others = COSTS if instance.ranges is None else ()
-    known = (CHORDAL, *(cost for cost in others if _takes(instance, cost)))
+    known = (CHORDAL, *(cost for cost in others if _takes(instance.graph, cost)))
     return own, *(cost for cost in known if cost != own)
 
 
-def _takes(instance: Instance, cost: str) -> bool:
-    """Whether an instance has poses and definite information matrices alone, and the cost both."""
-    information, graph = instance.information, instance.graph
-    if information is None or not isinstance(graph, PoseGraph):
+def _takes(graph: Graph, cost: str) -> bool:
+    """Whether a graph has poses and definite information matrices alone, and the cost takes it."""
+    if not isinstance(graph, PoseGraph):
         return False
-    return bool(information.is_definite.all()) and not _unknown_to(cost, instance, graph)
+    return bool(graph.is_definite.all()) and not _unknown_to(cost, graph)
 
 
-def _unknown_to(cost: str, instance: Instance, graph: PoseGraph) -> str:
+def _unknown_to(cost: str, graph: PoseGraph) -> str:
     """What is measured that the cost of another program does not know; or empty."""
     if not graph.rotation.kappa.any():
         return f"--cost {cost} needs relative poses, not positions alone"
@@ -85,27 +84,27 @@ def _unknown_to(cost: str, instance: Instance, graph: PoseGraph) -> str:
     if graph.arms is not None:
         said = f"the cost of {cost} knows no sensors apart from their bodies, and no held poses"
         return f"{said} (--cost g2o and chordal do)"
-    if alone := int(instance.measurements.are(Kind.TRANSLATION).sum()):
+    if alone := int(np.count_nonzero(graph.kinds == Kind.TRANSLATION)):
         measured = counted(alone, Kind.TRANSLATION.phrase)
         return f"the cost of {cost} needs rotations with its {measured}"
     return ""
 
 
 def problem_under(
-    posed: Graph | Instance | InformationProblem, cost: str | None = None
+    posed: Graph | Instance | Problem | InformationProblem, cost: str | None = None
 ) -> Problem | InformationProblem:
     """The problem under a cost: ``"chordal"``, or see `information_problem`.
 
     Parameters
     ----------
     posed : a graph or an instance; or a problem, which has its cost already and takes no other
-    cost : by default that of `own_cost` for an instance, and ``"chordal"`` for a graph
+    cost : by default that of `own_cost`
 
     Raises
     ------
     InputError
-        A cost of another program, and no instance; or an instance with distances, which is
-        `range_problem`'s.
+        A cost of another program, and a problem that has its own, or no information matrices; or an
+        instance with distances, which is `range_problem`'s.
     """
     if isinstance(posed, Instance) and posed.ranges is not None:
         raise InputError(
@@ -115,25 +114,22 @@ def problem_under(
     if isinstance(_graph_of(posed), SimilarityGraph):
         said = f"{posed.source or posed.name}: " if isinstance(posed, Instance) else ""
         raise InputError(f"{said}{SCALED}")
-    if isinstance(posed, Instance):
-        cost = own_cost(posed) if cost is None else cost
-        if isinstance(posed.graph, PoseGraph) and posed.graph.is_partial:
-            require_determined(posed.graph, posed.named)
-    if cost not in (None, CHORDAL):
-        if cost not in COSTS:
-            raise SpecError.unknown("cost", str(cost), [CHORDAL, *COSTS])
-        if not isinstance(posed, Instance):
-            said = f"cost={cost!r} needs the instance that was read, with its information"
-            raise InputError(said)
-        return information_problem(posed, cost)
-    if isinstance(posed, InformationProblem):
+    if isinstance(posed, PoseProblem | RotationProblem | InformationProblem):
+        own = posed.cost_name if isinstance(posed, InformationProblem) else CHORDAL
+        if cost not in (None, own):
+            raise InputError(f"cost={cost!r} is a choice for graphs: this problem has {own!r}")
         return posed
-    return problem_of(posed.graph if isinstance(posed, Instance) else posed)
+    graph = posed.graph if isinstance(posed, Instance) else posed
+    if isinstance(posed, Instance) and isinstance(graph, PoseGraph) and graph.is_partial:
+        require_determined(graph, posed.named)
+    chosen = own_cost(graph) if cost is None else cost
+    if chosen not in (CHORDAL, *COSTS):
+        raise SpecError.unknown("cost", chosen, [CHORDAL, *COSTS])
+    return problem_of(graph) if chosen == CHORDAL else information_problem(posed, chosen)
 
 
 def certifiable(
-    posed: Graph | Instance | InformationProblem | RangeProblem | SimilarityProblem,
-    cost: str | None = None,
+    posed: Graph | Instance | Certifiable | SimilarityProblem, cost: str | None = None
 ) -> Certifiable:
     """The problem as of `problem_under`, `range_problem` or `similarity_problem`."""
     if isinstance(posed, RangeProblem | SimilarityProblem):
@@ -145,15 +141,12 @@ def certifiable(
     return problem_under(posed, cost)
 
 
-def _graph_of(
-    posed: Graph | Instance | InformationProblem | RangeProblem | SimilarityProblem,
-) -> object:
+def _graph_of(posed: object) -> object:
     return getattr(posed, "graph", posed)
 
 
 def similarity_problem(
-    posed: Graph | Instance | InformationProblem | RangeProblem | SimilarityProblem,
-    cost: str | None = None,
+    posed: Graph | Instance | Certifiable | SimilarityProblem, cost: str | None = None
 ) -> SimilarityProblem:
     """The problem of a graph with nodes of unknown scale, or of an instance with one.
 
@@ -196,12 +189,12 @@ def range_problem(instance: Instance, cost: str | None = None) -> RangeProblem:
     return RangeProblem(instance.graph, instance.ranges)
 
 
-def information_problem(instance: Instance, cost: str) -> InformationProblem:
-    """The problem of an instance under the cost of another program.
+def information_problem(measured: Graph | Instance, cost: str) -> InformationProblem:
+    """The problem of measurements under the cost of another program.
 
     Parameters
     ----------
-    instance : as read from a file with information matrices
+    measured : with information matrices, as read from a file that has some
     cost : the name of one of `COSTS`, such as ``"g2o"`` or ``"gtsam"``
 
     Raises
@@ -213,48 +206,43 @@ def information_problem(instance: Instance, cost: str) -> InformationProblem:
     """
     if cost not in COSTS:
         raise SpecError.unknown("cost", cost, list(COSTS))
-    source = instance.source or instance.name
-    if not isinstance(instance.graph, PoseGraph) or instance.information is None:
+    instance = measured if isinstance(measured, Instance) else None
+    graph = measured.graph if isinstance(measured, Instance) else measured
+    source = f"{instance.source or instance.name}: " if instance else ""
+    if not isinstance(graph, PoseGraph) or graph.information is None:
         needed = f"--cost {cost} needs poses with information matrices on every edge"
-        raise InputError(f"{source}: {needed}; {_lack(instance)}")
-    if said := _unknown_to(cost, instance, instance.graph):
-        raise InputError(f"{source}: {said}")
-    graph = weighed_by(cost, instance.graph, instance.information, instance.options)
+        raise InputError(f"{source}{needed}; {_lack(graph, instance.options if instance else {})}")
+    if said := _unknown_to(cost, graph):
+        raise InputError(f"{source}{said}")
+    graph = weighed_by(cost, graph)
     problem = InformationProblem(edge_cost(graph, cost))
-    problem.refuse_indefinite(instance.name)  # no path, as tables keep it
+    problem.refuse_indefinite(instance.name if instance else "")  # no path, as tables keep it
     return problem
 
 
-def weighed_by(
-    cost: str, graph: PoseGraph, information: Information, options: Mapping[str, Any]
-) -> InformationGraph:
-    """Measurements with the weights of a cost, which knows what rotational information is of.
+def weighed_by(cost: str, graph: PoseGraph) -> PoseGraph:
+    """Measurements with the kappa of a cost, which knows what rotational information is about.
 
-    So does its kappa, whatever was said when the file was read.
-
-    Parameters
-    ----------
-    options : with which the file was read
+    That is so whatever was said when the file was read.
     """
-    if graph.d == 3:
-        read = options.get("rotation_information", "tangent")
-        halved = [one == "quaternion" for one in (read, COSTS[cost].rotation_information)]
-        factors = np.full(graph.num_edges, 4.0 ** (halved[0] - halved[1]))
-        graph = replace(graph, rotation=graph.rotation.reweighted(factors))
-    return InformationGraph(graph, information.matrices)
+    information, about = graph.information, COSTS[cost].rotation_information
+    if graph.d == 2 or information is None or information.about == about:
+        return graph
+    factors = np.full(graph.num_edges, 0.25 if about == "quaternion" else 4.0)
+    rotation = graph.rotation.reweighted(factors)
+    return replace(graph, rotation=rotation, information=replace(information, about=about))
 
 
-def edge_cost(graph: InformationGraph, cost: str) -> EdgeCost:
+def edge_cost(graph: PoseGraph, cost: str) -> EdgeCost:
     """The cost of that name in `COSTS`, for measurements of poses, positions or rotations."""
-    if not graph.isotropic.is_partial:
+    if not graph.is_partial:
         return COSTS[cost](graph)
     return WithPositions(graph, COSTS[cost])
 
 
-def _lack(instance: Instance) -> str:
-    """Why an instance has no information matrices."""
-    options = instance.options
-    if not isinstance(instance.graph, PoseGraph):
+def _lack(graph: Graph, options: Mapping[str, str]) -> str:
+    """Why a graph, read with these options, has no information matrices."""
+    if not isinstance(graph, PoseGraph):
         return "these are rotations alone"
     if options.get("weights", "file") != "file":
         return "other weights were chosen"

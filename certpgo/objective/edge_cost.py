@@ -16,9 +16,11 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from certpgo.checker import FAR
+from certpgo.errors import GraphError
 from certpgo.graph.display import Brief
 from certpgo.graph.estimate import Estimate
-from certpgo.graph.information import InformationGraph
+from certpgo.graph.information import RotationAbout
 from certpgo.graph.pose_graph import PoseGraph
 from certpgo.graph.relaxed_point import translations_of
 from certpgo.graph.rotation_graph import RotationGraph
@@ -98,9 +100,14 @@ class EdgeCost(ABC):
     ----------
     graph : the measurements with their information matrices; a cost has no other weights, so that
         scaling and removing measurements need to know the graph alone
+
+    Raises
+    ------
+    GraphError
+        They have none, or entries beyond the range of weights.
     """
 
-    graph: InformationGraph
+    graph: PoseGraph
 
     #: Name in options and reports.
     name: ClassVar[str]
@@ -112,7 +119,11 @@ class EdgeCost(ABC):
     decoupled: ClassVar[bool] = False
     #: What rotational information in space is of: a ``"tangent"`` vector, or the vector part of a
     #: ``"quaternion"``, which is half of it.
-    rotation_information: ClassVar[str] = "tangent"
+    rotation_information: ClassVar[RotationAbout] = "tangent"
+
+    def __post_init__(self) -> None:
+        if not (np.abs(self.graph.information_matrices) < FAR).all():
+            raise GraphError(f"information must be finite, with entries below {FAR:.2g}")
 
     @property
     def turned_share(self) -> float:
@@ -130,7 +141,7 @@ class EdgeCost(ABC):
     @property
     def weights(self) -> FloatArray:
         """(m, k, k) weights W of the residuals: by default the information."""
-        return self.graph.information
+        return self.graph.information_matrices
 
     @cached_property
     def measured(self) -> Ball:
@@ -167,7 +178,7 @@ class EdgeCost(ABC):
         """A cost nowhere above this one that may have a bound where this one has none."""
         return None
 
-    def on(self, graph: InformationGraph | None) -> Self | None:
+    def on(self, graph: PoseGraph | None) -> Self | None:
         """The same cost on another graph, if there is one."""
         return None if graph is None else replace(self, graph=graph)
 
@@ -177,7 +188,7 @@ class EdgeCost(ABC):
         R = Ball.within(estimate.rotations, rotation_defect(estimate.rotations))
         t = Ball.exact(translations_of(estimate))
         v, Q = R.T[i].apply(t[j] - t[i]), R.T[i] @ R[j]
-        if (arms := self.graph.isotropic.arms) is not None:
+        if (arms := self.graph.arms) is not None:
             v = v + Q.apply(Ball.exact(arms))
         found = self.enclosures(v, Q)
         return found.lower, found.upper

@@ -40,7 +40,7 @@ class EdgeEquations:
         # Not inherited: what derives from a cost may have another residual.
         kind: str = vars(type(cost)).get("compiled_residual", "")
         self._series = _SERIES.get(kind)
-        armed = cost.graph.isotropic.arms is not None
+        armed = cost.graph.arms is not None
         self._is_compiled = compiled.AVAILABLE and kind in _SERIES and not armed
 
     def first(self, point: Estimate) -> tuple[float, FloatArray]:
@@ -78,7 +78,7 @@ class EdgeEquations:
 
     def _linearized(self, point: Estimate) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Residuals (m, k) and their derivatives by the first and the second pose, (m, k, p)."""
-        graph = self._cost.graph.isotropic
+        graph = self._cost.graph
         v, Q = relative(graph, point)
         e, in_v, in_w = self._cost.linearized(v, Q)
         # v moves by R_i^T (dt_j - dt_i) + v x w_i - Q (a x w_j), and Q by Q exp(w_j - Q^T w_i).
@@ -97,7 +97,7 @@ class EdgeEquations:
     @cached_property
     def _arrays(self) -> tuple[tuple[Any, ...], int, FloatArray, FloatArray | None]:
         graph, weights = self._cost.graph, np.ascontiguousarray(self._cost.weights)
-        rotation, moved = graph.rotation, (graph.isotropic.tau, graph.translations)
+        rotation, moved = graph.rotation, (graph.tau, graph.translations)
         edges = rotation.edges, rotation.rotations, None, rotation.kappa, *moved, None
         arrays = tuple(None if x is None else np.ascontiguousarray(x) for x in edges)
         return arrays, graph.d, weights, self._series

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from certpgo.graph.information import InformationGraph
+from certpgo.graph import PoseGraph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.ball_arithmetic import Ball, arctan2
@@ -23,7 +23,7 @@ TINY = 2.0**-60
 
 
 def minorants_in_the_plane(
-    graph: InformationGraph, measured: Ball, y: FloatArray, E: FloatArray
+    graph: PoseGraph, measured: Ball, y: FloatArray, E: FloatArray
 ) -> Minorants:
     """Minorants that touch at translations y (m, 2) and rotations E (m, 2, 2), up to rounding."""
     theta = so.log(E)

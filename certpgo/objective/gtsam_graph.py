@@ -12,7 +12,7 @@ import numpy as np
 
 from certpgo.errors import InputError, MissingDependency, kind_of
 from certpgo.graph import Estimate, PoseGraph, RotationGraph, SimilarityGraph
-from certpgo.graph.information import InformationGraph
+from certpgo.graph.information import Information
 from certpgo.io.gtsam_values import estimate_from_values
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective import gtsam_similarities
@@ -214,9 +214,8 @@ def factors_of(problem: InformationProblem) -> Any:
     factor = getattr(gtsam, f"BetweenFactorPose{d}")
     graph = gtsam.NonlinearFactorGraph()
     matrices = _matrices(measured.rotations, measured.translations)
-    for (i, j), M, full in zip(
-        measured.edges.tolist(), matrices, measured.information, strict=True
-    ):
+    stated = measured.information_matrices
+    for (i, j), M, full in zip(measured.edges.tolist(), matrices, stated, strict=True):
         noise = gtsam.noiseModel.Gaussian.Information(full[np.ix_(order, order)])
         graph.add(factor(i, j, _pose(gtsam, M), noise))
     return graph
@@ -241,8 +240,9 @@ def _problem(
     )
     kappa = (1.0 if d == 2 else 1.5) / inverse_R
     rotation = RotationGraph(n, edges, poses[:, :d, :d], kappa)
-    graph = PoseGraph(rotation, poses[:, :d, d], d / inverse_t)
-    return InformationProblem(GtsamCost(InformationGraph(graph, information)))
+    stated = Information.of(information, "gtsam")
+    graph = PoseGraph(rotation, poses[:, :d, d], d / inverse_t, information=stated)
+    return InformationProblem(GtsamCost(graph))
 
 
 def _information(factor: Any, d: int) -> FloatArray:

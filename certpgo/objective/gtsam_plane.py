@@ -37,7 +37,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from certpgo.graph.information import InformationGraph
+from certpgo.graph import PoseGraph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.linalg.ball_arithmetic import Ball, is_positive_definite
@@ -63,13 +63,13 @@ class _Expansion:
 
 
 def minorants_in_the_plane(
-    graph: InformationGraph, measured: Ball, y: FloatArray, E: FloatArray
+    graph: PoseGraph, measured: Ball, y: FloatArray, E: FloatArray
 ) -> Minorants:
     """Minorants that touch at translations y (m, 2) and rotations E (m, 2, 2), up to rounding.
 
     None where the information is not positive definite.
     """
-    T, p, w = _blocks(graph.information)
+    T, p, w = _blocks(graph.information_matrices)
     tau, rest, r, left = _split(T, p, w)
     theta = clipped(so.log(E))[:, 0]
     at = AngleFunctions.of(np.abs(theta))
@@ -103,7 +103,7 @@ def minorants_in_the_plane(
 
 
 def _with_constants(
-    graph: InformationGraph,
+    graph: PoseGraph,
     measured: Ball,
     found: Minorants,
     about: _Expansion,
@@ -118,9 +118,9 @@ def _with_constants(
     return Minorants(tau, a, b, N, np.where(sound & np.isfinite(constant), constant, -np.inf))
 
 
-def _constants(graph: InformationGraph, R: Ball, found: Minorants, about: _Expansion) -> FloatArray:
+def _constants(graph: PoseGraph, R: Ball, found: Minorants, about: _Expansion) -> FloatArray:
     """Lower bounds (m,) on f less the minorants with constant zero."""
-    T, p, w = (Ball.exact(block).widened for block in _blocks(graph.information))
+    T, p, w = (Ball.exact(block).widened for block in _blocks(graph.information_matrices))
     tau, a, at = Ball.exact(found.tau).widened, Ball.exact(found.a).widened, about.at
     b = R.T.apply(Ball.exact(found.b).widened - graph.translations)
     N = R.T @ found.N + tau[:, None, None] * b[:, :, None] * a[:, None, :]

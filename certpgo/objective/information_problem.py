@@ -13,9 +13,9 @@ from certpgo.errors import GraphError, InputError, NumericalError
 from certpgo.graph import Estimate, PoseGraph
 from certpgo.graph.display import Speaking
 from certpgo.graph.graph import require_connected
-from certpgo.graph.information import InformationGraph
 from certpgo.graph.priors import require_determined
 from certpgo.graph.relaxed_point import Point, translations_of
+from certpgo.graph.scale import Scale
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import Layout
@@ -111,41 +111,41 @@ class InformationProblem(Speaking):
     engine: str = field(default_factory=default_engine)
 
     def __post_init__(self) -> None:
-        require_connected(self.graph.isotropic)
+        require_connected(self.graph)
         if not self.graph.rotation.kappa.any():
             raise GraphError(
                 f"the cost of {self.edge_cost.name} needs relative poses, not positions alone"
             )
-        if self.graph.isotropic.is_partial:
-            require_determined(self.graph.isotropic)
+        if self.graph.is_partial:
+            require_determined(self.graph)
 
     @property
     def _headline(self) -> str:
-        return f"{type(self).__name__}: {self.graph.isotropic.size_in_words}"
+        return f"{type(self).__name__}: {self.graph.size_in_words}"
 
     def _facts(self) -> Iterator[tuple[str, str]]:
         yield "cost", self.edge_cost.title
         yield "next", "certpgo.solve(problem); certpgo.certify(problem, estimate)"
 
     def _picture(self) -> str:
-        return self.graph.isotropic._picture()
+        return self.graph._picture()
 
     @property
-    def graph(self) -> InformationGraph:
+    def graph(self) -> PoseGraph:
         """The measurements."""
         return self.edge_cost.graph
 
     @cached_property
     def chordal(self) -> PoseProblem:
         """The problem of the same measurements with isotropic weights; shares pattern and order."""
-        return PoseProblem(self.graph.isotropic, self.engine)
+        return PoseProblem(self.graph, self.engine)
 
     is_chordal = is_lifted = False
 
     @property
     def measured(self) -> PoseGraph:
         """The measurements with isotropic weights."""
-        return self.graph.isotropic
+        return self.graph
 
     def surrogate(self, point: Point) -> tuple[PoseProblem, float]:
         """A problem under F, and a constant: together nowhere above the cost, and equal there."""
@@ -165,7 +165,7 @@ class InformationProblem(Speaking):
     @property
     def unprovable(self) -> str:
         """Why there are no proofs of the cost; empty if there are."""
-        if self.graph.isotropic.arms is not None:
+        if self.graph.arms is not None:
             return self.chordal.unprovable
         if self.edge_cost.provable:
             return ""
@@ -183,8 +183,8 @@ class InformationProblem(Speaking):
 
     @cached_property
     def scale(self) -> float:
-        """W_f, see `InformationGraph.scale`."""
-        return self.graph.scale
+        """W_f, see `certpgo.graph.scale`."""
+        return Scale.informed(self.graph).total
 
     def scaled(self, factor: float) -> InformationProblem:
         """The same measurements with all weights times ``factor``."""
@@ -197,7 +197,7 @@ class InformationProblem(Speaking):
     def with_cost(self, edge_cost: EdgeCost) -> InformationProblem:
         """The problem of another cost on the same edges; pattern and order are shared."""
         other = InformationProblem(edge_cost, self.engine)
-        other.__dict__["chordal"] = self.chordal.of_same_edges(edge_cost.graph.isotropic)
+        other.__dict__["chordal"] = self.chordal.of_same_edges(edge_cost.graph)
         return other
 
     def check(self, estimate: Estimate) -> None:
@@ -206,12 +206,12 @@ class InformationProblem(Speaking):
 
     def relative(self, point: Point) -> tuple[FloatArray, FloatArray]:
         """(m, d) vectors v = R_i^T (t_j + R_j a - t_i) and (m, d, d) rotations Q = R_i^T R_j."""
-        return relative(self.graph.isotropic, point)
+        return relative(self.graph, point)
 
     def bend(self, v: FloatArray, weights: FloatArray) -> float:
         """What translations v (m, d) add to the cost over minorants with these weights (m,)."""
         y = (np.swapaxes(self.graph.rotations, 1, 2) @ v[:, :, None])[:, :, 0]
-        T = self.graph.information[:, : self.d, : self.d]
+        T = self.graph.information_matrices[:, : self.d, : self.d]
         return float(np.einsum("ma,mab,mb->", y, T, y) - weights @ (v * v).sum(axis=1))
 
     def edge_costs(self, estimate: Estimate) -> FloatArray:
@@ -368,8 +368,8 @@ def surrogate_of(problem: InformationProblem, minorants: Minorants) -> Surrogate
     """
     graph, found, kept = problem.graph, minorants, minorants.exist
     if not kept.all():
-        if not kept.any() or not graph.with_edges(kept).isotropic.is_connected:
+        if not kept.any() or not graph.with_edges(kept).is_connected:
             raise NumericalError("measurements with minorants do not connect the graph")
         found, graph = found.subset(kept), graph.with_edges(kept)
-    general, constant = found.summed(graph.isotropic)
+    general, constant = found.summed(graph)
     return Surrogate(problem.chordal.of_same_edges(general), constant, minorants)

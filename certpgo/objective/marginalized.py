@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo.graph import PoseGraph
-from certpgo.graph.information import InformationGraph, unmeasured
+from certpgo.graph.information import unmeasured
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.linalg.ball_arithmetic import Ball, eliminated, is_positive_definite
 
@@ -50,7 +50,7 @@ class SetAside:
 
 
 def set_aside(
-    graph: InformationGraph,
+    graph: PoseGraph,
     e: FloatArray,
     curvature: Callable[[FloatArray, FloatArray, FloatArray], FloatArray],
 ) -> SetAside:
@@ -63,15 +63,15 @@ def set_aside(
         at most zero if it is of little use, -inf if there is none
     """
     d = graph.d
-    T, P, W = blocks(graph.information, d)
+    T, P, W = blocks(graph.information_matrices, d)
     m = len(W)
-    x, slope = e[:, d:], 2.0 * (graph.information @ e[:, :, None])[:, :, 0]
+    x, slope = e[:, d:], 2.0 * (graph.information_matrices @ e[:, :, None])[:, :, 0]
     # For a smaller lam, S is positive definite.
-    definite = graph.is_definite & ~unmeasured(graph.information).any(axis=1)
+    definite = graph.is_definite & ~unmeasured(graph.information_matrices).any(axis=1)
     scalar = is_isotropic(T) & ~P.any(axis=(1, 2))
     largest = np.where(scalar, T[:, 0, 0], 0.0)
     tried = np.flatnonzero(definite & ~scalar)
-    covariance = np.linalg.inv(graph.information[tried])
+    covariance = np.linalg.inv(graph.information_matrices[tried])
     largest[tried] = 1.0 / np.linalg.eigvalsh(covariance[:, :d, :d])[:, -1]
     lam = np.where(scalar & definite, WHOLE * largest, np.nan)
     schur, best = np.where(scalar[:, None, None], W, np.nan), np.full(m, -np.inf)
@@ -90,7 +90,7 @@ def set_aside(
 
 
 def remainder(
-    graph: InformationGraph, measured: Ball, lam: FloatArray, b: FloatArray
+    graph: PoseGraph, measured: Ball, lam: FloatArray, b: FloatArray
 ) -> tuple[Ball, Ball, Ball]:
     """S (m, q, q), l (m, q) and the constants (m,), whose radius is infinite if A is not definite.
 
@@ -99,7 +99,7 @@ def remainder(
     measured : (m, d, d) the measured rotations
     lam, b : (m,) and (m, d), any
     """
-    d, information = graph.d, graph.information
+    d, information = graph.d, graph.information_matrices
     p = information.shape[1]
     y = measured.T.apply(Ball.exact(b) - graph.translations)
     T, P, W = blocks(information, d)
@@ -128,10 +128,10 @@ def remainder(
 
 
 def lowered(
-    graph: InformationGraph,
+    graph: PoseGraph,
     chosen: BoolArray,
     lower: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]],
-) -> InformationGraph | None:
+) -> PoseGraph | None:
     """The graph with less information on the chosen edges (m,), none of it in cross terms.
 
     None if none are chosen, or the difference is not proven to be positive definite.
@@ -140,7 +140,7 @@ def lowered(
     ----------
     lower : blocks T (k, d, d) and W (k, q, q) to blocks nowhere above them, up to rounding
     """
-    d, full = graph.d, graph.information[chosen]
+    d, full = graph.d, graph.information_matrices[chosen]
     if unmeasured(full).any():
         return None
     below = np.zeros_like(full)
@@ -150,9 +150,9 @@ def lowered(
         proven = is_positive_definite(Ball.exact(full) - below)
     if not (chosen.any() and proven.all()):
         return None
-    information = graph.information.copy()
+    information = graph.information_matrices.copy()
     information[chosen] = below
-    return InformationGraph(graph.isotropic, information)
+    return graph.with_information(information)
 
 
 def _decoupled(information: FloatArray, d: int) -> tuple[FloatArray, FloatArray]:
@@ -188,7 +188,7 @@ def blocks(information: FloatArray, d: int) -> tuple[FloatArray, FloatArray, Flo
     return information[:, :d, :d], information[:, :d, d:], information[:, d:, d:]
 
 
-def isotropic_below(graph: InformationGraph, turned_share: float) -> PoseGraph | None:
+def isotropic_below(graph: PoseGraph, turned_share: float) -> PoseGraph | None:
     """The same measurements with weights whose F is nowhere above a cost, edge by edge.
 
     lam_t and lam_R with Omega - blkdiag(lam_t I, lam_R I) proven to be positive definite, so that
@@ -203,12 +203,12 @@ def isotropic_below(graph: InformationGraph, turned_share: float) -> PoseGraph |
     -------
     None where some are not known or not proven.
     """
-    d, unstated = graph.d, unmeasured(graph.information)
+    d, unstated = graph.d, unmeasured(graph.information_matrices)
     moving, turning = np.split(unstated, [d], axis=1)
     if not turned_share or any((rows.any(1) != rows.all(1)).any() for rows in (moving, turning)):
         return None
     # What is not measured is filled by a block of its own, which is taken off again.
-    information = graph.information + unstated[:, :, None] * np.eye(unstated.shape[1])
+    information = graph.information_matrices + unstated[:, :, None] * np.eye(unstated.shape[1])
     T, P, W = blocks(information, d)
     with np.errstate(all="ignore"):
         marginal = np.linalg.eigvalsh(np.linalg.inv(information)[:, :d, :d])[:, -1]
@@ -222,4 +222,4 @@ def isotropic_below(graph: InformationGraph, turned_share: float) -> PoseGraph |
         return None
     kappa = np.nextafter(turned_share * turned, 0.0) * ~turning.all(axis=1)
     tau = np.asarray(moved * ~moving.all(axis=1), dtype=np.float64)
-    return graph.isotropic.with_weights(kappa, tau)
+    return graph.with_weights(kappa, tau)

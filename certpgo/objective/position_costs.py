@@ -17,7 +17,8 @@ from functools import cached_property
 
 import numpy as np
 
-from certpgo.graph.information import InformationGraph, unmeasured
+from certpgo.graph import PoseGraph
+from certpgo.graph.information import unmeasured
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.linalg.ball_arithmetic import Ball
 from certpgo.objective.edge_cost import EdgeCost, Minorants
@@ -74,7 +75,7 @@ class WithPositions(EdgeCost):
     def weights(self) -> FloatArray:
         """(m, k, k) weights of the residuals: for positions their information, then zeros."""
         of_poses = self._poses.weights
-        T, _, _ = blocks(self.graph.information[self._positions], self.graph.d)
+        T, _, _ = blocks(self.graph.information_matrices[self._positions], self.graph.d)
         rest = of_poses.shape[1] - self.graph.d
         return self._joined(of_poses, np.pad(T, ((0, 0), (0, rest), (0, rest))))
 
@@ -110,7 +111,7 @@ class WithPositions(EdgeCost):
     def enclosures(self, v: Ball, Q: Ball) -> Ball:
         """(m,) balls that contain the costs of all of these (v, Q)."""
         whole, here = ~self._positions, self._positions
-        T, _, _ = blocks(self.graph.information[here], self.graph.d)
+        T, _, _ = blocks(self.graph.information_matrices[here], self.graph.d)
         y = v[here] - self.graph.translations[here]
         of_positions = y.dot(Ball.exact(T).apply(y))
         if here.all():
@@ -137,12 +138,12 @@ class WithPositions(EdgeCost):
 
     def _minorants_of_poses(self, v: FloatArray, Q: FloatArray) -> Minorants:
         graph = self._poses.graph
-        alone = ~graph.isotropic.measures_translation
+        alone = ~graph.measures_translation
         if not alone.any():
             return self._poses.minorants(v, Q)
-        d, information = graph.d, graph.information.copy()
+        d, information = graph.d, graph.information_matrices.copy()
         information[alone, :d, :d] = np.eye(d)
-        filled = self.between(InformationGraph(graph.isotropic, information))
+        filled = self.between(graph.with_information(information))
         found = filled.minorants(np.where(alone[:, None], graph.translations, v), Q)
         nothing = alone & ~found.N.any(axis=(1, 2))
         return replace(
@@ -158,14 +159,14 @@ class WithPositions(EdgeCost):
         below = self._poses.relaxed()
         if below is None:
             return None
-        information = self.graph.information.copy()
-        information[~self._positions] = below.graph.information
-        return WithPositions(InformationGraph(self.graph.isotropic, information), self.between)
+        information = self.graph.information_matrices.copy()
+        information[~self._positions] = below.graph.information_matrices
+        return WithPositions(self.graph.with_information(information), self.between)
 
 
-def _minorants_of_positions(graph: InformationGraph, v: FloatArray) -> Minorants:
+def _minorants_of_positions(graph: PoseGraph, v: FloatArray) -> Minorants:
     d, m = graph.d, graph.translations
-    T, _, _ = blocks(graph.information, d)
+    T, _, _ = blocks(graph.information_matrices, d)
     even = is_isotropic(T)
     lam = np.where(even, T[:, 0, 0], SHARE * np.linalg.eigvalsh(T)[:, 0])
     partial = unmeasured(T).any(axis=1)

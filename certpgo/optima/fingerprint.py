@@ -71,8 +71,7 @@ def fingerprint(graph: Graph | Instance, cost: str = CHORDAL) -> Fingerprint | N
     """
     measured = graph.graph if isinstance(graph, Instance) else graph
     ranges = graph.ranges if isinstance(graph, Instance) else None
-    information = graph.information if isinstance(graph, Instance) else None
-    stated = None if information is None else _upper(information)
+    stated = None if measured.information is None else _upper(measured.information)
     if cost == CHORDAL:
         weights = _weights(measured)
     elif stated is None or not isinstance(measured, PoseGraph):

@@ -107,13 +107,8 @@ def pose_graph(
     chosen = np.flatnonzero(whole.components[ends[:, 0]] == largest)
     information = np.linalg.inv(_TO_G2O @ covariances[chosen, :6, :6] @ _TO_G2O.T)
     information = 0.5 * (information + np.swapaxes(information, 1, 2))
-    instance = Instance(
-        name,
-        whole.subgraph(nodes),
-        nodes,
-        information=Information(information, np.arange(len(chosen)), "g2o"),
-    )
-    return instance, chosen
+    graph = whole.subgraph(nodes).with_information(Information.of(information, "g2o", "quaternion"))
+    return Instance(name, graph, nodes), chosen
 
 
 def composed(
@@ -169,13 +164,13 @@ def averaged_scales(
     """
     rigid = averaged(pairs, names, name, initial, trust=trust)
     graph = _similarities(rigid.instance.graph, [pairs[k] for k in rigid.chosen.tolist()])
-    kept = replace(rigid.instance, graph=graph, information=None).with_edges(rigid.kept)
+    kept = replace(rigid.instance, graph=graph).with_edges(rigid.kept)
     found = reweigh(kept).estimate.scales
     scales = np.ones(graph.num_nodes) if found is None else found
     scales = scales / np.exp(np.log(scales).mean())
     units = graph.in_units_of(scales)
     answer = solve(units.with_edges(rigid.kept))
-    instance = replace(rigid.instance, graph=units, information=None)
+    instance = replace(rigid.instance, graph=units)
     return replace(rigid, instance=instance, answer=answer, scales=scales)
 
 
@@ -222,7 +217,7 @@ def averaged_graph(
         numbers = instance.ids[graph.edges]
         trusted = np.flatnonzero(np.abs(numbers[:, 1] - numbers[:, 0]) == 1)
     else:
-        start = solve(graph).estimate
+        start = solve(graph, cost="chordal").estimate
     robust = solve_robustly(graph, initial=start, trusted=trusted)
     weights = robust.solution.weights
     kept = np.ones(graph.num_edges, dtype=bool) if weights is None else weights > 0.0

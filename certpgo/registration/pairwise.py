@@ -111,11 +111,13 @@ def pose_graph(pairs: Sequence[Pair], names: list[str], initial: Estimate) -> In
         for block in (slice(0, 3), slice(3, None))
     )
     rotation = RotationGraph(n, edges, np.array([p.found.R for p in pairs]), 1.5 / inverse_R)
-    graph = PoseGraph(rotation, np.array([p.found.t for p in pairs]), 3.0 / inverse_t)
-    require_connected(graph)
     half = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
-    information = Information(half[:, None] * full * half, np.arange(len(pairs)), "g2o")
-    distinct = tuple(names) if len(set(names)) == n else ()  # files of two folders
-    return Instance(
-        "scans", graph, np.arange(n), initial=initial, names=distinct, information=information
+    graph = PoseGraph(
+        rotation,
+        np.array([p.found.t for p in pairs]),
+        3.0 / inverse_t,
+        information=Information.of(half[:, None] * full * half, "g2o", "quaternion"),
     )
+    require_connected(graph)
+    distinct = tuple(names) if len(set(names)) == n else ()  # files of two folders
+    return Instance("scans", graph, np.arange(n), initial=initial, names=distinct)

@@ -165,7 +165,7 @@ def rungs_of_eigenvalues(
 
 def _searched(problem: Problem, initial: Estimate | None = None) -> CertifiedSolution:
     """The pipeline's result; an unfinished one would be taken for what the graph has to offer."""
-    found = solve(problem.graph, initial=initial)
+    found = solve(problem, initial=initial)
     if found.solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
     return found

@@ -153,7 +153,9 @@ def fit_of(
         instance = instance.with_edges(weights > 0.0)
     mahalanobis = instance.options.get("weights") == "mahalanobis"
     with np.errstate(all="ignore"), suppress(NumericalError, np.linalg.LinAlgError):
-        fit = goodness_of_fit(problem, estimate, instance.information, mahalanobis=mahalanobis)
+        fit = goodness_of_fit(
+            problem, estimate, instance.graph.information, mahalanobis=mahalanobis
+        )
         if fit is None or mahalanobis or "weights_are" in instance.options:
             return fit
         return replace(fit, as_roots=_as_roots(problem, estimate))

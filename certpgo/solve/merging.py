@@ -24,7 +24,6 @@ from certpgo.graph.concatenate import joined, joined_ranges
 from certpgo.graph.display import Speaking
 from certpgo.graph.graph import require_one_unit
 from certpgo.graph.held import refuse_held
-from certpgo.graph.information import Information
 from certpgo.graph.kinds import Kind
 from certpgo.graph.labels import WORLD, Label, Landmark, called, in_order
 from certpgo.graph.origins import in_one_world
@@ -300,17 +299,6 @@ def _raised(label: Label, k: int, offset: int | None) -> Label:
     return Landmark(number) if isinstance(label, Landmark) else number
 
 
-def _information(parts: Sequence[Instance]) -> Information | None:
-    """The information matrices of all measurements; None where some have none."""
-    known = [part.information for part in parts if part.information is not None]
-    if len(known) < len(parts) or len({one.residual for one in known}) > 1:
-        return None
-    starts = np.cumsum([0, *(len(one.distinct) for one in known)])
-    index = [one.index + start for one, start in zip(known, starts, strict=False)]
-    matrices = np.concatenate([one.distinct for one in known])
-    return Information(matrices, np.concatenate(index), known[0].residual)
-
-
 def _joined(
     maps: Sequence[Instance], names: Sequence[Sequence[Label]], between: Instance
 ) -> tuple[Instance, IntArray]:
@@ -336,7 +324,7 @@ def _joined(
     merged = Instance.labelled(f"{len(maps)} maps", whole, labels, origin=origin)
     read = {part.options.get(READ_AS, "tangent") for part in parts if len(part.options)}
     options = {READ_AS: read.pop()} if len(read) == 1 else {}
-    merged = replace(merged, information=_information(parts), ranges=ranges, options=options)
+    merged = replace(merged, ranges=ranges, options=options)
     # Rows are of all graphs in order, then of their distances.
     own_rows = [part.graph.num_edges for part in parts]
     own_rows += [0 if part.ranges is None else part.ranges.num_edges for part in parts]

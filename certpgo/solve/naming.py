@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from certpgo.errors import InputError, kind_of
-from certpgo.graph import Instance, PoseGraph, RotationGraph
+from certpgo.graph import Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.graph import require_one_unit
 from certpgo.graph.held import refuse_held
-from certpgo.graph.information import Information, InformationGraph
 from certpgo.graph.labels import WORLD, Label, in_order
 from certpgo.linalg.arrays import FloatArray, IntArray
-from certpgo.solve.terms import Part, measurements_of
 
 
 def labels_of(measurements: object, nodes: Sequence[Label] | None) -> Sequence[Label]:
@@ -48,12 +44,9 @@ def labels_of(measurements: object, nodes: Sequence[Label] | None) -> Sequence[L
 
 
 def instance_of(
-    name: str, part: Part, labels: Sequence[Label], origin: FloatArray | None, cost: str
+    name: str, graph: Graph, labels: Sequence[Label], origin: FloatArray | None
 ) -> tuple[Instance, IntArray]:
     """The instance of measurements, and the nodes in its order."""
     order = in_order(labels)
-    graph, information = measurements_of(part).subgraph(order), None
-    if isinstance(part, InformationGraph):
-        information = Information(part.information, np.arange(part.num_edges), cost)
     named = [labels[k] for k in order.tolist()]
-    return Instance.labelled(name, graph, named, origin=origin, information=information), order
+    return Instance.labelled(name, graph.subgraph(order), named, origin=origin), order

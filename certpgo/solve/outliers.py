@@ -153,7 +153,7 @@ def disagreement(
     >>> R = np.tile(np.eye(2), (13, 1, 1))
     >>> R[-1] = [[0.0, -1.0], [1.0, 0.0]]
     >>> problem = RotationProblem(RotationGraph(3, edges, R, kappa=np.full(13, 1e4)))
-    >>> print(disagreement(problem, solve(problem.graph).estimate, refit=True))
+    >>> print(disagreement(problem, solve(problem).estimate, refit=True))
     1 of 13 measurements disagrees with the rest, by up to 90 degrees
     """
     if agrees(problem, estimate):

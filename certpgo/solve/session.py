@@ -25,6 +25,7 @@ from certpgo.certify.certificate import tier_called
 from certpgo.certify.tolerances import FLOOR, difference_up
 from certpgo.errors import GraphError, InputError
 from certpgo.graph import Estimate, Graph, Instance, RotationGraph
+from certpgo.graph.concatenate import joined
 from certpgo.graph.display import Speaking
 from certpgo.graph.labels import WORLD, Label, called
 from certpgo.graph.origins import Measured, in_frame, in_one_world
@@ -38,16 +39,7 @@ from certpgo.solve.result import GIVEN
 from certpgo.solve.session_outliers import Suspicion, suspicion
 from certpgo.solve.session_status import Standing
 from certpgo.solve.settings import DEFAULT, SolveSettings
-from certpgo.solve.terms import (
-    ASSUMED,
-    Part,
-    Terms,
-    gathered,
-    measurements_of,
-    numbered_from,
-    scale_of,
-    with_measurements,
-)
+from certpgo.solve.terms import ASSUMED, Terms, numbered_from
 from certpgo.solve.warm_start import Found, descended, searched
 
 #: Share of `SolveSettings.same_cost` by which new measurements may raise F before a new descent.
@@ -107,8 +99,8 @@ class Session(Speaking):
         self.every = every
         self._asked, self._terms = cost, Terms.chosen(cost)
         self._tier = tier_called(self.settings.tier or Tier.STANDARD)
-        self._parts: list[Part] = []  # the measurements in order, but for those that came since
-        self._new: list[tuple[Part, IntArray]] = []  # with the numbers of their nodes
+        self._parts: list[Graph] = []  # the measurements in order, but for those that came since
+        self._new: list[tuple[Graph, IntArray]] = []  # with the numbers of their nodes
         self._edges: list[int] = []  # their numbers
         self._count = 0  # of all measurements that ever came
         self._track: Track | None = None
@@ -162,7 +154,7 @@ class Session(Speaking):
             origin = measurements.origin if isinstance(measurements, Instance) else None
             part = self._in_one_world(part, labels, origin)
         self._take(part, labels, numbered_from(part, self._count))
-        count = measurements_of(part).num_measurements
+        count = part.num_measurements
         self._assumes |= count < part.num_edges
         self._count, self.pending = self._count + count, self.pending + count
         if self.every is not None and self.pending >= self.every:
@@ -170,29 +162,30 @@ class Session(Speaking):
             with suppress(GraphError):
                 self.refresh()
 
-    def _take(self, part: Part, labels: Sequence[Label], numbers: Iterable[int]) -> None:
+    def _take(self, graph: Graph, labels: Sequence[Label], numbers: Iterable[int]) -> None:
         """Keep measurements with these numbers, and compose the poses of new nodes."""
-        graph = measurements_of(part)
         track = self._track or Track(graph)
-        self._new.append((part, track.extend(graph, labels)))
+        self._new.append((graph, track.extend(graph, labels)))
         self._track = track
         self._edges += numbers
         self._found = None
 
-    def _in_one_world(self, part: Part, labels: Sequence[Label], origin: FloatArray | None) -> Part:
+    def _in_one_world(
+        self, graph: Graph, labels: Sequence[Label], origin: FloatArray | None
+    ) -> Graph:
         """New measurements with the world where those that came have it."""
-        graph, world = measurements_of(part), labels.index(WORLD)
+        world = labels.index(WORLD)
         if self._track is None or WORLD not in self._track.numbers:
             self._origin = origin
-            return part
+            return graph
         if origin is self._origin and not self._assumes and graph.is_measured.all():
-            return part
+            return graph
         self._poses.steps(graph, labels)  # refuses before anything changes
         known = self._measured
         common, (*others, same) = in_one_world([*known, (graph, world, origin)])
         if any(one is not before for one, (before, _, _) in zip(others, known, strict=True)):
             self._move_world(others, common)
-        return with_measurements(part, same)
+        return same
 
     @property
     def _measured(self) -> list[Measured]:
@@ -201,11 +194,11 @@ class Session(Speaking):
 
     def _move_world(self, measured: Sequence[Graph], origin: FloatArray | None) -> None:
         """Go on with `_measured` from another origin, which changes no optimum and no bound."""
-        part = with_measurements(self._all, measured[0])
+        (graph,) = measured
         best = in_frame(self.estimate, self._poses.numbers[WORLD], self._origin, origin)
-        if part.num_edges < len(self._edges):
+        if graph.num_edges < len(self._edges):
             self._edges, self._assumes = [k for k in self._edges if k != ASSUMED], False
-        self._parts, self._scale, self._origin = [part], scale_of(part), origin
+        self._parts, self._scale, self._origin = [graph], self._terms.scale(graph), origin
         self._adopt(best)
 
     def remove(self, edges: Iterable[int]) -> Standing:
@@ -238,7 +231,7 @@ class Session(Speaking):
         self._edges = np.asarray(self._edges)[kept].tolist()
         self._bounds = [(k, bound) for k, bound in self._bounds if k <= removed[0]]
         self._cost = self._terms.upper(part, self.estimate)
-        self._scale = scale_of(part)
+        self._scale = self._terms.scale(part)
         self._found, self._optimum = None, -math.inf
         self._settled = min(self._settled, part.num_edges)
         return self.standing
@@ -312,14 +305,14 @@ class Session(Speaking):
     @property
     def graph(self) -> Graph:
         """All measurements, between nodes in the order of `nodes`."""
-        return measurements_of(self._all)
+        return self._all
 
     def as_instance(self, name: str = "session") -> tuple[Instance, Estimate]:
         """All measurements and the estimate, nodes by id, the world last.
 
         ``instance.in_world(estimate)`` has the poses in the frame of the priors, if there are any.
         """
-        instance, order = instance_of(name, self._all, self.nodes, self._origin, self._terms.cost)
+        instance, order = instance_of(name, self._all, self.nodes, self._origin)
         return instance, self.estimate.subset(order)
 
     def _called(self, node: int) -> str:
@@ -327,23 +320,23 @@ class Session(Speaking):
         return called(self.nodes[node])
 
     @property
-    def _all(self) -> Part:
-        """All measurements, with what the cost needs."""
+    def _all(self) -> Graph:
+        """All measurements."""
         n = len(self._poses)
         if self._new:
             self._measure()
         if len(self._parts) > 1 or self._parts[0].num_nodes < n:
-            self._parts = [gathered(self._parts, n, self._are_points)]
+            self._parts = [joined(self._parts, n, self._are_points)]
         return self._parts[0]
 
     def _measure(self) -> None:
         """Add the terms of what came since to F of the estimate, which was extended by it."""
         parts, edges = zip(*self._new, strict=True)
-        added = gathered(parts, len(self._poses), self._are_points, edges)
+        added = joined(parts, len(self._poses), self._are_points, edges)
         ends = np.unique(added.edges)
         rise = self._terms.upper(added.subgraph(ends), self.estimate.subset(ends))
         self._cost = difference_up(self._cost, -rise)
-        self._scale += scale_of(added)
+        self._scale += self._terms.scale(added)
         self._parts.append(added)
         self._new = []
 
@@ -353,7 +346,7 @@ class Session(Speaking):
         return np.array(points) if any(points) else None
 
     @property
-    def _last(self) -> Part:
+    def _last(self) -> Graph:
         """Some measurements, which tell the kind of all."""
         if not (self._new or self._parts):
             raise InputError("the session has no measurements yet")

@@ -11,10 +11,10 @@ from certpgo.errors import InputError, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.io.accept_paths import AnyPath, estimated, measured
 from certpgo.io.writing import AnyAnswer
-from certpgo.objective.choose_cost import CHORDAL, certifiable
+from certpgo.objective.choose_cost import Certifiable, certifiable
 from certpgo.objective.information_problem import InformationProblem
+from certpgo.objective.problem import PoseProblem, RotationProblem
 from certpgo.objective.range_problem import RangeProblem
-from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.notebook import watched
@@ -28,7 +28,7 @@ STORED = "the initial values of the file"
 
 
 def solve(
-    graph: Graph | Instance | InformationProblem | RangeProblem | SimilarityProblem | AnyPath,
+    graph: Graph | Instance | Certifiable | AnyPath,
     settings: SolveSettings | None = None,
     *,
     cost: str | None = None,
@@ -45,11 +45,11 @@ def solve(
     Parameters
     ----------
     graph : the measurements of n poses or rotations, connected, or the instance that was read, or
-        the path of its file, see `certpgo.read`
-    cost : ``"chordal"``, the F of this package; or for an instance with information matrices
-        one of `certpgo.objective.costs`, such as ``"g2o"`` or ``"gtsam"``: what these programs
-        minimise. By default that of `certpgo.objective.choose_cost.own_cost` for an instance,
-        and F for a graph
+        the path of its file, see `certpgo.read`; or a problem, which has its cost
+    cost : ``"chordal"``, the F of this package; or for measurements with information matrices one
+        of `certpgo.objective.costs`, such as ``"g2o"`` or ``"gtsam"``: what these programs
+        minimise. By default that of `certpgo.objective.choose_cost.own_cost`: of the program of
+        the file that was read
     settings : limits, tolerances and tuning, see `SolveSettings`
     initial : initial estimate, n poses, in metres, or an answer, or the path of a file; by default
         one is computed. An instance's own initial values are tried too, see ``try_file_start``
@@ -93,8 +93,8 @@ def solve(
     posed: Any = measured(graph)
     start = None if initial is None else estimated(initial, posed)
     known = (PoseGraph, RotationGraph, Instance)
-    problems = (InformationProblem, RangeProblem, SimilarityProblem)
-    if cost in (None, CHORDAL) and not isinstance(posed, (*known, *problems)):
+    problems = (PoseProblem, RotationProblem, InformationProblem, RangeProblem)
+    if not isinstance(posed, (*known, *problems)):
         raise InputError(f"solve takes a graph, an instance or a path, not {kind_of(posed)}")
     source = posed if isinstance(posed, Instance) else None
     problem = certifiable(posed, cost)

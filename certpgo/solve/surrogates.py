@@ -185,5 +185,5 @@ class SurrogateSearch(Search):
         if stopped is not None and certificate.verdict is Verdict.UNDECIDED:
             return Obstacle(LimitedBy.STOPPED, True, self.problem.d, stopped)
         if stopped is None and certificate.verdict is Verdict.BOUNDED:
-            return replace(found, mirrored=mirrored_by(self.posed.graph.isotropic))
+            return replace(found, mirrored=mirrored_by(self.posed.graph))
         return found

@@ -3,28 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from certpgo.certify import certificate
 from certpgo.errors import GraphError, InputError, SpecError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph
-from certpgo.graph.concatenate import joined
 from certpgo.graph.graph import require_connected
-from certpgo.graph.information import InformationGraph
 from certpgo.graph.priors import require_determined
 from certpgo.graph.scale import Scale
-from certpgo.linalg.arrays import BoolArray, IntArray
 from certpgo.objective.choose_cost import CHORDAL, COSTS, edge_cost, own_cost, weighed_by
+from certpgo.objective.edge_cost import EdgeCost
 from certpgo.objective.enclosure import enclosure
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import Problem, problem_of
 
 #: The number of an edge that is no measurement, but puts a world somewhere.
 ASSUMED = -1
-#: Measurements with what their cost needs.
-Part = Graph | InformationGraph
 
 
 @dataclass(frozen=True)
@@ -40,7 +36,7 @@ class Terms:
 
     @classmethod
     def chosen(cls, cost: str | None, first: Graph | Instance | None = None) -> Terms:
-        """The cost of this name; by default an instance's `own_cost`, and F for graphs.
+        """The cost of this name; by default `own_cost` of the first measurements.
 
         Raises
         ------
@@ -48,13 +44,13 @@ class Terms:
             There is no such cost.
         """
         if cost is None:
-            return cls(own_cost(first) if isinstance(first, Instance) else CHORDAL)
+            return cls(CHORDAL if first is None else own_cost(first))
         if cost not in (CHORDAL, *COSTS):
             raise SpecError.unknown("cost", cost, [CHORDAL, *COSTS])
         return cls(cost)
 
-    def part(self, measured: Graph | Instance) -> Part:
-        """Measurements with what the cost needs.
+    def part(self, measured: Graph | Instance) -> Graph:
+        """The measurements, if they have what the cost needs.
 
         Raises
         ------
@@ -63,12 +59,11 @@ class Terms:
         """
         graph = measured.graph if isinstance(measured, Instance) else measured
         if self.cost == CHORDAL:
-            return graph
-        information = measured.information if isinstance(measured, Instance) else None
-        if information is None or not isinstance(graph, PoseGraph):
+            return graph.under(CHORDAL) if isinstance(graph, PoseGraph) else graph
+        if not isinstance(graph, PoseGraph) or graph.information is None:
             needed = "poses with information matrices on every edge"
             raise InputError(f"cost={self.cost!r} needs {needed}, as certpgo.read gives them")
-        bad = np.flatnonzero(~information.is_definite)
+        bad = np.flatnonzero(~graph.is_definite)
         if len(bad):
             i, j = graph.edges[bad[0]].tolist()
             ids = measured.ids if isinstance(measured, Instance) else np.arange(graph.num_nodes)
@@ -76,16 +71,14 @@ class Terms:
                 f"the information matrix of {ids[i]}-{ids[j]} is not positive definite: the cost "
                 f"of {self.cost} has no lower bound there, the chordal cost has"
             )
-        options = measured.options if isinstance(measured, Instance) else {}
-        return weighed_by(self.cost, graph, information, options)
+        return weighed_by(self.cost, graph.under(self.cost))
 
-    def upper(self, part: Part, estimate: Estimate) -> float:
+    def upper(self, graph: Graph, estimate: Estimate) -> float:
         """The cost of an estimate, rounded up."""
-        if isinstance(part, InformationGraph):
-            return edge_cost(part, self.cost).enclosure(estimate)[1]
-        return enclosure(part, estimate)[1]
+        own = self._edge_cost(graph)
+        return (enclosure(graph, estimate) if own is None else own.enclosure(estimate))[1]
 
-    def problem(self, part: Part, named: Callable[[int], str]) -> Problem | InformationProblem:
+    def problem(self, graph: Graph, named: Callable[[int], str]) -> Problem | InformationProblem:
         """The problem of measurements, of nodes that are called so.
 
         Raises
@@ -93,30 +86,37 @@ class Terms:
         GraphError
             They do not determine all nodes, or another program's cost is of positions alone.
         """
-        if isinstance(part, InformationGraph):
-            if not part.rotation.kappa.any():
-                raise GraphError(f"cost={self.cost!r} needs relative poses, not positions alone")
-            _require_determined(part.isotropic, named)
-            return InformationProblem(edge_cost(part, self.cost))
-        return chordal_problem(part, named)
+        own = self._edge_cost(graph)
+        if own is None:
+            return chordal_problem(graph, named)
+        if not own.graph.rotation.kappa.any():
+            raise GraphError(f"cost={self.cost!r} needs relative poses, not positions alone")
+        _require_determined(graph, named)
+        return InformationProblem(own)
 
-    def title(self, parts: Sequence[Part]) -> str:
+    def scale(self, graph: Graph) -> Scale:
+        """What W is made of."""
+        own = self._edge_cost(graph)
+        return Scale.of(graph) if own is None else Scale.informed(own.graph)
+
+    def title(self, graphs: Sequence[Graph]) -> str:
         """The cost in words."""
-        own = [part for part in parts if isinstance(part, InformationGraph)]
-        if not own:
-            return certificate.CHORDAL
-        with_positions = (part for part in own if not part.rotation.kappa.all())
-        return edge_cost(next(with_positions, own[0]), self.cost).title
+        with_positions = (graph for graph in graphs if not graph.rotation.kappa.all())
+        own = None
+        if graphs:
+            own = self._edge_cost(next(with_positions, graphs[0]))
+        return certificate.CHORDAL if own is None else own.title
+
+    def _edge_cost(self, graph: Graph) -> EdgeCost | None:
+        """The cost of another program on measurements; None for F."""
+        if self.cost == CHORDAL or not isinstance(graph, PoseGraph):
+            return None
+        return edge_cost(graph, self.cost)
 
 
-def measurements_of(part: Part) -> Graph:
-    """The graph alone."""
-    return part.isotropic if isinstance(part, InformationGraph) else part
-
-
-def numbered_from(part: Part, first: int) -> list[int]:
+def numbered_from(graph: Graph, first: int) -> list[int]:
     """Numbers of measurements, from the first one's; `ASSUMED` for edges that are none."""
-    measured = measurements_of(part).is_measured
+    measured = graph.is_measured
     numbers = np.where(measured, first + np.cumsum(measured) - 1, ASSUMED)
     return [int(number) for number in numbers]
 
@@ -131,31 +131,3 @@ def _require_determined(graph: Graph, named: Callable[[int], str]) -> None:
     if isinstance(graph, PoseGraph) and graph.is_partial:
         require_connected(graph)
         require_determined(graph, named)
-
-
-def with_measurements(part: Part, graph: Graph) -> Part:
-    """The part with another graph of the same edges, perhaps without those that are assumed."""
-    if graph.num_edges < part.num_edges:
-        part = part.with_edges(measurements_of(part).is_measured)
-    if isinstance(part, InformationGraph) and isinstance(graph, PoseGraph):
-        return replace(part, isotropic=graph)
-    return graph
-
-
-def scale_of(part: Part) -> Scale:
-    """What W is made of."""
-    return part.scales if isinstance(part, InformationGraph) else Scale.of(part)
-
-
-def gathered(
-    parts: Sequence[Part],
-    num_nodes: int,
-    points: BoolArray | None = None,
-    edges: Sequence[IntArray] | None = None,
-) -> Part:
-    """All measurements, see `certpgo.graph.concatenate.joined`."""
-    graph = joined([measurements_of(part) for part in parts], num_nodes, points, edges)
-    matrices = [part.information for part in parts if isinstance(part, InformationGraph)]
-    if not (matrices and isinstance(graph, PoseGraph)):
-        return graph
-    return InformationGraph(graph, np.concatenate(matrices))

@@ -156,9 +156,7 @@ def _scene(
     rejected: IntArray | None,
 ) -> Data:
     """The estimate of the measurements that the certificate is about, and how it began."""
-    judged = replace(
-        instance, graph=problem.measured, initial=None, information=None, outliers=None
-    )
+    judged = replace(instance, graph=problem.measured, initial=None, outliers=None)
     begun = _beginning(judged, instance.initial, estimate)
     clouds = () if cloud is None else (cloud,)
     shown = scene_of(judged, *begun, ("estimate", estimate), *clouds)

@@ -49,7 +49,7 @@ def compute(quick: bool, data: Path | None) -> Data:
         problem, name = _scenes.noisy(graph, 10.0, _scenes.generator(13)), "random graph"
     else:
         problem, name = RotationProblem(_scenes.load(SET, data).graph.rotation), SET
-    proven = solve(problem.graph)
+    proven = solve(problem)
     start = SpanningTree().solve(problem).estimate
     methods, budget = [], QUICK_BUDGET if quick else BUDGET
     with one_core() as protocol:

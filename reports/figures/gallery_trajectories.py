@@ -29,7 +29,7 @@ def compute(quick: bool, data: Path | None) -> Data:
         before, source = instance.initial, "the file's initial values"
         if before is None:
             before, source = SpanningTree().solve(problem).estimate, "a spanning tree"
-        best = solve(instance.graph)
+        best = solve(problem)
         sets.append(
             {
                 "name": name,

@@ -37,7 +37,7 @@ def compute(quick: bool, data: Path | None) -> Data:
             problem = _scenes.noisy(exact, sigma, _scenes.generator(4, place, sample))
             first = EigenRA().solve(problem)
             refined = RiemannianGradient(tolerance=1e-7).solve(problem, initial=first.estimate)
-            best = solve(problem.graph)
+            best = solve(problem)
             bound = best.certificate.lower_bound
             drawn.append([first.cost, refined.cost, best.cost, bound, first.lower_bound])
             proven += best.verdict.value == "CERTIFIED"

@@ -22,7 +22,6 @@ import numpy as np
 from certpgo import PoseGraph, RotationGraph, certify, solve
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
-from certpgo.graph.information import InformationGraph
 from certpgo.io import datasets
 from certpgo.io.datasets.synthetic import grid3d
 from certpgo.linalg import rotations as so
@@ -110,9 +109,7 @@ print(f"f - m at the estimate: {touching:.1e}; least of 100,000 random points: {
 # %%
 one = RotationGraph(2, np.array([[0, 1]]), np.eye(2)[None], np.ones(1))
 pair = PoseGraph(one, np.zeros((1, 2)), np.ones(1))
-packaged = G2oCost(InformationGraph(pair, OMEGA[None])).minorants(
-    Y0[None], so.exp(np.array([[A0]]))
-)
+packaged = G2oCost(pair.with_information(OMEGA[None])).minorants(Y0[None], so.exp(np.array([[A0]])))
 lam = packaged.tau[0]
 again = by_hand(OMEGA, Y0, A0, lam / np.linalg.eigvalsh(OMEGA[:2, :2])[0])
 kappa = np.hypot(packaged.N[0, 0, 0], packaged.N[0, 1, 0])
@@ -173,7 +170,7 @@ def simulated(rng):
     information = np.eye(3) * sigmas[:, :, None] ** -2.0
     weights = 2.0 / np.sum(sigmas[:, :2] ** 2, axis=1)
     rotation = RotationGraph(len(node), edges, measured, sigmas[:, 2] ** -2.0)
-    graph = InformationGraph(PoseGraph(rotation, apart, weights), information)
+    graph = PoseGraph(rotation, apart, weights).with_information(information)
     # Every step turned too far, a full turn in a lap.
     wound = so.exp((heading + 2.0 * np.pi * node / lap)[:, None])
     moved = np.concatenate([np.zeros((1, 2)), np.cumsum(step * wound[:-1, :, 0], axis=0)])
@@ -186,7 +183,7 @@ try:
 except InputError:
     print("MIT.g2o is not here (CERTPGO_DATA names a folder): a simulated drive instead")
     problem, start = simulated(np.random.default_rng(1))
-T = problem.graph.information[:, :2, :2]
+T = problem.graph.information_matrices[:, :2, :2]
 values = np.linalg.eigvalsh(T)
 print(problem.n, "poses,", problem.graph.num_edges, "measurements")
 print(f"largest condition of translational information: {(values[:, 1] / values[:, 0]).max():.3g}")
@@ -196,7 +193,7 @@ print(f"largest condition of translational information: {(values[:, 1] / values[
 # and is certified. Then descent on $f$ starts there:
 
 # %%
-chordal = solve(problem.chordal.graph)
+chordal = solve(problem.chordal)
 x = descend(problem, chordal.estimate).estimate
 times_best = problem.cost(chordal.estimate) / problem.cost(x)
 print("the best F:", chordal.verdict.value)
@@ -304,7 +301,7 @@ def uneven(condition, noise, seed=0):
     information[:, 3:, 3:] = np.eye(3) / noise**2
     weights = np.full(m, 3.0 / np.sum(sigmas**2))
     shifted = PoseGraph(graph.rotation, graph.translations + moved, weights)
-    return InformationGraph(shifted, information)
+    return shifted.with_information(information)
 
 
 CONDITIONS = (1.0, 10.0, 100.0, 1000.0)
@@ -315,7 +312,7 @@ for kind in (G2oCost, GtsamCost):
     for noise in NOISES:
         for condition in CONDITIONS:
             other = InformationProblem(kind(uneven(condition, noise)))
-            best = descend(other, solve(other.chordal.graph, time_limit=2.0).estimate).estimate
+            best = descend(other, solve(other.chordal, time_limit=2.0).estimate).estimate
             found = certify(other, best)
             limits[kind.name, noise, condition] = found
             gap = f"{found.relative_gap:.1e}" if found.lower_bound > 0.0 else "no bound"
@@ -338,7 +335,7 @@ for kind in (G2oCost, GtsamCost):
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
 # The graph is certified easily, but its optimum lies well below that of f: what the accurate
 # directions weigh is lost for good. Touching is what makes the bound sharp.
-full = problem.graph.information
+full = problem.graph.information_matrices
 lams = 0.9 * values[:, 0]
 rest = full[:, :2, :2] - lams[:, None, None] * np.eye(2)
 p = full[:, :2, 2]
@@ -361,7 +358,7 @@ for share in (1.0, 0.1, 0.01, 0.001):
     R = so.project(share * chordal.estimate.rotations + (1.0 - share) * x.rotations)
     t = share * chordal.estimate.translations + (1.0 - share) * x.translations
     expanded = surrogate(problem, Estimate(R, t))
-    bound = solve(expanded.problem.graph, time_limit=1.0).certificate.lower_bound
+    bound = solve(expanded.problem, time_limit=1.0).certificate.lower_bound
     after[share] = bound + expanded.constant
     print(f"{share:6}: f* >= {after[share]:12.4f}, f* = {f:.4f}")
 

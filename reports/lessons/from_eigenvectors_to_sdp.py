@@ -160,7 +160,7 @@ print(f"{descent.iterations} sweeps, {descent.status.value}: bound {descended:.6
 # for the rounding of the factorization:
 
 # %%
-answer, seconds = timed(lambda: solve(problem.graph), repeat=3)
+answer, seconds = timed(lambda: solve(problem), repeat=3)
 rungs["certificate"] = answer.certificate.lower_bound, seconds
 F = answer.cost
 by_inequality = lower_bound(problem.multipliers(answer.estimate), alike)

@@ -244,7 +244,7 @@ few = {}
 for count in range(7):
     chosen = ~wrong | (np.cumsum(wrong) <= count)
     graph = instance.graph.with_edges(np.flatnonzero(chosen))
-    start = certpgo.solve(graph).estimate
+    start = certpgo.solve(graph, cost="chordal").estimate
     robust = certpgo.solve_robustly(graph, initial=start)
     few[count] = angular_errors(robust.estimate, truth).rmse_deg, robust.verdict.value
     print(f"wrong loops {count}: {few[count][0]:5.1f} degrees, {few[count][1]}")
@@ -258,7 +258,7 @@ for count in range(7):
 # tau |.|^2 the factors 1.21 and 1/1.21 cancel. Nothing in the data notices a scale.
 graph = trusted.averaged.instance.graph.with_edges(trusted.averaged.kept)
 larger = certpgo.PoseGraph(graph.rotation, 1.1 * graph.translations, graph.tau / 1.21)
-plain, scaled = certpgo.solve(graph), certpgo.solve(larger)
+plain, scaled = (certpgo.solve(one, cost="chordal") for one in (graph, larger))
 growth = np.linalg.norm(scaled.estimate.anchored(0).translations) / np.linalg.norm(
     plain.estimate.anchored(0).translations
 )

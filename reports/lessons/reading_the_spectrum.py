@@ -131,7 +131,7 @@ print("sigma_R      bound <= F* (certified) <= F(EigenRA)")
 for sigma in SIGMAS[1:]:
     problem = measured(sparse, sigma)
     pairs = smallest_eigenpairs(problem)
-    optimum = solve(problem.graph)
+    optimum = solve(problem)
     estimate = get_solver("eigen_ra")().solve(problem)
     eigenra[sigma] = spectral_bound(problem, pairs), optimum.cost, estimate.cost
     bound, best, cost = eigenra[sigma]

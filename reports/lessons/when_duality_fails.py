@@ -60,7 +60,7 @@ for degrees in (20, 60):
     relaxation = program.solve(problem).relaxation
     spread = np.linalg.eigvalsh(np.einsum("nra,nsa->rs", relaxation.rows, relaxation.rows))
     lifted_cost = problem.cost(Lift(relaxation.rows))
-    best_cost = certpgo.solve(problem.graph).cost
+    best_cost = certpgo.solve(problem).cost
     print(f"noise of {degrees} degrees: rank {relaxation.rank}, eigenvalues {spread.round(2)}")
     print(f"  v = {relaxation.value:.6f}, F of the frames {lifted_cost:.6f}")
     print(f"  F of the best rotations found {best_cost:.6f}")
@@ -99,7 +99,7 @@ def row_ratio(problem, estimate):
 def measured(degrees):
     """Everything at one noise level."""
     problem = noisy(degrees)
-    answer = certpgo.solve(problem.graph)
+    answer = certpgo.solve(problem)
     rng = np.random.default_rng(0)
     starts = [certpgo.Estimate(so.random(rng, problem.n, 3)) for _ in range(10)]
     found = min((newton(problem, start) for start in starts), key=lambda solution: solution.cost)
@@ -146,7 +146,7 @@ def last(holds):
     while high - low > 0.02:
         middle = (low + high) / 2.0
         problem = noisy(middle)
-        if holds(problem, certpgo.solve(problem.graph).estimate):
+        if holds(problem, certpgo.solve(problem).estimate):
             low = middle
         else:
             high = middle

@@ -19,7 +19,6 @@ import numpy as np
 from certpgo import solve
 from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate, Instance, PoseGraph
-from certpgo.graph.information import InformationGraph
 from certpgo.io import datasets
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import COSTS, InformationProblem, surrogate
@@ -34,13 +33,13 @@ LIMIT = 60.0
 
 def uneven(
     instance: Instance, condition: float, drawn_from: Estimate | None, seed: int = 0
-) -> InformationGraph:
+) -> PoseGraph:
     """The graph with that information, and translations of the file or drawn."""
     rng = np.random.default_rng(seed)
     graph = instance.graph
-    if not isinstance(graph, PoseGraph) or instance.information is None or graph.d != 3:
+    if not isinstance(graph, PoseGraph) or graph.information is None or graph.d != 3:
         raise ValueError("poses in space with information matrices are expected")
-    information = np.array(instance.information.matrices)
+    information = np.array(graph.information_matrices)
     tau = np.trace(information[:, :3, :3], axis1=1, axis2=2) / 3.0
     spread = condition ** np.array([0.5, 0.0, -0.5])
     axes = so.random(rng, graph.num_edges, 3)
@@ -55,7 +54,7 @@ def uneven(
         exact = (np.swapaxes(R[i], 1, 2) @ (t[j] - t[i])[:, :, None])[:, :, 0]
         translations = exact + (axes @ noise[:, :, None])[:, :, 0]
     weights = 3.0 / np.trace(np.linalg.inv(T), axis1=1, axis2=2)
-    return InformationGraph(PoseGraph(graph.rotation, translations, weights), information)
+    return PoseGraph(graph.rotation, translations, weights).with_information(information)
 
 
 def row(problem: InformationProblem) -> str:
@@ -83,7 +82,7 @@ def main() -> None:
         print(HEADER, "|---" * HEADER[:-1].count("|") + "|", sep="\n", flush=True)
         for name in names:
             instance = datasets.load(name, download=False, quiet=True)
-            truth = solve(instance.graph).estimate
+            truth = solve(instance, cost="chordal").estimate
             for cost, kind in COSTS.items():
                 for label, origin in (("file's", None), ("drawn", truth)):
                     for c in CONDITIONS:

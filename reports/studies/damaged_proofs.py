@@ -58,7 +58,7 @@ def proven(folder: Path, rng: np.random.Generator) -> tuple[Path, dict[str, Any]
         instance = certpgo.read(path, quiet=True)
         if not drawn.world and not drawn.points.any() and rng.random() < 0.3:
             instance = rotations_alone(instance)
-        answer = certpgo.solve(instance.graph)
+        answer = certpgo.solve(instance, cost="chordal")
         write_proof(proof, path, instance, answer.estimate, answer.certificate)
     except CertPGOError:
         return None

@@ -25,7 +25,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo import Certificate, Estimate, PoseGraph, RotationGraph, certify, solve
-from certpgo.graph.information import InformationGraph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.choose_cost import InformationProblem
@@ -95,7 +94,7 @@ def case_of(seed: int, first: int = 0) -> Case:
         weights = f"{'isotropic' if isotropic else 'anisotropic'} translations, no cross terms"
     kind = f"{d}D, {size} noise, {weights}"
     return Case(
-        InformationProblem(G2oCost(InformationGraph(graph, Omega))), Estimate(R, t), is_ring, kind
+        InformationProblem(G2oCost(graph.with_information(Omega))), Estimate(R, t), is_ring, kind
     )
 
 

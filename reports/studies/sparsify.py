@@ -97,7 +97,7 @@ def rows(name: str, keep: float) -> Iterator[dict[str, object]]:
     best = found.whole
     if instance.outliers is not None:
         wrong = instance.outliers
-        best = solve(graph.with_edges(~wrong))
+        best = solve(graph.with_edges(~wrong), cost="chordal")
     problem = problem_of(graph.with_edges(~wrong))
     measure = connectivity.Connectivity(problem_of(graph).rotation)
     loops = np.ones(graph.num_edges, dtype=bool)
@@ -112,7 +112,7 @@ def rows(name: str, keep: float) -> Iterator[dict[str, object]]:
         flags = np.where(loops, 0.0, 1.0)
         flags[chosen] = 1.0
         value = measure(flags)[0]
-        answer = solve(graph.with_edges(flags > 0.0))
+        answer = solve(graph.with_edges(flags > 0.0), cost="chordal")
         yield {
             "dataset": name,
             "kept": f"{len(chosen)} of {found.loops}",

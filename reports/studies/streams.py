@@ -70,7 +70,7 @@ def beside_batches(graph: Graph) -> dict[str, object]:
 
 def asked_each_time(instance: Instance) -> list[str]:
     """Quantiles of adding and asking what is proven, at each measurement."""
-    session = Session(every=EVERY)
+    session = Session(every=EVERY, cost="chordal")
 
     def step(one: object, nodes: list[int]) -> None:
         session.add(one, nodes)

@@ -92,7 +92,7 @@ def examined(seed: int, most: int) -> tuple[str, Counter[str]]:
     graph, doubtful, wrong = random_graph(rng, d, poses, most)
     whole, price = problem_of(graph), math.exp(rng.uniform(1.0, 4.0))
     problem = TruncatedProblem(whole, np.where(doubtful, price, np.inf))
-    kept = solve(problem.kept.graph)
+    kept = solve(problem.kept)
     certificate = certify(problem, kept.estimate)
     rises = proven_rises(problem, kept.estimate, Stop())
     best, single = math.inf, np.full(int(doubtful.sum()), math.inf)

@@ -59,7 +59,7 @@ def test_estimates_are_judged_by_the_cost_whatever_they_minimise(uneven, cost):
     problem = information_problem(uneven, cost)
     assert {row.objective for row in (own, of_f, tree)} == {problem.edge_cost.title}
     assert [row.minimised for row in (own, of_f, tree)] == [cost, "chordal", "chordal"]
-    chordal = solve(uneven.graph).estimate
+    chordal = solve(uneven, cost="chordal").estimate
     assert (own.verdict, own.cost) == ("CERTIFIED", solve(uneven, cost=cost).cost)
     assert of_f.cost == problem.cost(chordal)
     assert of_f.verdict == certify(problem, chordal).verdict.value == "BOUNDED"
@@ -77,7 +77,7 @@ def test_the_default_cost_is_that_of_solve(uneven):
     [chordal] = compare(uneven, named("certified", cost="chordal"), cost="chordal")
     assert (chordal.objective, chordal.minimised) == ("F", "chordal")
     assert title(chordal).endswith(", 2D): chordal cost F")
-    assert chordal.cost == problem_of(uneven.graph).cost(solve(uneven.graph).estimate)
+    assert chordal.cost == problem_of(uneven.graph).cost(solve(uneven, cost="chordal").estimate)
     assert columns(chordal) == COLUMNS
 
 

@@ -190,7 +190,9 @@ def test_information_and_labels_follow_their_edges(tmp_path, graph):
     found = certpgo.sparsify(labelled, 5)
     assert found.instance.outliers.tolist() == outliers[found.kept].tolist()
     kept = instance.with_edges(found.kept)
-    assert np.array_equal(kept.information.matrices, instance.information.matrices[found.kept])
+    assert np.array_equal(
+        kept.graph.information_matrices, instance.graph.information_matrices[found.kept]
+    )
 
 
 def test_a_rotation_graph_is_sparsified(graph):

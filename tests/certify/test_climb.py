@@ -9,7 +9,6 @@ from certpgo.certify.curvature import negative_curvature, resolution
 from certpgo.certify.staircase_bound import climb
 from certpgo.certify.surrogate_case import OwnCostCase
 from certpgo.graph import PoseGraph
-from certpgo.graph.information import InformationGraph
 from certpgo.io.datasets.synthetic import grid3d, winding_cycle
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import InformationProblem
@@ -32,7 +31,7 @@ def uneven(condition, noise):
     Omega[:, 3:, 3:] = np.eye(3) / noise**2
     weights = np.full(m, 3.0 / np.sum(sigmas**2))
     graph = PoseGraph(graph.rotation, graph.translations + moved, weights)
-    return InformationProblem(G2oCost(InformationGraph(graph, Omega)))
+    return InformationProblem(G2oCost(graph.with_information(Omega)))
 
 
 def test_a_wound_cycle_unwinds_at_a_higher_rank():
@@ -52,7 +51,7 @@ def test_a_missed_negative_eigenvalue_is_computed_again():
     """Where the spectrum is crowded, 5 % are not enough (a surrogate that is far from tight)."""
     problem = uneven(100.0, 0.1)
     case = OwnCostCase.of(problem, "standard", 1e-5, 1e-12)
-    x = descend(problem, newton(problem.chordal, solve(problem.chordal.graph).estimate).estimate)
+    x = descend(problem, newton(problem.chordal, solve(problem.chordal).estimate).estimate)
     below = case.below(*problem.relative(x.estimate)).problem
     value, direction = negative_curvature(below, below.with_optimal_translations(x.estimate))
     assert value < -1e3 * resolution(below)
@@ -62,7 +61,7 @@ def test_a_missed_negative_eigenvalue_is_computed_again():
 def test_later_surrogates_have_better_bounds_that_hold():
     problem = uneven(100.0, 0.1)
     case = OwnCostCase.of(problem, "standard", 1e-5, 1e-12)
-    x = descend(case.problem, solve(problem.chordal.graph).estimate).estimate
+    x = descend(case.problem, solve(problem.chordal).estimate).estimate
     f = case.problem.cost(x)
     found = list(case.reached(x, f))
     assert [r.number for r in found] == sorted(r.number for r in found)
@@ -83,7 +82,7 @@ def test_information_is_isotropic_where_surrogates_do_not_bend():
     rng = rng_of(3)
     graph, _, _ = pose_graph(rng, 6, 2, noise=0.3)
     Omega = np.tile(np.diag([4.0, 4.0, 2.0]), (graph.num_edges, 1, 1))
-    problem = InformationProblem(G2oCost(InformationGraph(graph, Omega)))
+    problem = InformationProblem(G2oCost(graph.with_information(Omega)))
     v = rng.standard_normal((graph.num_edges, 2))
     assert problem.bend(v, np.full(graph.num_edges, 4.0)) == pytest.approx(0.0, abs=1e-12)
     assert problem.bend(v, np.full(graph.num_edges, 3.0)) == pytest.approx((v * v).sum())

@@ -21,7 +21,6 @@ from certpgo.certify.proof_file import write_proof
 from certpgo.certify.surrogate_case import OwnCostCase
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate
-from certpgo.graph.information import InformationGraph
 from certpgo.graph.relaxed_point import lifted
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import InformationProblem, information_problem, surrogate
@@ -455,7 +454,7 @@ def test_the_proof_tier_agrees_with_the_standard_one_and_is_sharper(seed, d):
     rng = rng_of(seed)
     graph, _, _ = pose_graph(rng, 7, d, noise=0.05)
     information = definite(rng, graph.num_edges, d * (d + 1) // 2, 5.0)
-    problem = InformationProblem(G2oCost(InformationGraph(graph, information)))
+    problem = InformationProblem(G2oCost(graph.with_information(information)))
     standard = certpgo.solve(problem)
     found = certpgo.solve(problem, tier="proof").certificate
     judged = certify(problem, standard.estimate, tier="proof")

@@ -30,7 +30,7 @@ GOLDEN = {
 def test_golden_costs_with_the_files_own_rotational_information(name, dataset):
     instance = dataset(name)
     graph = instance.graph
-    O_R = instance.information.matrices[:, 3:, 3:]
+    O_R = instance.graph.information_matrices[:, 3:, 3:]
     K = 0.5 * np.trace(O_R, axis1=1, axis2=2)[:, None, None] * np.eye(3) - O_R
     values = np.linalg.eigvalsh(K)
     if values.min() > 0.0:

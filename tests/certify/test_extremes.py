@@ -205,7 +205,7 @@ def test_far_steps_of_conjugate_gradients_do_not_overflow():
         certificate = certify(problem, estimate)  # the third node is the only one that costs more
         assert certificate.refined_cost == pytest.approx(8.0, rel=1e-12)
         assert certificate.lower_bound == pytest.approx(8.0, rel=1e-12)
-        assert certpgo.solve(problem.graph, initial=estimate).verdict is Verdict.CERTIFIED
+        assert certpgo.solve(problem, initial=estimate).verdict is Verdict.CERTIFIED
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,6 @@ from certpgo.certify.units import unit_of
 from certpgo.certify.wording import meaning
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
-from certpgo.graph.information import InformationGraph
 from certpgo.graph.ranges import Ranges
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import rotations as so
@@ -165,7 +164,7 @@ def test_time_limits_are_not_negative(limit):
 def test_of_two_basins_the_lower_is_worth_a_climb(monkeypatch):
     instance, wound = winding_cycle(9, 0.3, 1)
     graph = PoseGraph(instance.graph, np.zeros((9, 3)), np.ones(9))
-    problem = InformationProblem(G2oCost(InformationGraph(graph, np.tile(np.eye(6), (9, 1, 1)))))
+    problem = InformationProblem(G2oCost(graph.with_information(np.tile(np.eye(6), (9, 1, 1)))))
     far = Estimate(wound.rotations, np.zeros((9, 3)))
     raised = []
     keep = OwnCostCase.raised
@@ -196,7 +195,7 @@ def test_of_two_basins_the_lower_is_worth_a_climb(monkeypatch):
 def test_costs_beyond_the_range_of_doubles_have_no_bounds():
     graph, R, t = pose_graph(rng_of(0), 5, 3)
     problem = InformationProblem(
-        G2oCost(InformationGraph(graph, np.tile(np.eye(6), (graph.num_edges, 1, 1))))
+        G2oCost(graph.with_information(np.tile(np.eye(6), (graph.num_edges, 1, 1))))
     )
     with np.errstate(over="ignore", invalid="ignore"):
         for scale in (5.6e152, 1e154):  # the sum, and already its terms
@@ -213,7 +212,7 @@ def long_descent(seed=0, n=30):
     """Poses under g2o's cost, and an estimate whose descent takes more than a few steps."""
     graph, R, t = pose_graph(rng_of(seed), n, 3, noise=0.05)
     problem = InformationProblem(
-        G2oCost(InformationGraph(graph, np.tile(np.eye(6), (graph.num_edges, 1, 1))))
+        G2oCost(graph.with_information(np.tile(np.eye(6), (graph.num_edges, 1, 1))))
     )
     rng = rng_of(seed + 1)
     far = Estimate(

@@ -46,7 +46,7 @@ def test_no_choice_without_a_proven_one_is_cheaper(seed):
     rng, price = rng_of(seed + 40), 12.0
     graph, doubtful = doubtful_graph(rng, 2 + seed % 2, poses=seed % 4 < 2, n=5, doubtful=2)
     problem = TruncatedProblem(problem_of(graph), np.where(doubtful, price, np.inf))
-    found = certify(problem, solve(problem.kept.graph).estimate)
+    found = certify(problem, solve(problem.kept).estimate)
     proven = worth(problem, found.refined, price)
     assert not proven[doubtful].any()
     for e in np.flatnonzero(proven):
@@ -100,7 +100,7 @@ def test_no_measurement_of_an_uncertified_estimate_is_proven():
 def test_a_stop_ends_the_proofs():
     graph, doubtful = doubtful_graph(rng_of(46), 3, poses=True, doubtful=1)
     problem = TruncatedProblem(problem_of(graph), np.where(doubtful, 20.0, np.inf))
-    found = certify(problem, solve(problem.kept.graph).estimate)
+    found = certify(problem, solve(problem.kept).estimate)
     stopped = Stop()
     with stopped.within(0.0):
         proven = proven_worth(problem, found.refined, np.full(graph.num_edges, 20.0), stopped)

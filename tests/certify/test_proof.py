@@ -91,7 +91,7 @@ def test_a_loose_relaxation_is_proven_as_far_as_it_goes(tmp_path):
     path = tmp_path / "loose.g2o"
     certpgo.write(path, graph)
     instance = certpgo.read(path, quiet=True)
-    answer = certpgo.solve(instance.graph)
+    answer = certpgo.solve(instance.graph, cost="chordal")
     assert answer.verdict is Verdict.BOUNDED
     said = write_proof(tmp_path / "loose.cert", path, instance, answer.estimate, answer.certificate)
     assert said.lower == pytest.approx(answer.certificate.lower_bound, rel=1e-6)
@@ -103,7 +103,7 @@ def test_a_cost_of_a_hundred_billionth_of_the_weights_is_proven(tmp_path):
     path = tmp_path / "corridor.g2o"
     certpgo.write(path, graph)
     instance = certpgo.read(path, quiet=True)
-    answer = certpgo.solve(instance.graph)
+    answer = certpgo.solve(instance, cost="chordal")
     proven = instance, answer.estimate, answer.certificate
     said = write_proof(tmp_path / "corridor.cert", path, *proven)
     assert said.upper < 4e-4
@@ -144,7 +144,7 @@ def test_a_proof_repeats_the_reading_options(tmp_path, options):
     path = tmp_path / "graph.g2o"
     certpgo.write(path, graph)
     instance = certpgo.read(path, quiet=True, **options)
-    answer = certpgo.solve(instance.graph)
+    answer = certpgo.solve(instance.graph, cost="chordal")
     said = write_proof(tmp_path / "it.cert", path, instance, answer.estimate, answer.certificate)
     assert said.relative_gap < 1e-9
     assert said.upper == pytest.approx(answer.cost, rel=1e-12)
@@ -166,7 +166,7 @@ def test_a_proof_is_about_the_component_beside_a_scene(tmp_path, kept, by_folder
     source = tmp_path if by_folder else tmp_path / "EGs.txt"
     instance = certpgo.read(source, quiet=True)
     assert instance.graph.num_nodes == 6
-    answer = certpgo.solve(instance.graph)
+    answer = certpgo.solve(instance.graph, cost="chordal")
     proof = tmp_path / "scene.cert"
     said = write_proof(proof, source, instance, answer.estimate, answer.certificate)
     assert said.upper == pytest.approx(answer.cost, rel=1e-9)
@@ -180,7 +180,7 @@ def test_what_cannot_be_proven_is_said_and_nothing_is_written(tmp_path):
     certpgo.write(tmp_path / "graph.npz", graph)
     certpgo.write(tmp_path / "graph.g2o", graph)
     instance = certpgo.read(tmp_path / "graph.g2o", quiet=True)
-    answer = certpgo.solve(instance.graph)
+    answer = certpgo.solve(instance, cost="chordal")
     out = tmp_path / "out.cert"
     with pytest.raises(InputError, match="convert"):
         write_proof(out, tmp_path / "graph.npz", instance, answer.estimate, answer.certificate)
@@ -203,7 +203,7 @@ def test_refusals_of_the_checker_are_errors_of_the_package(tmp_path):
     instance, _ = winding_cycle(5, 0.1, 0)
     certpgo.write(graph, instance)
     instance = certpgo.read(graph, quiet=True)
-    answer = certpgo.solve(instance.graph)
+    answer = certpgo.solve(instance.graph, cost="chordal")
     certpgo.write_proof(proof, graph, instance, answer.estimate, answer.certificate)
     graph.write_text(f"{graph.read_text()}\n")
     for error in (certpgo.CertPGOError, checker.Refused):

@@ -27,7 +27,7 @@ from certpgo.objective.problem import problem_of
 def optimum(poses, d=3, n=6):
     graph, _, _ = pose_graph(rng_of(d), n, d)
     problem = problem_of(graph if poses else graph.rotation)
-    return problem, certpgo.solve(problem.graph).estimate
+    return problem, certpgo.solve(problem).estimate
 
 
 @given(seeds, dimensions)
@@ -101,7 +101,7 @@ def test_a_witness_weighs_translations_by_a_typical_arm_and_rotations_alone_by_n
     graph, _, _ = pose_graph(rng_of(1), 6, 3)
     graph = certpgo.PoseGraph(graph.rotation, graph.translations * length, graph.tau / length**2)
     problem = problem_of(graph if poses else graph.rotation)
-    x = certpgo.solve(problem.graph).estimate
+    x = certpgo.solve(problem).estimate
     _, witness = prove(problem, exact_graph(problem), x, problem.multipliers(x))
     assert sorted(witness.order) == list(range(6))
     if not poses:

@@ -25,7 +25,7 @@ def test_rises_are_below_those_of_the_optimum(seed):
     rng = rng_of(seed)
     graph, doubtful = doubtful_graph(rng, 2 + seed % 2, poses=seed % 4 < 2)
     problem = TruncatedProblem(problem_of(graph), np.where(doubtful, 10.0, np.inf))
-    kept = solve(problem.kept.graph)
+    kept = solve(problem.kept)
     found = proven_rises(problem, kept.estimate, Stop())
     assert (found > 0.0).any()
     for e, rise in zip(problem.rejected, found, strict=True):
@@ -77,7 +77,7 @@ def test_no_right_measurement_is_refuted(seed):
     prices, doubtful = np.where(weights > 0.0, np.inf, 10.0), np.flatnonzero(weights == 0.0)
     truncated = TruncatedProblem(problem, prices)
     budget = budgets(problem)
-    found = proven_rises(truncated, solve(truncated.kept.graph).estimate, stop)
+    found = proven_rises(truncated, solve(truncated.kept).estimate, stop)
     assert (found <= budget[doubtful]).all()
     over = rises_over(problem, trusted, doubtful, stop)
     assert over is None or (over <= budget[doubtful]).all()

@@ -115,7 +115,7 @@ def test_no_choice_is_better_than_a_certified_one(seed):
     graph, doubtful = doubtful_graph(rng, d, poses=poses)
     price = math.exp(rng.uniform(1.0, 4.0))
     problem = TruncatedProblem(problem_of(graph), np.where(doubtful, price, np.inf))
-    kept = solve(problem.kept.graph).estimate
+    kept = solve(problem.kept).estimate
     certificate = certify(problem, kept)
     best = math.inf
     for choice in itertools.product([0.0, 1.0], repeat=int(doubtful.sum())):
@@ -149,7 +149,7 @@ def test_a_measurement_that_costs_less_than_its_price_is_taken_back():
     fit = solve(graph).estimate
     price = 20.0 * problem.edge_costs(fit)[rejected[0]]
     truncated = TruncatedProblem(problem, np.where(doubtful, price, np.inf))
-    kept = solve(truncated.kept.graph).estimate
+    kept = solve(truncated.kept).estimate
     certificate = certify(truncated, kept)
     assert certificate.verdict is Verdict.BOUNDED
     assert certificate.basin_is_global
@@ -161,7 +161,7 @@ def test_the_unit_of_weights_decides_nothing(unit):
     graph, doubtful = doubtful_graph(rng_of(5), 2, poses=True)
     prices = np.where(doubtful, 5.0, np.inf)
     problem = TruncatedProblem(problem_of(graph), prices)
-    kept = solve(problem.kept.graph).estimate
+    kept = solve(problem.kept).estimate
     one, other = (certify(of, kept) for of in (problem, problem.scaled(unit)))
     assert one.verdict is other.verdict
     assert other.lower_bound == unit * one.lower_bound
@@ -209,7 +209,7 @@ def test_what_is_tolerated_is_small_against_a_price(weight, angle, price):
     edges, kappa = [(1, 2), (0, 1), (2, 3), (2, 3), (0, 1)], [weight, 1.0, weight, weight, 100.0]
     graph = RotationGraph(4, edges, turns, kappa)
     problem = TruncatedProblem(RotationProblem(graph), [np.inf] * 4 + [price])
-    certificate = certify(problem, solve(problem.kept.graph).estimate)
+    certificate = certify(problem, solve(problem.kept).estimate)
     assert certificate.verdict is not Verdict.CERTIFIED
     assert certificate.tolerance < price
 

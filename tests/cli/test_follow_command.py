@@ -45,7 +45,7 @@ def test_a_file_ends_with_the_verdict_of_the_whole(certpgo, lines, tmp_path):
 
 
 def test_the_chordal_cost_is_followed_if_asked(certpgo, lines):
-    best = package.solve(package.read(lines).graph)
+    best = package.solve(package.read(lines), cost="chordal")
     said = certpgo("follow", lines, "--cost", "chordal").out
     assert ": chordal cost F = " in said
     assert "; chi^2 " in said

@@ -17,7 +17,7 @@ from certpgo import Estimate, PoseGraph, RotationGraph, Session, certify, solve,
 from certpgo.cli import main
 from certpgo.errors import SpecError, UnusableFile
 from certpgo.graph import Instance
-from certpgo.graph.information import Information, InformationGraph
+from certpgo.graph.information import Information
 from certpgo.linalg import rotations as so
 from certpgo.linalg.ball_arithmetic import Ball
 from certpgo.objective import costs as edge_costs
@@ -59,11 +59,12 @@ def path(tmp_path):
     m, back = len(edges), np.swapaxes(R[i], 1, 2)
     turns = back @ R[j] @ so.exp(0.03 * rng.standard_normal((m, 3)))
     v = (back @ (t[j] - t[i])[:, :, None])[:, :, 0] + 0.1 * rng.standard_normal((m, 3))
-    graph = PoseGraph(RotationGraph(n, edges, turns, np.ones(m)), v, np.ones(m))
-    information = Information(definite(rng, m, 6, 4.0), np.arange(m), "g2o")
+    information = Information.of(definite(rng, m, 6, 4.0), "g2o")
+    rotation = RotationGraph(n, edges, turns, np.ones(m))
+    graph = PoseGraph(rotation, v, np.ones(m), information=information)
     file = tmp_path / "flat.g2o"
     initial = Estimate(R, t)
-    write(file, Instance("flat", graph, np.arange(n), information=information, initial=initial))
+    write(file, Instance("flat", graph, np.arange(n), initial=initial))
     return file
 
 
@@ -92,7 +93,7 @@ def cost_of(rng, d, m=50, measured=None):
         RotationGraph(2 * m, edges, measured, np.ones(m)), rng.standard_normal((m, d)), tau
     )
     Omega = definite(rng, m, d * (d + 1) // 2, 10.0)
-    return COSTS["planar"](InformationGraph(graph, Omega))
+    return COSTS["planar"](graph.with_information(Omega))
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -124,7 +125,7 @@ def test_the_enclosure_contains_the_exact_cost(added):
     rng, m = np.random.default_rng(2), 20
     turn = np.roll(np.eye(3, dtype=int), 1, axis=0)
     cost = cost_of(rng, 3, m, np.tile(turn.astype(float), (m, 1, 1)))
-    t, tau = cost.graph.translations, cost.graph.isotropic.tau
+    t, tau = cost.graph.translations, cost.graph.tau
     v, exact, Q = t + rng.standard_normal((m, 3)), [], np.empty((m, 3, 3))
     for e, (a, *b) in enumerate(rng.integers(1, 9, (m, 4)).tolist()):
         norm = a * a + inner(b, b)
@@ -133,7 +134,7 @@ def test_the_enclosure_contains_the_exact_cost(added):
         there, measured = map(Fraction, v[e]), map(Fraction, t[e])
         y = applied(turn.T.tolist(), [x - z for x, z in zip(there, measured, strict=True)])
         r = [*y, *(x if q[0] > 0 else -x for x in q[1:])]
-        Omega = [[*map(Fraction, row)] for row in cost.graph.information[e]]
+        Omega = [[*map(Fraction, row)] for row in cost.graph.information_matrices[e]]
         exact.append(quadratic(Omega, r) + Fraction(10.0 * tau[e]) * Fraction(v[e, 2]) ** 2)
     found = cost.enclosures(Ball.exact(v), Ball.within(Q, 2.0**-52))
     for low, value, high in zip(found.lower, exact, found.upper, strict=True):
@@ -144,9 +145,9 @@ def test_the_enclosure_contains_the_exact_cost(added):
 def descended(graph, start):
     """The cost that scipy's least squares reaches from poses, by residuals of their own."""
     i, j = graph.edges.T
-    roots = np.swapaxes(np.linalg.cholesky(graph.information), 1, 2)
+    roots = np.swapaxes(np.linalg.cholesky(graph.information_matrices), 1, 2)
     measured = Rotation.from_matrix(graph.rotations)
-    weight = np.sqrt(10.0 * graph.isotropic.tau)
+    weight = np.sqrt(10.0 * graph.tau)
 
     def residuals(x):
         x = x.reshape(-1, 6)
@@ -187,9 +188,9 @@ def test_it_goes_with_positions(added, path):
     """An edge of a position alone has g2o's term and no prior."""
     instance = certpgo.read(path)
     full = information_problem(instance, "planar").graph
-    kappa, Omega = full.rotation.kappa.copy(), full.information.copy()
+    kappa, Omega = full.rotation.kappa.copy(), full.information_matrices.copy()
     kappa[0], Omega[0, 3:], Omega[0, :, 3:] = 0.0, 0.0, 0.0
-    partial = InformationGraph(full.isotropic.with_weights(kappa), Omega)
+    partial = full.with_weights(kappa).with_information(Omega)
     problem = InformationProblem(edge_cost(partial, "planar"))
     answer = solve(problem)
     assert answer.verdict.value == "CERTIFIED"

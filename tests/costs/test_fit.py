@@ -9,7 +9,7 @@ from scipy import stats
 import certpgo
 from certpgo import Instance, PoseGraph, PoseProblem, Ranges, RotationGraph, RotationProblem
 from certpgo.graph import Estimate
-from certpgo.graph.information import Information, InformationGraph
+from certpgo.graph.information import Information
 from certpgo.io.datasets.synthetic import helix
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import information_problem, range_problem
@@ -62,8 +62,8 @@ def test_chi2_is_of_its_degrees_of_freedom_under_every_cost(d, anisotropy):
         kept = Information(full, np.arange(EDGES))
         found["chordal"].append(goodness_of_fit(answer.problem, answer.estimate, kept))
         for cost, matrices in (("g2o", halved), ("gtsam", full)):
-            named = Information(matrices, np.arange(EDGES), cost)
-            instance = Instance("drawn", graph, np.arange(NODES), information=named)
+            named = graph.with_information(Information.of(matrices, cost))
+            instance = Instance("drawn", named, np.arange(NODES))
             found[cost].append(certpgo.solve(instance, initial=answer.estimate).fit)
     freedom = (EDGES - NODES + 1) * d * (d + 1) // 2
     for cost, fits in found.items():
@@ -132,13 +132,10 @@ def test_points_and_distances_are_counted():
 
 def test_information_counts_by_its_rank():
     graph, full, _ = drawn(3, 1.0, np.random.default_rng(0))
-    kept = Information(full, np.arange(EDGES), "gtsam")
-    problem = information_problem(
-        Instance("drawn", graph, np.arange(NODES), information=kept), "gtsam"
-    )
+    problem = information_problem(graph.with_information(full), "gtsam")
     singular = full.copy()
     singular[-1, [1, 5]] = singular[-1, :, [1, 5]] = 0.0
-    left = problem.with_cost(replace(problem.edge_cost, graph=InformationGraph(graph, singular)))
+    left = problem.with_cost(replace(problem.edge_cost, graph=graph.with_information(singular)))
     estimate = certpgo.solve(graph).estimate
     assert goodness_of_fit(problem, estimate).freedom == 6 * (EDGES - NODES + 1)
     assert goodness_of_fit(left, estimate).freedom == 6 * (EDGES - NODES + 1) - 2

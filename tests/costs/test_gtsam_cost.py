@@ -8,7 +8,6 @@ import pytest
 from flint import arb, fmpq
 
 from certpgo import PoseGraph, RotationGraph
-from certpgo.graph.information import InformationGraph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.ball_arithmetic import Ball, near_rotations
 from certpgo.objective import gtsam_plane, gtsam_space, gtsam_terms
@@ -50,7 +49,7 @@ def cost_of(rng, m, kind, condition):
         information[:, :d, d:] = information[:, d:, :d] = 0.0
     t = 10.0 ** rng.uniform(-2, 2, (m, 1)) * rng.standard_normal((m, d))
     rotation = RotationGraph(2, np.tile([[0, 1]], (m, 1)), so.random(rng, m, d), np.ones(m))
-    return GtsamCost(InformationGraph(PoseGraph(rotation, t, np.ones(m)), information))
+    return GtsamCost(PoseGraph(rotation, t, np.ones(m)).with_information(information))
 
 
 def turns(rng, m, d, least=-6.0, most=np.pi):
@@ -118,7 +117,7 @@ def test_costs_are_twice_the_error_of_gtsam(d):
             measured = gtsam.Pose3(gtsam.Rot3(graph.rotations[k]), graph.translations[k])
             there = gtsam.Pose3(gtsam.Rot3(Q[k]), v[k])
             factor, first, order = gtsam.BetweenFactorPose3, gtsam.Pose3(), [3, 4, 5, 0, 1, 2]
-        information = graph.information[k][np.ix_(order, order)]
+        information = graph.information_matrices[k][np.ix_(order, order)]
         model = gtsam.noiseModel.Gaussian.Information(information)
         values = gtsam.Values()
         values.insert(0, first)
@@ -142,7 +141,7 @@ def test_enclosures_contain_the_cost_and_are_small(d):
     assert (found.radius[8:] <= 1e-13 * found.mid[8:]).all()
     for k in range(m):
         y, omega, _, _ = unexplained(cost, v, Q, k)
-        value = arbs.gtsam_cost(cost.graph.information[k], omega, y)
+        value = arbs.gtsam_cost(cost.graph.information_matrices[k], omega, y)
         assert arbs.exact(found.lower[k]) <= value <= arbs.exact(found.upper[k])
 
 
@@ -172,7 +171,7 @@ def test_minorants_are_nowhere_above_the_cost(kind, condition):
                 length = sum((x * x for x in exactly), arb(0)).sqrt()
                 exactly = [x * arb.pi() / length for x in exactly]
             Q, v = R * arbs.exponential(exactly), t + R * arbs.column(there)
-            value = arbs.gtsam_cost(cost.graph.information[k], exactly, arbs.column(there))
+            value = arbs.gtsam_cost(cost.graph.information_matrices[k], exactly, arbs.column(there))
             assert arbs.minorant(found, k, v, Q) <= value
 
 
@@ -185,7 +184,7 @@ def test_minorants_touch_the_cost(kind):
     found = cost.minorants(v, Q)
     for k in range(m):
         y, omega, R, _ = unexplained(cost, v, Q, k)
-        value = arbs.gtsam_cost(cost.graph.information[k], omega, y)
+        value = arbs.gtsam_cost(cost.graph.information_matrices[k], omega, y)
         loss = value - arbs.minorant(found, k, arbs.column(v[k]), R * arbs.exponential(omega))
         # The couplings and the constant are doubles.
         size = np.abs(found.N[k]).sum() + float(value) + found.tau[k] * found.b[k] @ found.b[k]
@@ -194,9 +193,9 @@ def test_minorants_touch_the_cost(kind):
 
 def test_what_has_no_minorant():
     cost = cost_of(np.random.default_rng(0), 2, "anisotropic", 10.0)
-    information = cost.graph.information.copy()
+    information = cost.graph.information_matrices.copy()
     information[0, 0, 0] = -1.0
-    cost = GtsamCost(InformationGraph(cost.graph.isotropic, information))
+    cost = GtsamCost(cost.graph.with_information(information))
     found = cost.minorants(*at(cost, np.ones((2, 3)), np.full((2, 3), 0.1)))
     assert found.exist.tolist() == [False, True]
     assert np.isfinite(np.c_[found.a, found.b, found.N.reshape(2, 9), found.tau]).all()

@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from strategies import definite, dimensions, pose_graph, rng_of, seeds
 
 import certpgo
-from certpgo import Estimate, PoseGraph, RotationGraph, certify, read, solve, write
+from certpgo import Estimate, PoseGraph, PoseProblem, RotationGraph, certify, read, solve, write
 from certpgo.certify.surrogate_case import OwnCostCase
 from certpgo.cli import main
 from certpgo.errors import GraphError, InputError, NumericalError, SpecError
 from certpgo.graph import Instance
 from certpgo.graph.components import connected_parts
-from certpgo.graph.information import Information, InformationGraph
+from certpgo.graph.information import Information
 from certpgo.linalg import compiled
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import (
@@ -58,7 +58,7 @@ def problem_of_random(rng, n, d, *, noise=0.05, condition=5.0, cross=True, extra
     if not cross:
         Omega[:, :d, d:] = Omega[:, d:, :d] = 0.0
         Omega[:, :d, :d] = graph.tau[:, None, None] * np.eye(d)
-    return InformationProblem(G2oCost(InformationGraph(graph, Omega))), Estimate(R, t)
+    return InformationProblem(G2oCost(graph.with_information(Omega))), Estimate(R, t)
 
 
 # --- Published data
@@ -196,8 +196,8 @@ def test_compiled_equations_are_those_in_numpy(kind, angle, d, monkeypatch):
     turns = so.exp(angle * axes / np.linalg.norm(axes, axis=1)[:, None])[i % 20]
     rotations = np.swapaxes(x.rotations[i], 1, 2) @ x.rotations[j] @ turns
     rotation = RotationGraph(20, problem.graph.edges, rotations, np.ones(len(i)))
-    graph = replace(problem.graph.isotropic, rotation=rotation)
-    cost = kind(InformationGraph(graph, problem.graph.information))
+    graph = replace(problem.graph, rotation=rotation)
+    cost = kind(graph.with_information(problem.graph.information_matrices))
     found = InformationProblem(cost).linearized(x)
     monkeypatch.setattr(compiled, "AVAILABLE", False)
     expected = InformationProblem(cost).linearized(x)
@@ -231,9 +231,9 @@ def test_the_frame_the_labels_and_the_unit_do_not_matter(seed, d, exponent):
     moved = best.moved(so.random(rng, 1, d)[0], 3.0 * rng.standard_normal(d))
     nodes = rng.permutation(n)
     place = np.argsort(nodes)
-    graph = problem.graph.isotropic
+    graph = problem.graph
     rotation = replace(graph.rotation, edges=place[graph.edges])
-    relabelled = InformationGraph(replace(graph, rotation=rotation), problem.graph.information)
+    relabelled = replace(graph, rotation=rotation)
     other = InformationProblem(G2oCost(relabelled))
     found = [certify(problem, moved), certify(other, best.subset(nodes))]
     for c in found:
@@ -257,7 +257,7 @@ def around(n, closing=0.0):
     rotation = RotationGraph(n, edges, np.tile(np.eye(2), (n, 1, 1)), np.ones(n))
     graph = PoseGraph(rotation, np.tile([-3.0, 0.0], (n, 1)), np.ones(n))
     Omega = np.array([[4.0, 0.0, 1.0], [0.0, 4.0, 0.0], [1.0, 0.0, 1.0]])
-    problem = InformationProblem(G2oCost(InformationGraph(graph, np.tile(Omega, (n, 1, 1)))))
+    problem = InformationProblem(G2oCost(graph.with_information(np.tile(Omega, (n, 1, 1)))))
     angles = 2.0 * np.pi * np.arange(n)[:, None] / n
     return problem, Estimate(so.exp(angles), np.zeros((n, 2)))
 
@@ -294,7 +294,7 @@ def test_exact_loops_with_one_inaccurate_angle_are_certified():
         RotationGraph(4, edges, so.project(back @ R[j]), np.ones(4)), steps, np.ones(4)
     )
     Omega = np.tile(np.diag([100.0, 100.0, 100.0, 4e4, 4e4, 4.0]), (4, 1, 1))
-    problem = InformationProblem(G2oCost(InformationGraph(graph, Omega)))
+    problem = InformationProblem(G2oCost(graph.with_information(Omega)))
     assert solve(problem, time_limit=10.0).verdict.value == "CERTIFIED"
     assert certify(problem, Estimate(R, t)).verdict.value == "CERTIFIED"
 
@@ -304,7 +304,7 @@ def test_weights_beyond_their_range_leave_a_verdict():
     Omega = np.tile(
         np.diag([1.0, 1.0, 1.0, 1e-118, 1e-118, 1e-118]), (problem.graph.num_edges, 1, 1)
     )
-    tiny = InformationProblem(G2oCost(InformationGraph(problem.graph.isotropic, Omega)))
+    tiny = InformationProblem(G2oCost(problem.graph.with_information(Omega)))
     assert certify(tiny, x).verdict.value in ("BOUNDED", "UNDECIDED")
 
 
@@ -336,14 +336,7 @@ def test_patience_holds_under_another_cost():
 def test_the_values_of_the_file_are_a_start_under_another_cost():
     problem, truth = problem_of_random(rng_of(3), 12, 3, noise=1.5, extra=20)
     best = solve(problem)
-    Omega = problem.graph.information
-    instance = Instance(
-        "spoiled",
-        problem.graph.isotropic,
-        np.arange(12),
-        initial=best.estimate,
-        information=Information(Omega, np.arange(len(Omega))),
-    )
+    instance = Instance("spoiled", problem.graph, np.arange(12), initial=best.estimate)
     far = Estimate(so.random(rng_of(0), 12, 3), truth.translations)
     only = {"cost": "g2o", "initial": far, "max_rank": 3}
     assert solve(instance, **only, try_file_start=False).cost > 1.01 * best.cost
@@ -400,8 +393,8 @@ def test_what_has_no_information_is_refused(square, tmp_path):
     ):
         with pytest.raises(InputError, match="needs poses with information matrices on every edge"):
             solve(instance, cost="g2o")
-    with pytest.raises(InputError, match="needs the instance that was read"):
-        solve(read(square, quiet=True).graph, cost="g2o")
+    with pytest.raises(InputError, match="this problem has 'chordal'"):
+        solve(PoseProblem(read(square, quiet=True).graph), cost="g2o")
     with pytest.raises(SpecError, match=r"unknown cost 'g2o2'; did you mean g2o\?"):
         solve(read(square, quiet=True), cost="g2o2")
 
@@ -436,7 +429,7 @@ def test_disconnected_graphs_are_refused_or_solved_apart(tmp_path):
     with pytest.raises(GraphError, match="2 components"):
         solve(instance, cost="g2o")
     parts = connected_parts(instance, "each")
-    last = [part.information.matrices[0, 2, 2] for part in parts]
+    last = [part.graph.information_matrices[0, 2, 2] for part in parts]
     assert sorted(last) == [50.0, 55.0]
     for part in parts:
         assert solve(part, cost="g2o").verdict.value == "CERTIFIED"
@@ -455,13 +448,9 @@ def test_information_graphs_refuse_what_is_not_theirs():
         (eye + np.triu(np.ones((3, 3)), 1), "symmetric"),
     ):
         with pytest.raises(GraphError, match=words):
-            InformationGraph(graph, wrong)
-    for index, posed, words in (
-        (np.arange(m - 1), graph, "a matrix per edge"),
-        (np.arange(m), graph.rotation, "this graph measures rotations"),
-    ):
-        with pytest.raises(GraphError, match=words):
-            Instance("x", posed, np.arange(4), information=Information(eye, index))
+            G2oCost(graph.with_information(wrong))
+    with pytest.raises(GraphError, match="a matrix per edge"):
+        graph.with_information(Information(eye, np.arange(m - 1)))
     for distinct, index in ((eye, np.arange(1, m + 1)), (eye, -np.arange(m)), (eye[0], [0])):
         with pytest.raises(GraphError, match=r"numbered|must be square"):
             Information(distinct, index)
@@ -476,21 +465,21 @@ def test_information_is_that_of_the_file_and_follows_its_edges(tmp_path):
     path.write_text(lines)
     whole = read(path, quiet=True)
     first = np.array([[100.0, 3.0, 0.0], [3.0, 200.0, 1.0], [0.0, 1.0, 50.0]])
-    np.testing.assert_array_equal(whole.information.matrices[0], first)
+    np.testing.assert_array_equal(whole.graph.information_matrices[0], first)
     last = np.array([[17.0, 1.0, 2.0], [1.0, 18.0, 3.0], [2.0, 3.0, 19.0]])
     for keep, wanted, corner in (("first", [0, 1, 2, 3], 50.0), ("last", [2, 3, 4, 5], 9.0)):
         part = read(path, keep=keep, quiet=True)
         np.testing.assert_array_equal(
-            part.information.matrices, whole.information.matrices[np.array(wanted)]
+            part.graph.information_matrices, whole.graph.information_matrices[np.array(wanted)]
         )
         assert part.graph.num_edges == 4
-        assert corner in part.information.matrices[:, 2, 2]
+        assert corner in part.graph.information_matrices[:, 2, 2]
         result = solve(part, cost="g2o")
         assert result.verdict.value == "CERTIFIED"
         edges = problem_under(part, "g2o").graph
         np.testing.assert_array_equal(edges.edges, part.graph.edges)
     np.testing.assert_array_equal(
-        read(path, keep="last", quiet=True).information.matrices[-1], last
+        read(path, keep="last", quiet=True).graph.information_matrices[-1], last
     )
 
 
@@ -500,9 +489,9 @@ def test_information_survives_npz_and_what_reading_leaves_out(keep, tmp_path):
     path.write_text(SQUARE + "EDGE_SE2 1 0 -1 0 -1.57 7 0 -0.0 8 1e-300 9\n")
     write(packed, read(path, quiet=True))
     there, back = (read(p, keep=keep, quiet=True) for p in (path, packed))
-    assert back.information.matrices.tobytes() == there.information.matrices.tobytes()
+    assert back.graph.information_matrices.tobytes() == there.graph.information_matrices.tobytes()
     assert solve(back, cost="g2o").cost == solve(there, cost="g2o").cost
-    assert read(packed, kappa=2.0, quiet=True).information is None
+    assert read(packed, kappa=2.0, quiet=True).graph.information is None
 
 
 def test_problem_under_is_the_problem_that_solve_takes(square):
@@ -596,15 +585,27 @@ def test_the_own_cost_is_g2os_where_that_can_be_certified(square, tmp_path, data
     others = [
         read(square, unit_weights=True, quiet=True),
         written(tmp_path, text.replace("100 3 0 200 1 50", "100 3 0 200 150 50")),  # indefinite
-        replace(instance, information=replace(instance.information, residual=None)),
-        replace(instance, information=replace(instance.information, residual="unknown")),
+        *(
+            replace(
+                instance,
+                graph=instance.graph.with_information(
+                    replace(instance.graph.information, residual=residual)
+                ),
+            )
+            for residual in (None, "unknown")
+        ),
     ]
     for other in others:
         assert own_cost(other) == "chordal"
         assert solve(other).certificate.objective == "F"
     assert solve(instance).certificate.objective.startswith("g2o's chi2 of EdgeSE2")
-    assert solve(instance.graph).certificate.objective == "F"
-    definite = others[1].information.is_definite
+    alone = solve(instance.graph)
+    assert (alone.cost, alone.certificate.objective) == (
+        solve(instance).cost,
+        solve(instance).certificate.objective,
+    )
+    assert solve(instance.graph, cost="chordal").certificate.objective == "F"
+    definite = others[1].graph.is_definite
     np.testing.assert_array_equal(definite, [False, True, True, True])
 
 
@@ -655,7 +656,7 @@ def test_problems_that_leave_nodes_free_say_which(cost):
     def problem(kappa, t):
         information[:, 2, 2] = kappa
         graph = PoseGraph(RotationGraph(3, pairs, turns, np.array(kappa)), t, np.ones(6))
-        return InformationProblem(edge_cost(InformationGraph(graph, information), cost))
+        return InformationProblem(edge_cost(graph.with_information(information), cost))
 
     with pytest.raises(
         GraphError, match=rf"^the cost of {cost} needs relative poses, not positions"

@@ -11,7 +11,7 @@ from strategies import definite, dimensions, point_graph, rng_of, seeds
 
 import certpgo
 from certpgo import Estimate, InputError, certify, solve
-from certpgo.graph.information import InformationGraph, of_positions
+from certpgo.graph.information import of_positions
 from certpgo.linalg import rotations as so
 from certpgo.linalg.ball_arithmetic import Ball
 from certpgo.linalg.rotations import rotation_defect, tangent_dim
@@ -39,7 +39,7 @@ def with_information(rng, graph, name, condition=10.0):
     graph = replace(graph, rotation=replace(graph.rotation, rotations=R))
     information[alone] = of_positions(definite(rng, m, d, condition)[alone])
     information[alone.nonzero()[0][::3]] = of_positions(2.0 * np.eye(d)[None])  # isotropic
-    return InformationProblem(WithPositions(InformationGraph(graph, information), COSTS[name]))
+    return InformationProblem(WithPositions(graph.with_information(information), COSTS[name]))
 
 
 def located(rng, d, *, poses=5, points=4, fixes=3, noise=0.1):
@@ -65,7 +65,7 @@ def fractions(numbers):
 def exactly(cost, e, v):
     """The cost of a position in rational numbers, for the doubles given."""
     d = cost.graph.d
-    T = [fractions(row) for row in cost.graph.information[e, :d, :d]]
+    T = [fractions(row) for row in cost.graph.information_matrices[e, :d, :d]]
     y = [a - b for a, b in zip(v, fractions(cost.graph.translations[e]), strict=True)]
     return sum(y[a] * T[a][b] * y[b] for a in range(d) for b in range(d))
 
@@ -90,7 +90,7 @@ def test_minorants_are_nowhere_above_the_cost_and_touch_it(seed, d, name, condit
     np.testing.assert_array_equal(found.a[positions], 0.0)
     np.testing.assert_array_equal(found.N[positions], 0.0)
     for e in positions.tolist():
-        T = cost.graph.information[e, :d, :d]
+        T = cost.graph.information_matrices[e, :d, :d]
         value = exactly(cost, e, fractions(v[e]))
         lost = float(value - minorant(found, e, fractions(v[e])))
         size = found.tau[e] * (found.b[e] @ found.b[e] + v[e] @ v[e])
@@ -127,7 +127,7 @@ def test_enclosures_contain_the_exact_value(seed, d, name):
     for e in np.flatnonzero(problem.graph.rotation.kappa == 0.0).tolist():
         value = exactly(cost, e, fractions(v[e]))
         assert Fraction(found.lower[e]) <= value <= Fraction(found.upper[e])
-        size = np.abs(cost.graph.information[e]).max() * (v[e] @ v[e] + 1.0)
+        size = np.abs(cost.graph.information_matrices[e]).max() * (v[e] @ v[e] + 1.0)
         assert found.radius[e] <= 1e-13 * size
     low, high = problem.enclosure(truth)
     assert low <= problem.cost(truth) <= high
@@ -177,7 +177,7 @@ def test_a_surrogate_touches_the_cost_at_a_minimum(seed, d, name):
     size = abs(below.constant) + f
     assert f - 1e-9 * size <= value <= f + 1e-13 * size
     graph = below.problem.graph
-    np.testing.assert_array_equal(graph.points, problem.graph.isotropic.points)
+    np.testing.assert_array_equal(graph.points, problem.graph.points)
     for _ in range(5):
         turned = best.rotations @ so.exp(0.3 * rng.standard_normal((problem.n, tangent_dim(d))))
         moved = Estimate(turned, best.translations + 0.3 * rng.standard_normal((problem.n, d)))
@@ -188,7 +188,7 @@ def test_a_surrogate_touches_the_cost_at_a_minimum(seed, d, name):
 @few
 def test_rotations_of_points_and_of_the_frame_change_nothing(seed, d, name):
     problem, truth, rng = problem_at(seed, d, name)
-    points = problem.graph.isotropic.points
+    points = problem.graph.points
     turned = truth.rotations.copy()
     turned[points] = so.random(rng, int(points.sum()), d)
     other = Estimate(turned, truth.translations)
@@ -218,7 +218,11 @@ def test_costs_are_twice_the_error_of_gtsam(seed):
         values.insert(k, pose)
     measured = problem.graph
     for e, (i, j) in enumerate(measured.edges.tolist()):
-        R, t, full = measured.rotations[e], measured.translations[e], measured.information[e]
+        R, t, full = (
+            measured.rotations[e],
+            measured.translations[e],
+            measured.information_matrices[e],
+        )
         if i == world:
             noise = gtsam.noiseModel.Gaussian.Information(full[:3, :3])
             pose = gtsam.Pose3(gtsam.Rot3(), t)

@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given, settings
 from strategies import definite, dimensions, pose_graph, rng_of, seeds
 
-from certpgo.graph.information import InformationGraph
 from certpgo.linalg import rotations as so
 from certpgo.objective import marginalized
 from certpgo.objective.choose_cost import COSTS
@@ -20,7 +19,7 @@ few = settings(max_examples=20)
 def weighed(rng, d, *, condition=100.0, n=5):
     graph, _, _ = pose_graph(rng, n, d, noise=0.1)
     Omega = definite(rng, graph.num_edges, d * (d + 1) // 2, condition)
-    return InformationGraph(graph, Omega)
+    return graph.with_information(Omega)
 
 
 def anywhere(rng, graph):
@@ -47,14 +46,14 @@ def test_the_remainder_is_the_minimum_over_translations(seed, d):
     measured = G2oCost(graph).measured
     quadratic, linear, constant = remainder(graph, measured, aside.lam, aside.b)
     np.testing.assert_allclose(aside.schur, quadratic.mid, rtol=1e-8)
-    T, P, _ = blocks(graph.information, d)
+    T, P, _ = blocks(graph.information_matrices, d)
     back = np.swapaxes(graph.rotations, 1, 2)
     at = (back @ (aside.b - graph.translations)[:, :, None])[:, :, 0]
     A = T - aside.lam[:, None, None] * np.eye(d)
 
     def difference(y, x):
         far = ((y - at) ** 2).sum(axis=1)
-        return forms(graph.information, np.concatenate([y, x], axis=1)) - aside.lam * far
+        return forms(graph.information_matrices, np.concatenate([y, x], axis=1)) - aside.lam * far
 
     for _ in range(4):
         x = rng.standard_normal((m, q))
@@ -74,11 +73,11 @@ def test_isotropic_translations_have_the_same_remainder_in_closed_form(d, monkey
     rng = rng_of(0)
     graph = weighed(rng, d)
     m = graph.num_edges
-    Omega = graph.information.copy()
+    Omega = graph.information_matrices.copy()
     Omega[:, :d, d:] = Omega[:, d:, :d] = 0.0
     t = rng.uniform(1.0, 100.0, m)
     Omega[:, :d, :d] = t[:, None, None] * np.eye(d)
-    graph = InformationGraph(graph.isotropic, Omega)
+    graph = graph.with_information(Omega)
     b = graph.translations + rng.standard_normal((m, d))
     measured = G2oCost(graph).measured
     for share in (0.3, 0.999, 1.0 - 2.0**-30):
@@ -96,14 +95,14 @@ def test_isotropic_translations_have_the_same_remainder_in_closed_form(d, monkey
 
 def test_more_than_there_is_leaves_no_bound():
     graph = weighed(rng_of(0), 3)
-    lam = 1.01 * np.linalg.eigvalsh(graph.information[:, :3, :3])[:, 0]
+    lam = 1.01 * np.linalg.eigvalsh(graph.information_matrices[:, :3, :3])[:, 0]
     *_, constant = remainder(graph, G2oCost(graph).measured, lam, graph.translations)
     assert np.all(constant.lower == -np.inf)
 
 
 def test_the_share_with_the_largest_worth_is_set_aside():
     graph = weighed(rng_of(1), 2)
-    T, P, W = blocks(graph.information, 2)
+    T, P, W = blocks(graph.information_matrices, 2)
     limit = np.linalg.eigvalsh(T - P @ np.swapaxes(P, 1, 2) / W)[:, 0]
     e = np.ones((graph.num_edges, 3))
     none = set_aside(graph, e, lambda S, x, slope: np.full(len(S), -np.inf))
@@ -126,9 +125,14 @@ def test_lowered_information_is_nowhere_above_and_has_no_cross_terms(seed, d):
     chosen = rng.random(graph.num_edges) < 0.7
     chosen[0] = True
     less = lowered(graph, chosen, lambda T, W: (T, W))
-    assert np.linalg.eigvalsh(graph.information - less.information)[chosen].min() > 0.0
-    np.testing.assert_array_equal(graph.information[~chosen], less.information[~chosen])
-    assert not blocks(less.information[chosen], d)[1].any()
+    assert (
+        np.linalg.eigvalsh(graph.information_matrices - less.information_matrices)[chosen].min()
+        > 0.0
+    )
+    np.testing.assert_array_equal(
+        graph.information_matrices[~chosen], less.information_matrices[~chosen]
+    )
+    assert not blocks(less.information_matrices[chosen], d)[1].any()
     assert less.is_definite.all()
     assert lowered(graph, np.zeros_like(chosen), lambda T, W: (T, W)) is None
     # More than there was cannot be proven to be less.
@@ -166,9 +170,9 @@ def test_relaxed_costs_are_nowhere_above_and_have_minorants_everywhere(name, see
 def test_relaxing_ends_where_one_eigenvalue_is_tiny(W):
     graph = weighed(rng_of(2), 3)
     Omega = np.tile(np.diag([2.0, 3.0, 4.0, *W]), (graph.num_edges, 1, 1))
-    relaxed = G2oCost(InformationGraph(graph.isotropic, Omega)).relaxed()
+    relaxed = G2oCost(graph.with_information(Omega)).relaxed()
     if relaxed is not None:
-        values = np.diag(relaxed.graph.information[0])[3:]
+        values = np.diag(relaxed.graph.information_matrices[0])[3:]
         assert values[2] == pytest.approx(max(values[1], 0.999 * (values[0] + values[1])), rel=1e-6)
         again = relaxed.relaxed()
         assert again is None or again.relaxed() is None
@@ -177,12 +181,12 @@ def test_relaxing_ends_where_one_eigenvalue_is_tiny(W):
 def test_nothing_is_relaxed_where_nothing_is_in_the_way():
     graph = weighed(rng_of(2), 3)
     plain = np.tile(np.diag([2.0, 2.0, 2.0, 1.0, 1.5, 2.0]), (graph.num_edges, 1, 1))
-    flat = InformationGraph(graph.isotropic, plain)
+    flat = graph.with_information(plain)
     assert G2oCost(flat).relaxed() is None
     assert GtsamCost(flat).relaxed() is None
     plain[0, 5, 5] = 3.0
-    steep = InformationGraph(graph.isotropic, plain)
-    clipped = G2oCost(steep).relaxed().graph.information
+    steep = graph.with_information(plain)
+    clipped = G2oCost(steep).relaxed().graph.information_matrices
     np.testing.assert_allclose(np.diag(clipped[0])[3:], [1.0, 1.5, 0.999 * 2.5], rtol=1e-8)
     np.testing.assert_array_equal(clipped[1:], plain[1:])
     assert GtsamCost(steep).relaxed() is None
@@ -201,7 +205,7 @@ def test_couplings_are_semidefinite_where_minorants_touch(seed):
     axes, Omega = so.random(rng, m, 3), np.tile(np.eye(6), (m, 1, 1))
     Omega[:, 3:, 3:] = (axes * np.array([1.0, 2.0, 50.0])) @ np.swapaxes(axes, 1, 2)
     Omega = 0.5 * (Omega + np.swapaxes(Omega, 1, 2))
-    cost = G2oCost(InformationGraph(graph, Omega))
+    cost = G2oCost(graph.with_information(Omega))
     E = so.exp(0.02 * rng.standard_normal((m, 3)))
     v, Q = graph.translations, graph.rotation.rotations @ E
     found = cost.minorants(v, Q)

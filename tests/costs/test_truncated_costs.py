@@ -11,7 +11,6 @@ from strategies import definite, pose_graph, rng_of
 from certpgo import certify, merge, read, solve_robustly
 from certpgo.certify.certificate import Verdict
 from certpgo.graph import PoseGraph, RotationGraph
-from certpgo.graph.information import InformationGraph
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import edge_cost
 from certpgo.objective.information_problem import InformationProblem
@@ -29,7 +28,7 @@ def test_isotropic_costs_are_below(cost, d, crossed):
     information = definite(rng, m, p, condition=1e4) * np.exp(rng.normal(size=(m, 1, 1)))
     if not crossed:
         information[:, :d, d:] = information[:, d:, :d] = 0.0
-    full = InformationGraph(graph, information)
+    full = graph.with_information(information)
     posed = InformationProblem(edge_cost(full, cost))
     below = isotropic_below(full, posed.edge_cost.turned_share)
     for size in (1e-3, 0.3, 3.0):
@@ -53,7 +52,7 @@ def test_wrong_loops_are_rejected_and_certified(dataset):
     R[bad] = so.random(rng, 15, 2)
     t[bad] += 5.0 * rng.standard_normal((15, 2))
     rotation = RotationGraph(graph.num_nodes, graph.edges, R, graph.rotation.kappa)
-    wrong = replace(clean, graph=PoseGraph(rotation, t, graph.tau))
+    wrong = replace(clean, graph=replace(graph, rotation=rotation, translations=t))
     answer = solve_robustly(wrong, cost="g2o")
     assert np.array_equal(answer.solution.rejected, bad)
     assert answer.verdict is answer.rejection.verdict is Verdict.CERTIFIED

@@ -144,6 +144,6 @@ NAMES = ("at the optimum", "wound up")
 
 def test_the_file_s_weights_are_read_as_they_are(path):
     problem = information_problem(read(path), "gtsam")
-    assert problem.graph.information[0, 2, 2] == 30.0
+    assert problem.graph.information_matrices[0, 2, 2] == 30.0
     with pytest.raises(InputError):
         information_problem(read(path, unit_weights=True), "gtsam")

@@ -70,7 +70,7 @@ def test_poses_of_cameras(file):
     instance = io.read(file(text), quiet=True)
     assert instance.graph.rotation.kappa.tolist() == [200.0] * 3
     assert instance.graph.tau.tolist() == [100.0] * 3
-    assert instance.information is None
+    assert instance.graph.information is None
     np.testing.assert_allclose(instance.initial.translations, X[1], atol=1e-15)
     problem = certpgo.PoseProblem(instance.graph)
     assert problem.cost(instance.initial) == pytest.approx(0.0, abs=1e-25)

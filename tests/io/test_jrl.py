@@ -68,7 +68,7 @@ def test_robots_share_one_graph_under_gtsams_cost(write):
     assert instance.graph.tau[0] == pytest.approx(25.0)
     assert instance.graph.rotation.kappa[0] == pytest.approx(3 / (2 * 0.04))
     np.testing.assert_allclose(
-        np.diag(instance.information.matrices[0]), [25, 25, 25, 100, 100, 50], rtol=1e-12
+        np.diag(instance.graph.information_matrices[0]), [25, 25, 25, 100, 100, 50], rtol=1e-12
     )
     np.testing.assert_array_equal(instance.truth.translations[2], [1, 1, 0])
     assert instance.outliers.tolist() == [False, False, True]

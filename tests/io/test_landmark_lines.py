@@ -35,7 +35,7 @@ def test_in_the_plane(file):
     expected = 2.0 / np.trace(np.linalg.inv([[9.0, 1.0], [1.0, 16.0]]))
     np.testing.assert_allclose(graph.tau, [100.0, 25.0, expected], rtol=1e-15)
     assert instance.initial.translations.tolist() == [[0, 0], [1, 2], [1, 0]]
-    assert instance.information.matrices[2].tolist() == [[9, 1, 0], [1, 16, 0], [0, 0, 0]]
+    assert instance.graph.information_matrices[2].tolist() == [[9, 1, 0], [1, 16, 0], [0, 0, 0]]
     assert "1 point, 2 sightings" in instance.notices
 
 
@@ -59,7 +59,7 @@ def test_in_space_with_a_sensor_on_its_body(file):
     graph = io.read(file(SPACE), quiet=True).graph
     np.testing.assert_allclose(graph.translations[1], [2.0, 2.0, 3.0], atol=1e-15)
     np.testing.assert_allclose(graph.translations[2], [5.0, 5.0, 5.0])
-    matrices = io.read(file(SPACE), quiet=True).information.matrices
+    matrices = io.read(file(SPACE), quiet=True).graph.information_matrices
     np.testing.assert_allclose(matrices[1][:3, :3], np.diag([4.0, 16.0, 9.0]), atol=1e-14)
 
 

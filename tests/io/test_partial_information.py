@@ -63,7 +63,7 @@ def test_steps_alone_are_weighed_in_the_measured_frame(file):
     step = "50 0 0 0 0 0 100 0 0 0 0 100 0 0 0 0 0 0 0 0 0"
     instance = read(file, *CHAIN, (0, 2, f"1 1 0 {QUARTER}", step), (0, 2, f"1 1.3 0 {TO}", STEP))
     assert instance.graph.kinds[2:].tolist() == [Kind.TRANSLATION] * 2
-    first = instance.information.matrices[2][:3, :3]
+    first = instance.graph.information_matrices[2][:3, :3]
     np.testing.assert_allclose(first, np.diag([100.0, 50, 100]), atol=1e-12)
     answer = certpgo.solve(instance)
     assert answer.verdict.value == "CERTIFIED"

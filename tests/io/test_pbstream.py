@@ -27,7 +27,7 @@ def test_constraints_are_a_planar_graph(tmp_path, indexed):
     assert instance.names == ("node0/0", "node0/1", "submap0/0", "submap0/1")
     assert instance.graph.d == 2
     assert instance.times_ns[:2].tolist() == [1644823128500000000, 1644823129500000000]
-    assert instance.information.matrices[0].tolist() == np.diag([100.0, 100, 400]).tolist()
+    assert instance.graph.information_matrices[0].tolist() == np.diag([100.0, 100, 400]).tolist()
     assert instance.initial.translations[:, 0].tolist() == [0, 1, 0, 1]
     assert "1 loop closure, without Huber's loss" in instance.notices[-1]
     assert "weights from the file's square roots of information" in str(instance)

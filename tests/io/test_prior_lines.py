@@ -32,8 +32,8 @@ def test_poses_in_the_plane(file, tag):
     assert (graph.rotation.kappa[1], graph.tau[1]) == (16.0, 25.0)
     np.testing.assert_allclose(graph.translations[1], [5.0, 6.0])
     np.testing.assert_allclose(so.log(graph.rotation.rotations[1:]), [[0.5]])
-    assert instance.information.matrices.shape == (2, 3, 3)
-    assert instance.information.residual == "g2o"
+    assert instance.graph.information_matrices.shape == (2, 3, 3)
+    assert instance.graph.information.residual == "g2o"
     np.testing.assert_array_equal(instance.initial.rotations[2], np.eye(2))
     assert "1 prior, measured from a node that stands for the world" in instance.notices
 
@@ -44,7 +44,7 @@ def test_positions_in_the_plane(file, tag):
     graph = io.read(path := file(SQUARE + text), quiet=True).graph
     assert graph.rotation.kappa[1:].tolist() == [0.0, 0.0, 0.0]
     np.testing.assert_allclose(graph.tau[1:], [4.0, 1.5, 1.0], rtol=1e-15)  # 2 / tr(inverse)
-    assert io.read(path, quiet=True).information is None  # one has none
+    assert io.read(path, quiet=True).graph.information is None  # one has none
     assert io.read(path, quiet=True, kappa=7.0).graph.rotation.kappa.tolist() == [7.0, 0, 0, 0]
     unit = io.read(path, quiet=True, unit_weights=True).graph
     assert unit.rotation.kappa.tolist() == [1.0, 0.0, 0.0, 0.0]

@@ -142,7 +142,7 @@ def test_cross_terms_of_information_stay_with_their_axes(file):
     numbers = " ".join(map(str, information[np.triu_indices(6)].tolist()))
     line = f"EDGE_SE3:QUAT 0 1 0.25 0.06 0.02 -0.0167946 -0.0087881 -0.0277189 0.999436 {numbers}\n"
     instance = io.read(file(line), quiet=True)
-    assert instance.information.matrices[0].tolist() == information.tolist()
+    assert instance.graph.information_matrices[0].tolist() == information.tolist()
 
 
 @pytest.mark.parametrize(

@@ -104,9 +104,9 @@ def test_in_the_plane(pyfg):
     skew = 2.0 / (0.04 + 0.0625)
     np.testing.assert_allclose(graph.tau, [100.0, skew, 4.0, skew], rtol=1e-15)
     matrix = np.linalg.inv([[0.04, 0.01], [0.01, 0.0625]])
-    np.testing.assert_allclose(instance.information.matrices[1][:2, :2], matrix, rtol=1e-14)
-    assert not instance.information.matrices[1][2].any()
-    assert (instance.world, instance.information.residual) == (3, None)
+    np.testing.assert_allclose(instance.graph.information_matrices[1][:2, :2], matrix, rtol=1e-14)
+    assert not instance.graph.information_matrices[1][2].any()
+    assert (instance.world, instance.graph.information.residual) == (3, None)
     there = instance.in_world(instance.initial)
     np.testing.assert_allclose(there.translations, [[0, 0], [1, 0], [1, 2]], atol=1e-13)
     ranges = instance.ranges
@@ -128,7 +128,7 @@ def test_in_space(pyfg):
     assert graph.rotation.kappa[0] == pytest.approx(1.5 / np.trace(np.linalg.inv(whole[3:, 3:])))
     assert graph.rotation.kappa[1:].tolist() == [0.0, 0.25, 0.0]
     assert graph.tau[1:].tolist() == pytest.approx([3.0, 1.0, 2.0])
-    np.testing.assert_allclose(instance.information.matrices[0], whole, rtol=1e-13)
+    np.testing.assert_allclose(instance.graph.information_matrices[0], whole, rtol=1e-13)
 
 
 def test_choices(pyfg):
@@ -136,7 +136,7 @@ def test_choices(pyfg):
     unit = read(path, unit_weights=True)
     assert set(unit.graph.rotation.kappa.tolist()) == {0.0, 1.0}
     assert set(unit.graph.tau.tolist()) == set(unit.ranges.weights.tolist()) == {1.0}
-    assert unit.information is None
+    assert unit.graph.information is None
     alone = read(path, priors=False)
     assert (alone.world, alone.names) == (None, ("A0", "B7", "L0"))
     assert "1 VERTEX_XY:PRIOR line skipped: priors" in alone.notices
@@ -165,7 +165,7 @@ def test_priors_are_in_the_order_of_the_file(pyfg):
 
 def test_matrices_of_what_is_left_out_are_left_out(pyfg):
     skew = PLANE.replace("0.04 0.01 0.0625", "4e-6 0 0.0625")
-    information = read(pyfg(skew), landmarks=False).information
+    information = read(pyfg(skew), landmarks=False).graph.information
     assert len(information.distinct) == 2
     assert information.anisotropy == (1.0, 1.0)
 
@@ -286,7 +286,7 @@ def assert_agree(a, b, rtol=1e-13):
         (a.graph.rotation.kappa, b.graph.rotation.kappa),
         (a.graph.translations, b.graph.translations),
         (a.ranges.weights, b.ranges.weights),
-        (a.information.matrices, b.information.matrices),
+        (a.graph.information_matrices, b.graph.information_matrices),
     ):
         np.testing.assert_allclose(p, q, rtol=rtol, atol=rtol * np.abs(q).max())
     np.testing.assert_allclose(a.graph.rotation.rotations, b.graph.rotation.rotations, atol=1e-14)
@@ -357,7 +357,10 @@ def test_graphs_without_names_get_some(tmp_path, file):
     io.write(path, seen)
     assert read(path).names == ("A0", "A1", "L9")
     np.testing.assert_allclose(
-        read(path).information.matrices, seen.information.matrices, rtol=1e-14, atol=1e-14
+        read(path).graph.information_matrices,
+        seen.graph.information_matrices,
+        rtol=1e-14,
+        atol=1e-14,
     )
 
 

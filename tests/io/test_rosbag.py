@@ -117,7 +117,7 @@ def test_the_graph_of_rtabmap_is_read_with_its_information(kind):
     assert (found.graph.translations == made.graph.translations).all()
     assert set(found.graph.rotation.kappa) == {400.0}
     assert set(found.graph.tau) == {100.0}
-    assert (found.information.matrices == omega).all()
+    assert (found.graph.information_matrices == omega).all()
     assert np.abs(found.initial.translations - made.truth.translations).max() == 0.0
     estimate = certpgo.read_estimate(path, found)
     assert np.abs(estimate.rotations - made.truth.rotations).max() < 1e-14

@@ -423,7 +423,9 @@ def test_full_information_is_written_as_it_was_read(tmp_path):
     instance = io.read(source)
     io.write(tmp_path / "again.g2o", instance)
     again = io.read(tmp_path / "again.g2o")
-    np.testing.assert_array_equal(again.information.matrices, instance.information.matrices)
+    np.testing.assert_array_equal(
+        again.graph.information_matrices, instance.graph.information_matrices
+    )
     np.testing.assert_array_equal(again.graph.tau, instance.graph.tau)
     np.testing.assert_array_equal(again.graph.rotation.kappa, instance.graph.rotation.kappa)
 
@@ -454,5 +456,7 @@ def test_full_information_of_another_text_is_written_to_g2o(tmp_path):
     whole = io.read(given, quiet=True)
     io.write(path, whole)
     again = io.read(path, quiet=True)
-    np.testing.assert_array_equal(again.information.matrices, whole.information.matrices)
+    np.testing.assert_array_equal(
+        again.graph.information_matrices, whole.graph.information_matrices
+    )
     np.testing.assert_array_equal(again.graph.tau, whole.graph.tau)

@@ -141,7 +141,8 @@ def test_other_formats_and_rotations_alone(folder, tmp_path):
     alone = rotations_alone(instance)
     assert fingerprint(alone).digest != fingerprint(instance).digest
     assert fingerprint(alone, "g2o") is None
-    assert fingerprint(instance.graph, "g2o") is None
+    assert fingerprint(instance.graph, "g2o").digest == fingerprint(instance, "g2o").digest
+    assert fingerprint(instance.graph.with_information(None), "g2o") is None
 
 
 def test_distances_have_no_direction():

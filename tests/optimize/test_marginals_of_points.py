@@ -8,7 +8,7 @@ from strategies import definite, dimensions, point_graph, rng_of, seeds
 
 import certpgo
 from certpgo import Estimate, InputError, Marginals, NumericalError, PoseGraph, RotationGraph
-from certpgo.graph.information import InformationGraph, of_positions
+from certpgo.graph.information import of_positions
 from certpgo.linalg import rotations as so
 from certpgo.linalg.rotations import tangent_dim
 from certpgo.objective.choose_cost import InformationProblem
@@ -29,13 +29,12 @@ def problem_at(seed, d, under):
     m, alone = graph.num_edges, graph.rotation.kappa == 0.0
     information = definite(rng, m, d + tangent_dim(d))
     information[alone] = of_positions(definite(rng, m, d)[alone])
-    cost = WithPositions(InformationGraph(graph, information), G2oCost)
+    cost = WithPositions(graph.with_information(information), G2oCost)
     return InformationProblem(cost), truth, anchor, other
 
 
 def points_of(problem):
-    graph = problem.graph
-    return graph.points if isinstance(graph, PoseGraph) else graph.isotropic.points
+    return problem.graph.points
 
 
 def residuals(problem, estimate):
@@ -44,8 +43,8 @@ def residuals(problem, estimate):
     R, t = estimate.rotations, estimate.translations
     if isinstance(problem, InformationProblem):
         e = problem.edge_cost.residuals(*problem.relative(estimate))
-        d, roots = problem.d, np.zeros_like(problem.graph.information)
-        for k, full in enumerate(problem.graph.information):
+        d, roots = problem.d, np.zeros_like(problem.graph.information_matrices)
+        for k, full in enumerate(problem.graph.information_matrices):
             size = len(full) if full[d:].any() else d
             roots[k, :size, :size] = np.linalg.cholesky(full[:size, :size]).T
         return (roots @ e[:, :, None]).ravel()

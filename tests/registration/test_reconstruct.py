@@ -68,8 +68,8 @@ def test_the_graph_keeps_its_information(found, tmp_path):
     path = tmp_path / "graph.g2o"
     certpgo.write(path, found.instance)
     again = certpgo.read(path)
-    assert again.information is not None
-    a, b = again.information.matrices, found.instance.information.matrices
+    assert again.graph.information is not None
+    a, b = again.graph.information_matrices, found.instance.graph.information_matrices
     assert np.abs(a - b).max() < 1e-9 * np.abs(b).max()
     if len(found.rejected) == 0:
         answer = certpgo.solve(again)

@@ -158,8 +158,8 @@ def stated(rng):
     A = rng.standard_normal((graph.num_edges, 6, 6))
     matrices = np.diag([30.0, 40, 50, 80, 90, 100]) + A @ np.swapaxes(A, 1, 2)
     matrices = 0.5 * (matrices + np.swapaxes(matrices, 1, 2))
-    information = Information(matrices, np.arange(graph.num_edges), "g2o")
-    return Instance("helix", graph, np.arange(graph.num_nodes), information=information)
+    graph = graph.with_information(Information.of(matrices, "g2o"))
+    return Instance("helix", graph, np.arange(graph.num_nodes))
 
 
 def with_fixes(rng):
@@ -215,9 +215,7 @@ def test_bounds_hold_whatever_comes_and_goes(made, cost):
         places = np.array([instance.labels.index(label) for label in session.nodes])
         order = certpgo.graph.streaming.arrivals(instance)[session.edges]
         now = instance.with_edges(order)
-        part = Instance(
-            "part", now.graph.subgraph(places), instance.ids[places], information=now.information
-        )
+        part = Instance("part", now.graph.subgraph(places), instance.ids[places])
         try:
             problem = problem_under(part, cost)
         except GraphError:  # a single fix determines no rotation of the world
@@ -239,7 +237,8 @@ def test_another_programs_cost_needs_relative_poses():
     instance = with_points(np.random.default_rng(0))
     seen = instance.graph.rotation.kappa == 0.0
     matrices = np.stack([100.0 * np.eye(3), np.diag([50.0, 50.0, 0.0])])
-    instance = replace(instance, information=Information(matrices, seen.astype(int), "g2o"))
+    information = Information(matrices, seen.astype(int), "g2o")
+    instance = replace(instance, graph=instance.graph.with_information(information))
     session = Session(every=None, cost="g2o")
     session.add(instance)
     before = session.refresh()
@@ -265,8 +264,8 @@ def test_measurements_without_what_the_cost_needs_are_refused(graph):
     session.add(instance)
     with pytest.raises(InputError, match="needs poses with information matrices"):
         session.add(graph)
-    bad = Information(-np.eye(6)[None], np.zeros(1, dtype=int), "g2o")
-    one = Instance("bad", graph.with_edges([0]).subgraph([0, 1]), [0, 1], information=bad)
+    bad = graph.with_edges([0]).subgraph([0, 1]).with_information(-np.eye(6)[None])
+    one = Instance("bad", bad, [0, 1])
     with pytest.raises(InputError, match="matrix of 0-1 is not positive definite"):
         session.add(one)
     assert session.standing.edges == instance.graph.num_edges

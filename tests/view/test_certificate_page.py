@@ -121,7 +121,7 @@ def solved():
     """A small grid of poses, its solution and its page."""
     instance = synthetic.grid3d(3, np.random.default_rng(0))
     instance = Instance(HOSTILE, instance.graph, instance.ids, options=instance.options)
-    found = solve(instance.graph)
+    found = solve(instance.graph, cost="chordal")
     problem = problem_of(instance.graph)
     assessment = assess(problem, found.estimate, found.certificate, instance=instance)
     return instance, problem, found, assessment
@@ -355,7 +355,8 @@ def weighed():
     instance = synthetic.grid3d(2, np.random.default_rng(0))
     m = instance.graph.num_edges
     matrix = np.diag([40.0, 90, 60, 40, 35, 30]) + np.ones((6, 6))
-    return replace(instance, information=Information(matrix[None], np.zeros(m, dtype=int)))
+    stated = Information(matrix[None], np.zeros(m, dtype=int))
+    return replace(instance, graph=instance.graph.with_information(stated))
 
 
 @pytest.mark.parametrize("cost", ["g2o", "gtsam"])

@@ -55,7 +55,7 @@ class Server:
 def answered():
     """A noisy grid in space with its answer, its dead reckoning, and a rejected edge."""
     instance = synthetic.grid3d(3, np.random.default_rng(0))
-    things = instance, ("before", instance.truth), certpgo.solve(instance.graph)
+    things = instance, ("before", instance.truth), certpgo.solve(instance.graph, cost="chordal")
     return instance, scene_of(*things, rejected=[5])
 
 

@@ -130,8 +130,9 @@ def _weights(instance: Instance) -> tuple[list[str], list[str]]:
     """The upper triangles of the information of all edges, and of their positions alone."""
     graph, d = instance.graph, instance.graph.d
     about = instance.options.get("rotation_information", "tangent")
-    if instance.information is not None and (d == 2 or about == DIALECT.rotation_information):
-        return _full(instance.information), _full(instance.information, d)
+    information = graph.information
+    if information is not None and (d == 2 or about == DIALECT.rotation_information):
+        return _full(information), _full(information, d)
     if isinstance(graph, PoseGraph):
         kappa, tau = graph.rotation.kappa.tolist(), graph.tau.tolist()
     else:

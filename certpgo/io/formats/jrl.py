@@ -27,7 +27,6 @@ import numpy as np
 from certpgo.errors import FormatError, InputError, NoMeasurements
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.graph.edges import symmetric
-from certpgo.graph.information import joined_information
 from certpgo.graph.phrases import counted
 from certpgo.io.build_graph import anchored
 from certpgo.io.compressed import uncompressed_name
@@ -202,9 +201,11 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
     ]
     if wrong.any():
         notices.append(counted(int(wrong.sum()), "known outlier{s} among the measurements"))
+    rotation = RotationGraph(len(ids), edges, R, weighing.kappa)
+    graph = PoseGraph(rotation, t, weighing.tau, information=weighing.information)
     instance = Instance(
         name=uncompressed_name(path).stem,
-        graph=PoseGraph(RotationGraph(len(ids), edges, R, weighing.kappa), t, weighing.tau),
+        graph=graph,
         ids=ids,
         source=str(path),
         options={
@@ -212,7 +213,6 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
             "weights_are": "covariance",
         },
         notices=(*weighing.notices, *notices),
-        information=weighing.information and replace(weighing.information, residual="gtsam"),
     )
     priors = [one for one in found if len(one.keys) == 1]
     if priors:
@@ -239,7 +239,9 @@ def _weighed(
         place = measured[int(np.argmin(low))].place
         raise FormatError(path, None, f"{place}.covariance: a positive definite matrix expected")
     information = C if options.ignore_information else np.linalg.inv(C).astype(np.float64)
-    return weighed(path, symmetric(information), R, options, lambda k: measured[k].place)
+    found = weighed(path, symmetric(information), R, options, lambda k: measured[k].place)
+    own = found.information and replace(found.information, residual="gtsam")
+    return found._replace(information=own)
 
 
 def _with_priors(
@@ -254,9 +256,8 @@ def _with_priors(
     weighing = _weighed(path, priors, R, options)
     if not isinstance(instance.graph, PoseGraph):
         raise InputError("priors are of poses")
-    rows = Rows(nodes[:, None], R, t, weighing.kappa, weighing.tau)
+    rows = Rows(nodes[:, None], R, t, weighing.kappa, weighing.tau, weighing.information)
     graph, origin, notice = anchored(instance.graph, rows)
-    information = joined_information([instance.information, weighing.information])
     return replace(
         instance,
         graph=graph,
@@ -264,7 +265,6 @@ def _with_priors(
         world=len(instance.ids),
         origin=origin,
         notices=(*instance.notices, *weighing.notices, notice),
-        information=information,
     )
 
 

@@ -140,16 +140,22 @@ def _instance(arrays: _Arrays, source: str) -> Instance:
     n = int(arrays["num_nodes"])
     rotation = RotationGraph(n, arrays["edges"], arrays["rotations"], arrays["kappa"])
     graph: Graph = rotation
+    information = _information(arrays)
     if "tau" in arrays:
         if "translations" not in arrays:
             raise InputError("the array 'translations' is missing")
-        measured = arrays["translations"], arrays["tau"]
-        more = (arrays.get(name) for name in ("arms", "points", "assumed", "absolute"))
-        unscaled = {name: arrays[name] for name in ("scales", "free") if name in arrays}
+        t, tau = arrays["translations"], arrays["tau"]
+        optional = ("arms", "points", "assumed", "absolute")
+        more: dict[str, Any] = {name: arrays.get(name) for name in optional}
+        unscaled: dict[str, Any] = {
+            name: arrays[name] for name in ("scales", "free") if name in arrays
+        }
         if len(unscaled) == 1:
             raise InputError("the arrays 'scales' and 'free' belong together")
         kind = SimilarityGraph if unscaled else PoseGraph
-        graph = kind(rotation, *measured, *more, **unscaled)
+        graph = kind(rotation, t, tau, information=information, **more, **unscaled)
+    elif information is not None:
+        raise InputError("information matrices are of poses; this graph measures rotations")
     fixed = arrays["fixed"]
     if ((fixed < 0) | (fixed >= n)).any():
         raise InputError(f"fixed nodes are numbered 0 to {n - 1}")
@@ -164,7 +170,6 @@ def _instance(arrays: _Arrays, source: str) -> Instance:
         options=_texts(arrays, "options", dict),
         notices=tuple(_texts(arrays, "notices", list)),
         names=tuple(arrays["names"].tolist()) if "names" in arrays else (),
-        information=_information(arrays),
         world=int(arrays["world"]) if "world" in arrays else None,
         origin=arrays.get("origin"),
         ranges=_ranges(arrays, n),
@@ -267,10 +272,10 @@ def _write_graph(path: Path, instance: Instance) -> None:
     for name in ("times_ns", "stated", "outliers"):
         if (given := getattr(instance, name)) is not None:
             arrays[name] = given
-    if instance.information is not None:
-        arrays["information"] = instance.information.distinct
-        arrays["information_index"] = instance.information.index
-        arrays["information_residual"] = instance.information.residual or ""
+    if (information := graph.information) is not None:
+        arrays["information"] = information.distinct
+        arrays["information_index"] = information.index
+        arrays["information_residual"] = information.residual or ""
     if instance.ranges is not None:
         arrays["range_edges"] = instance.ranges.edges
         arrays["range_distances"] = instance.ranges.distances

@@ -68,13 +68,12 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
     rotation = RotationGraph(n, pairs, R, weighing.kappa)
     return Instance(
         name=uncompressed_name(path).stem,
-        graph=PoseGraph(rotation, t, weighing.tau),
+        graph=PoseGraph(rotation, t, weighing.tau, information=weighing.information),
         ids=np.arange(n),
         initial=Estimate(*_poses(path, nodes, "nodes", "pose")),
         source=str(path),
         options={"rotation_information": options.rotation_information or "tangent"},
         notices=tuple(notices),
-        information=weighing.information,
     )
 
 
@@ -203,13 +202,13 @@ def _at_origin(graph: PoseGraph) -> Estimate:
 
 def _information(instance: Instance, graph: PoseGraph) -> FloatArray:
     """(m, 6, 6) matrices, translation before rotation: the source's, or of kappa and tau."""
-    if instance.information is None:
+    if graph.information is None:
         diagonal = np.repeat(np.stack([graph.tau, 2.0 * graph.rotation.kappa], axis=1), 3, axis=1)
         return diagonal[:, :, None] * np.eye(6)
     about = instance.options.get("rotation_information", "tangent")
     # A quaternion's vector part is half of a tangent vector.
     unit = np.repeat([1.0, 0.5 if about == "quaternion" else 1.0], 3)
-    return instance.information.matrices * np.outer(unit, unit)
+    return graph.information_matrices * np.outer(unit, unit)
 
 
 def _columns(R: FloatArray, t: FloatArray) -> list[list[float]]:

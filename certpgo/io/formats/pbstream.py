@@ -261,7 +261,7 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
     )
     return Instance(
         name=path.stem,
-        graph=PoseGraph(rotation, t, weighing.tau),
+        graph=PoseGraph(rotation, t, weighing.tau, information=own),
         ids=np.arange(len(keys)),
         initial=initial,
         source=str(path),
@@ -271,7 +271,6 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
         },
         notices=(*weighing.notices, *([said] if loops else [])),
         names=names,
-        information=own,
         times_ns=_times(path, state, keys),
     )
 

@@ -108,13 +108,12 @@ def _instance(path: Path, topic: str, message: Any, options: ReadOptions) -> Ins
     rotation = RotationGraph(len(ids), numbered(ids, edges), R, weighing.kappa)
     return Instance(
         name=path.stem,
-        graph=PoseGraph(rotation, t, weighing.tau),
+        graph=PoseGraph(rotation, t, weighing.tau, information=weighing.information),
         ids=ids,
         initial=estimate_at(poses, np.argsort(known), True) if len(known) == len(ids) else None,
         source=str(path),
         options={"rotation_information": options.rotation_information or "tangent"},
         notices=tuple(notices),
-        information=weighing.information,
     )
 
 

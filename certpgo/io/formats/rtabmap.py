@@ -20,7 +20,6 @@ import numpy as np
 
 from certpgo.errors import FormatError, InputError, NoMeasurements
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
-from certpgo.graph.information import joined_information
 from certpgo.graph.phrases import counted
 from certpgo.io.build_graph import anchored
 from certpgo.io.edge_weights import Weighing, weighed
@@ -95,14 +94,14 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
     ids = distinct(between.ends.ravel())
     edges = numbered(ids, between.ends)
     rotation = RotationGraph(len(ids), edges, between.rotations, weighing.kappa)
+    t, tau = between.translations, weighing.tau
     instance = Instance(
         name=path.stem,
-        graph=PoseGraph(rotation, between.translations, weighing.tau),
+        graph=PoseGraph(rotation, t, tau, information=weighing.information),
         ids=ids,
         source=str(path),
         options={"rotation_information": options.rotation_information or "tangent"},
         notices=(*weighing.notices, *notices),
-        information=weighing.information,
     )
     priors = links.subset(links.kinds == PRIOR)
     if len(priors.ends) and not options.skip_priors:
@@ -187,7 +186,8 @@ def _with_priors(path: Path, instance: Instance, priors: _Links, options: ReadOp
         node = priors.ends[np.argmin(nodes), 0]
         raise FormatError(path, None, f"prior of node {node}, which no link joins to another")
     weighing = priors.weighed(path, options)
-    rows = Rows(nodes[:, None], priors.rotations, priors.translations, weighing.kappa, weighing.tau)
+    weights = weighing.kappa, weighing.tau, weighing.information
+    rows = Rows(nodes[:, None], priors.rotations, priors.translations, *weights)
     if not isinstance(instance.graph, PoseGraph):
         raise TypeError("links measure poses")
     graph, origin, notice = anchored(instance.graph, rows)
@@ -200,7 +200,6 @@ def _with_priors(path: Path, instance: Instance, priors: _Links, options: ReadOp
         world=n,
         origin=origin,
         notices=(*instance.notices, *weighing.notices, notice),
-        information=joined_information([instance.information, weighing.information]),
     )
 
 

@@ -11,6 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from certpgo.graph.information import RotationAbout
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.ball_arithmetic import Ball, arctan2, crossed, sums
@@ -35,10 +36,11 @@ class G2oCost(EdgeCost):
 
     >>> import numpy as np
     >>> from certpgo import PoseGraph, RotationGraph
-    >>> from certpgo.graph.information import InformationGraph
+    >>> from certpgo.graph.information import Information
     >>> rotation = RotationGraph(2, np.array([[0, 1]]), np.eye(2)[None], np.ones(1))
     >>> graph = PoseGraph(rotation, np.zeros((1, 2)), np.ones(1))
-    >>> cost = G2oCost(InformationGraph(graph, np.diag([100.0, 100.0, 4.0])[None]))
+    >>> stated = Information.of(np.diag([100.0, 100.0, 4.0])[None])
+    >>> cost = G2oCost(graph.with_information(stated))
     >>> Q = np.array([[np.cos(0.1), -np.sin(0.1)], [np.sin(0.1), np.cos(0.1)]])[None]
     >>> print(cost.costs(np.array([[0.01, 0.0]]), Q).round(6))  # 100 0.01^2 + 4 0.1^2
     [0.05]
@@ -48,7 +50,7 @@ class G2oCost(EdgeCost):
     compiled_residual: ClassVar[str] = "quaternion"
     provable: ClassVar[bool] = True
     decoupled: ClassVar[bool] = True
-    rotation_information: ClassVar[str] = "quaternion"
+    rotation_information: ClassVar[RotationAbout] = "quaternion"
 
     @property
     def turned_share(self) -> float:
@@ -86,7 +88,7 @@ class G2oCost(EdgeCost):
         """(m,) balls that contain the costs of all of these (v, Q)."""
         measured, d = self.measured, self.graph.d
         y, E = measured.T.apply(v - self.graph.translations), measured.T @ Q
-        T, P, W = blocks(self.graph.information, d)
+        T, P, W = blocks(self.graph.information_matrices, d)
         if d == 2:
             x = arctan2(E[:, 1, 0] - E[:, 0, 1], E[:, 0, 0] + E[:, 1, 1])[:, None]
             cross = 2.0 * y.dot(_times(P, x))
@@ -114,7 +116,7 @@ class G2oCost(EdgeCost):
         It has minorants everywhere, each with a semidefinite K. If this is such a cost, with
         isotropic translations, whose minorants are the same everywhere.
         """
-        T, P, W = blocks(self.graph.information, self.graph.d)
+        T, P, W = blocks(self.graph.information_matrices, self.graph.d)
         flat = _unchanged if self.graph.d == 2 else _clipped
         spoiled = P.any(axis=(1, 2)) | (flat(W) != W).any(axis=(1, 2))
         if spoiled.any():

@@ -37,10 +37,11 @@ class GtsamCost(EdgeCost):
 
     >>> import numpy as np
     >>> from certpgo import PoseGraph, RotationGraph
-    >>> from certpgo.graph.information import InformationGraph
+    >>> from certpgo.graph.information import Information
     >>> rotation = RotationGraph(2, np.array([[0, 1]]), np.eye(2)[None], np.ones(1))
     >>> graph = PoseGraph(rotation, np.zeros((1, 2)), np.ones(1))
-    >>> cost = GtsamCost(InformationGraph(graph, np.diag([100.0, 100.0, 4.0])[None]))
+    >>> stated = Information.of(np.diag([100.0, 100.0, 4.0])[None])
+    >>> cost = GtsamCost(graph.with_information(stated))
     >>> Q = np.array([[np.cos(0.1), -np.sin(0.1)], [np.sin(0.1), np.cos(0.1)]])[None]
     >>> print(cost.costs(np.array([[0.01, 0.0]]), Q).round(6))  # 0.01^2 + 4 0.1^2 + 8e-6
     [0.050008]
@@ -133,7 +134,7 @@ class GtsamCost(EdgeCost):
         """
         if self.graph.d == 2:
             return None
-        T, P, _ = blocks(self.graph.information, 3)
+        T, P, _ = blocks(self.graph.information_matrices, 3)
         uneven = ~is_isotropic(T) | P.any(axis=(1, 2))
         return self.on(lowered(self.graph, uneven, lambda T, W: (isotropic(T), W)))
 
@@ -142,7 +143,7 @@ class GtsamCost(EdgeCost):
         turned = hat.apply(y)
         c, _ = half_cotangent(omega.dot(omega))
         e = joined(y - 0.5 * turned + c[:, None] * hat.apply(turned), omega)
-        return e.dot(Ball.exact(self.graph.information[edges]).apply(e))
+        return e.dot(Ball.exact(self.graph.information_matrices[edges]).apply(e))
 
 
 def _inverse_jacobians(omega: FloatArray, hat: FloatArray) -> FloatArray:

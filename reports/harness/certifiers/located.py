@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
-from certpgo.graph.information import InformationGraph, of_positions
+from certpgo.graph.information import of_positions
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.choose_cost import CHORDAL, COSTS, InformationProblem
@@ -134,7 +134,7 @@ def _problem(
     full = _information(m, d, rng)
     full[kappa == 0.0] = of_positions(full[kappa == 0.0, :d, :d])
     between = COSTS[cost]
-    of_edges = InformationGraph(graph, full)
+    of_edges = graph.with_information(full)
     alone = (kappa == 0.0).any()
     return InformationProblem(
         WithPositions(of_edges, between) if alone else between(of_edges)

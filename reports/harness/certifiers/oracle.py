@@ -52,7 +52,7 @@ def _cost(problem: Problem, estimate: Estimate) -> tuple[float, float]:
 def _own_cost(problem: InformationProblem, estimate: Estimate) -> tuple[float, float]:
     flint, t = library(), estimate.translations
     R, measured = _rotations(estimate.rotations), _rotations(problem.graph.rotations)
-    residual = RESIDUALS[problem.edge_cost.name]
+    residual, Omega = RESIDUALS[problem.edge_cost.name], problem.graph.information_matrices
     total = flint.arb(0)
     for e, (i, j) in enumerate(problem.graph.edges.tolist()):
         step = R[i].transpose() * (_column(t[j]) - _column(t[i]))  # type: ignore[index]
@@ -61,9 +61,11 @@ def _own_cost(problem: InformationProblem, estimate: Estimate) -> tuple[float, f
         if problem.graph.rotation.kappa[e]:
             r = residual(y, back * R[i].transpose() * R[j])
         else:  # a position alone
-            zeros = [0] * (len(problem.graph.information[e]) - problem.d)
+            zeros = [0] * (len(Omega[e]) - problem.d)
             r = flint.arb_mat([[x] for x in (*y.entries(), *zeros)])
-        total += (r.transpose() * flint.arb_mat(problem.graph.information[e].tolist()) * r)[0, 0]
+        total += (
+            r.transpose() * flint.arb_mat(problem.graph.information_matrices[e].tolist()) * r
+        )[0, 0]
     return _below(total), -_below(-total)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from certpgo.errors import InputNotice
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
-from certpgo.graph.information import InformationGraph
+from certpgo.graph.information import Information
 from certpgo.graph.trees import compose, spanning_tree
 from certpgo.io import datasets
 from certpgo.linalg import rotations as so
@@ -117,8 +117,9 @@ def _problem(
         for block in (slice(d, None), slice(0, d))
     ]
     kappa, tau = (1.0 if d == 2 else 1.5) / inverse[0], d / inverse[1]
-    graph = PoseGraph(rotation.with_weights(kappa), t, tau)
-    return InformationProblem(COSTS[cost](InformationGraph(graph, information)))
+    stated = Information.of(information)
+    graph = PoseGraph(rotation.with_weights(kappa), t, tau, information=stated)
+    return InformationProblem(COSTS[cost](graph))
 
 
 def _information(m: int, d: int, decades: float, rng: np.random.Generator) -> FloatArray:

@@ -60,7 +60,7 @@ def of_graph(keys: Iterable[str], problem: Problem) -> dict[str, float]:
 
 def optimum(problem: Problem) -> float | None:
     """F of the optimum to rounding; None where none is certified."""
-    found = solve(problem.graph)
+    found = solve(problem)
     if found.verdict is not Verdict.CERTIFIED:
         return None
     return min(found.cost, newton.newton(problem, found.estimate, near=True).cost)

@@ -81,7 +81,7 @@ def factorization(graph: Graph, engine: str | None = None) -> Step:
 
 
 def _factorization(problem: Problem) -> Step:
-    S = problem.certificate_matrix(problem.multipliers(solve(problem.graph).estimate))
+    S = problem.certificate_matrix(problem.multipliers(solve(problem).estimate))
     if isinstance(problem, PoseProblem):
         S = pinned(S, np.array([0]))
     S = add_to_diagonal(S, SHIFT * float(S.diagonal().mean()))

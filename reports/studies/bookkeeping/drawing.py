@@ -124,13 +124,13 @@ class Measurements:
         ranges = None
         if len(self.pairs):
             ranges = Ranges(self.n, self.pairs, self.distances, self.precisions)
+        stated = Information.of(self.information, "g2o")
         return Instance(
             "drawn",
-            self.graph,
+            self.graph.with_information(stated),
             self.ids,
             world=self.n - 1 if self.world else None,
             ranges=ranges,
-            information=Information(self.information, np.arange(self.m), "g2o"),
         )
 
     @property

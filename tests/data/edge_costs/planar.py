@@ -26,11 +26,11 @@ class PlanarMotion(G2oCost):
 
     @property
     def w(self):
-        return 10.0 * self.graph.isotropic.tau
+        return 10.0 * self.graph.tau
 
     @property
     def weights(self):
-        W = np.pad(self.graph.information, ((0, 0), (0, 1), (0, 1)))
+        W = np.pad(self.graph.information_matrices, ((0, 0), (0, 1), (0, 1)))
         W[:, -1, -1] = self.w
         return W
 

@@ -1,0 +1,51 @@
+"""Weights of rotations by all of their information."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from certpgo.graph.edges import symmetric
+from certpgo.graph.information import Information
+from certpgo.graph.pose_graph import PoseGraph
+
+#: How far K stays from singular where it is clipped, relative to O's second eigenvalue.
+_MARGIN = 2.0**-20
+
+
+def mahalanobis(graph: PoseGraph, information: Information, scale: float = 1.0) -> Mahalanobis:
+    """The graph whose rotational terms are the Mahalanobis distances of the information.
+
+    A term tr(E K E^T), E = R_j - R_i R_ij, is 4 sin^2(theta/2) n^T O n for a residual angle theta
+    about n and K = tr(O)/2 I - O in space, K = O/2 I in the plane: theta^2 n^T O n to second order.
+    K is positive definite if the largest eigenvalue of O is less than the sum of the others. It is
+    lowered to that elsewhere, so that each term, and every bound, is below that of O.
+
+    Parameters
+    ----------
+    graph : the measurements, with kappa and tau, which is kept
+    information : of its edges
+    scale : of the rotational part, to make it refer to the tangent space
+    """
+    omega, d = information.distinct[:, graph.d :, graph.d :], graph.d
+    if d == 2:
+        return Mahalanobis(graph.with_weights(0.5 * scale * omega[information.index, 0, 0]), 0)
+    values, axes = np.linalg.eigh(omega)
+    # The smallest eigenvalue of K is then the margin.
+    most = values[:, 0] + values[:, 1] - 2.0 * np.minimum(_MARGIN * values[:, 1], values[:, 0] / 4)
+    clipped = values[:, 2] > most
+    values[:, 2] = np.minimum(values[:, 2], most)
+    K = 0.5 * scale * (values.sum(axis=1)[:, None] - 2.0 * values)
+    weights = symmetric((axes * K[:, None, :]) @ np.swapaxes(axes, 1, 2))[information.index]
+    rotation = graph.rotation.with_matrix_weights(weights)
+    general = replace(graph, rotation=rotation, information=None)
+    return Mahalanobis(general, int(np.count_nonzero(clipped[information.index])))
+
+
+class Mahalanobis(NamedTuple):
+    """A graph with Mahalanobis weights, and on how many edges they are lowered."""
+
+    graph: PoseGraph
+    clipped: int
