@@ -84,7 +84,7 @@ def check_matrices(name: str, values: FloatArray, shape: tuple[int, ...], edges:
 
 def symmetric(A: FloatArray) -> FloatArray:
     """The symmetric parts of matrices (m, d, d)."""
-    return np.asarray(0.5 * (A + np.swapaxes(A, 1, 2)))
+    return np.asarray(0.5 * A + 0.5 * np.swapaxes(A, 1, 2))  # whose sum may be beyond doubles
 
 
 def polar_factors(N: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -219,3 +219,9 @@ def test_text_that_is_no_json_is_refused_with_its_line(file):
     path = file('{"class_name": "PoseGraph",\n"nodes": [}', "graph.json")
     with pytest.raises(FormatError, match=r"graph\.json:2: JSON expected"):
         certpgo.read(path)
+
+
+def test_information_near_the_end_of_doubles_does_not_overflow(stored):
+    huge = np.diag([1.5e308, 1, 1, 1, 1, 1])  # rotation before translation
+    graph = certpgo.read(stored(pose_graph([IDENTITY, QUARTER], [edge(information=huge)]))).graph
+    assert (graph.rotation.kappa[0], graph.tau[0]) == (0.75, 1.0)
