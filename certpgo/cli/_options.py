@@ -190,7 +190,8 @@ def chosen_cost(cost: str | None, instance: Instance, **options: Any) -> str:
     for name, value in options.items():
         if value:
             if own != CHORDAL:
-                notice(f"--{name} minimises the chordal cost F, not the default cost of {own}")
+                said = f"--{name} minimises the chordal cost F, not the default cost of {own}"
+                notice(f"{said}{_read_otherwise(instance, own)}")
             return CHORDAL
     if own == CHORDAL and information is not None and information.residual is not None:
         bad = int((~information.is_definite).sum())
@@ -202,6 +203,14 @@ def chosen_cost(cost: str | None, instance: Instance, **options: Any) -> str:
             "the cost is F, with isotropic weights (chordal)"
         )
     return own
+
+
+def _read_otherwise(instance: Instance, own: str) -> str:
+    """How F would read rotational information as a cost does, if it does not; or empty."""
+    meant = COSTS[own].rotation_information
+    if instance.graph.d == 2 or instance.options.get("rotation_information", "tangent") == meant:
+        return ""
+    return f"; --rotation-information {meant} reads the noise of turns as {own} does"
 
 
 def tier_for(proof: Path | None, tier: str | None, cost: str | None) -> str | None:

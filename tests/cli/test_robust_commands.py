@@ -441,3 +441,14 @@ def test_a_changed_noise_is_said_first_and_the_stated_one_judged_too(certpgo, tm
     assert report["noise_scale"] == found["noise_scale"]
     assert [one["edge"] for one in report["at_stated_noise"]["rejected"]] == list(range(n - 1, m))
     assert "noise taken as" in flat(certpgo("solve", path, "--cost", cost, "--robust").out)
+
+
+def test_a_stream_under_f_says_how_the_noise_of_turns_is_read(certpgo, tmp_path):
+    path = tmp_path / "spatial.g2o"
+    upper = " ".join("100" if i == j else "0" for i in range(6) for j in range(i, 6))
+    lines = [f"EDGE_SE3:QUAT {i} {i + 1} 1 0 0 0 0 0 1 {upper}\n" for i in range(3)]
+    path.write_text("".join(lines))
+    said = "--rotation-information quaternion reads the noise of turns as g2o does"
+    assert said in flat(certpgo("follow", path, "--robust").err)
+    read_so = ("--rotation-information", "quaternion")
+    assert said not in flat(certpgo("follow", path, "--robust", *read_so).err)
