@@ -68,6 +68,46 @@ def test_numbers_are_rounded_as_python_rounds_them(word):
 
 
 @needs_the_kernel
+@pytest.mark.parametrize("places", [*range(15, 30), 300, 999, 1000, 1001, 1010, 9999, 10**5, 10**6])
+def test_numbers_of_many_places_are_what_python_reads(places):
+    """Decimals and exponents that make up for each other, and digits that are too many."""
+    zeros = "0" * places
+    one = [f"0.{zeros}1e{places + 1}", f"1{zeros}e-{places}", f".{zeros}1E+{places + 1}"]
+    for word in [
+        *one,
+        f"1.{zeros}",
+        f"{zeros}1",
+        f"-{zeros}.5",
+        f"0e{places}",
+        f"0.{zeros}e{places}",
+        f"1.{zeros}1",
+        f"0.{zeros}1e{places + 20}",
+        f"0.{zeros}1e{places - 20}",
+        f"9{zeros}e-{places}0",
+        f"1e{zeros}5",
+        f"1e-{zeros}22",
+        f"1e1{zeros}",
+        f"1e-1{zeros}",
+        f"0.{zeros}1e1{zeros}",
+        f"1{'2' * places}e-{places}",
+        *(f"1e{2**k + change}" for k in (31, 32, 63, 64) for change in (-1, 0, 1, 5)),
+        *(f"1e-{2**k + change}" for k in (31, 32, 63, 64) for change in (-1, 0, 1, 5)),
+    ]:
+        value, length = np.empty((1, 1)), np.empty((1, 1), dtype=np.intp)
+        read = compiled.kernel.numbers([word.encode()], value, length)
+        assert read == (as_python(word) is not None)
+        assert not read or bits(value[0, 0]) == bits(float(word))
+        assert not read or length[0, 0] == len(word)
+        assert word not in one or value[0, 0] == 1.0
+
+
+def test_a_number_of_many_decimals_in_a_file(tmp_path):
+    path = tmp_path / "graph.g2o"
+    path.write_text(f"EDGE_SE2 0 1 0.{'0' * 1009}1e1010 0 0 1 0 0 1 0 1\n")
+    assert certpgo.read(path).graph.translations.tolist() == [[1.0, 0.0]]
+
+
+@needs_the_kernel
 def test_tags_may_have_no_ids_or_no_numbers():
     parts, rest = compiled.kernel.tagged_lines(b"A 7\nB 2.5\nA x", ((b"A", 1, 0), (b"B", 0, 1)), 1)
     (_, ids, none, _, _), (_, no_ids, numbers, _, _) = parts

@@ -186,6 +186,65 @@ def test_arrays_that_do_not_belong_together_are_refused():
             kernel.multiply(tuple(parts), A.data, np.ones(16), np.zeros(16))
 
 
+@pytest.mark.parametrize("place", range(15))
+def test_fronts_that_contradict_themselves_are_refused(place):
+    """Each number of each array, changed: refused, or without consequence."""
+    rng = rng_of(0)
+    P, sizes = BlockPattern(6, random_edges(rng, 6, 5)), rng.integers(1, 4, 6)
+    A, F = definite(rng, P, sizes), fronts(P, sizes)
+    kernel, N, right = compiled.kernel, F.size, F._fronts[place]
+    x = rng.standard_normal(N)
+
+    def answers(of):
+        L, y, X = np.empty(F.entries), np.zeros(N), np.empty(N)
+        heights, rows = np.zeros(N, dtype=np.int64), np.zeros(F.entries, dtype=np.int64)
+        values = np.zeros(F.entries)
+        for call in (
+            lambda: kernel.factor(of, A.data, None, L, None, None, False),
+            lambda: kernel.multiply(of, A.data, x, y),
+            lambda: kernel.solve(of, L, None, x, X, False),
+            lambda: kernel.lower(of, L, heights, rows, values),
+        ):
+            try:
+                call()
+            except (ValueError, MemoryError):
+                L[:] = expected[0] if expected else np.nan
+        return [L, y, X, heights, rows, values]
+
+    expected = []
+    expected = answers(F._fronts)
+    np.testing.assert_allclose(A @ expected[2], x, atol=1e-12)
+    for k, value in np.ndenumerate(right):
+        for wrong in (value - 1, value + 1, -1, N, 2**40, 2**63 - 1, -(2**63)):
+            part = wrong
+            if np.ndim(right):
+                part = right.copy()
+                part[k] = wrong
+            answers((*F._fronts[:place], part, *F._fronts[place + 1 :]))
+
+
+def test_rows_of_other_patterns_are_refused():
+    rows = np.full(8, 7, dtype=np.int32)
+    for indptr, indices, b in (
+        ([0, 2], [0, 1], 2),
+        ([0, 1, 2], [0, 2], 2),
+        ([0, 1, 2], [-1, 1], 2),
+        ([0, 1, 2], [0, 2**40], 2),
+        ([0, 1, 2], [0, 1], 0),
+        ([0, 1, 2], [0, 1], -2),
+        ([0, 1, 2], [0, 1], 2**31 - 1),
+        ([0, 2, 1], [0, 1], 2),
+        ([], [], 2),
+    ):
+        whole = (np.array(x, dtype=np.int64) for x in (indptr, indices))
+        with pytest.raises(ValueError, match="another pattern"):
+            compiled.kernel.expand(*whole, b, rows)
+    assert (rows == 7).all()
+    one = np.frombuffer(bytes(17), dtype=np.uint8)[1:].view(np.int64)
+    with pytest.raises(TypeError, match="int64"):  # at odd addresses
+        compiled.kernel.expand(one, one, 1, rows[:2])
+
+
 def test_patterns_that_are_none_are_refused():
     P = BlockPattern(4, np.array([[0, 1], [1, 2], [2, 3]]))
     indptr, indices = (np.asarray(x, dtype=np.int64) for x in (P.indptr, P.indices))

@@ -154,10 +154,11 @@ static PyObject *expand_of(Held *held, PyObject *args)
         return NULL;
     const Int *indptr = pointers.at, *indices = blocks.at;
     int32_t *rows = into.at;
-    if (!are_pointers(indptr, pointers.length, blocks.length) ||
-        !are_blocks(blocks.length, b, into.length))
+    Int n = pointers.length - 1;
+    if (!are_pointers(indptr, n + 1, blocks.length) || !are_blocks(blocks.length, b, into.length) ||
+        n > INT32_MAX / b || !all_below(indices, blocks.length, n))
         return refuse("rows of another pattern");
-    for (Int i = 0; i + 1 < pointers.length; i++)
+    for (Int i = 0; i < n; i++)
         for (Int c = 0; c < b; c++)
             for (Int e = indptr[i]; e < indptr[i + 1]; e++)
                 for (Int r = 0; r < b; r++) *rows++ = (int32_t)(indices[e] * b + r);

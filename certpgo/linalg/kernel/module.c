@@ -151,11 +151,33 @@ static void first_rows(const Fronts *f, Int *first)
     for (Int i = 0; i < f->n; i++) first[i + 1] = first[i] + f->sizes[i];
 }
 
-/* Whether each supernode's parent comes after it, or is -1. */
-static int are_parents(Int many, const Int *above)
+/* Entries of the stack of updates at most, so that bytes are counted in 64 bits, too. */
+#define MOST ((Int)1 << 56)
+
+/* Whether the nodes' neighbours are nodes and ascend. */
+static int is_pattern(Int n, const Int *indptr, Py_ssize_t length, const Int *indices,
+                      Py_ssize_t entries)
 {
-    for (Int s = 0; s < many; s++)
-        if (above[s] != -1 && (above[s] <= s || above[s] >= many)) return 0;
+    if (length != n + 1 || !are_pointers(indptr, length, entries) || !all_below(indices, entries, n))
+        return 0;
+    for (Int i = 0; i < n; i++)
+        for (Int e = indptr[i] + 1; e < indptr[i + 1]; e++)
+            if (indices[e] <= indices[e - 1]) return 0;
+    return 1;
+}
+
+/* Whether supernodes contain all nodes, each with later supernodes' nodes below it, ascending, and
+ * with a later parent or none. */
+static int are_supernodes(const Fronts *f, Py_ssize_t rows)
+{
+    if (!are_pointers(f->start, f->many + 1, f->n) || !are_pointers(f->begin, f->many + 1, rows))
+        return 0;
+    for (Int s = 0; s < f->many; s++) {
+        Int last = f->start[s + 1] - 1, up = f->above[s];
+        if (last < f->start[s] || (up != -1 && (up <= s || up >= f->many))) return 0;
+        for (Int e = f->begin[s]; e < f->begin[s + 1]; last = f->rows[e++])
+            if (f->rows[e] <= last || f->rows[e] >= f->n) return 0;
+    }
     return 1;
 }
 
@@ -177,11 +199,8 @@ static PyObject *measure_of(Held *held, PyObject *args)
     if (!are_sizes(f.sizes, a[3].length)) return NULL;
     if (a[3].length != n || a[8].length != n || a[9].length != n + 1 || a[10].length != n + 1 ||
         a[4].length != many + 1 || a[6].length != many + 1 || a[11].length != many + 1 ||
-        !are_pointers(f.indptr, a[0].length, a[1].length) || a[0].length != n + 1 ||
-        !all_below(f.indices, a[1].length, n) || !all_below(f.order, n, n) ||
-        f.start[many] > n || !are_pointers(f.start, many + 1, f.start[many]) ||
-        !are_pointers(f.begin, many + 1, a[7].length) || !all_below(f.rows, a[7].length, n) ||
-        !are_parents(many, f.above))
+        !is_pattern(n, f.indptr, a[0].length, f.indices, a[1].length) ||
+        !all_below(f.order, n, n) || !are_supernodes(&f, a[7].length))
         return refuse("not a tree of fronts");
     Int *freed = memory(held, many, sizeof(Int));
     Int stack = 0, top = 0, widest = 0, tallest = 0;
@@ -200,6 +219,8 @@ static PyObject *measure_of(Held *held, PyObject *args)
         panel[s + 1] = panel[s] + nc * (nc + m);
         if (nc * (nc + m) > widest) widest = nc * (nc + m);
         if (nc + m > tallest) tallest = nc + m;
+        if (nc * (nc + m) > MOST || m * m > MOST - top)
+            return refuse("a matrix too large for its tree of fronts");
         if (top + m * m > stack) stack = top + m * m;
         top += m * m - freed[s];
         if (f.above[s] >= 0) freed[f.above[s]] += m * m;
@@ -259,7 +280,67 @@ static void *found(const char *module, const char *name)
 #define LETTER "s"
 #include "fronts.h"
 
-static int fronts_of(Held *held, PyObject *tuple, Fronts *f)
+/* Whether rows are those of nodes in an order, and panels and their room those of supernodes. */
+static int are_panels(const Fronts *f)
+{
+    if (f->stack > MOST || f->widest > MOST || f->tallest > INT32_MAX || f->panel[0]) return 0;
+    for (Int k = 0; k < f->n; k++)
+        if (f->offset[k + 1] - f->offset[k] != f->sizes[f->order[k]] ||
+            f->place[f->order[k]] != k)
+            return 0;
+    for (Int s = 0; s < f->many; s++) {
+        Int nc = width_of(f, s), ld = nc + below(f, s);
+        if (ld > f->tallest || nc * ld > f->widest || f->panel[s + 1] != f->panel[s] + nc * ld)
+            return 0;
+    }
+    return 1;
+}
+
+/* Whether entries are those of blocks. */
+static int are_entries(const Fronts *f)
+{
+    if (f->entry[0]) return 0;
+    for (Int i = 0; i < f->n; i++) {
+        Int height = 0;
+        for (Int e = f->indptr[i]; e < f->indptr[i + 1]; e++) height += f->sizes[f->indices[e]];
+        if (f->entry[i + 1] != f->entry[i] + height * f->sizes[i]) return 0;
+    }
+    return 1;
+}
+
+/* Whether each front has the rows of its columns and of its children, and the stack of updates its
+ * room; else refused. */
+static int are_assembled(Held *held, const Fronts *f)
+{
+    Int *mark = memory(held, f->n + 2 * f->many, sizeof(Int)), top = 0, fits = 1;
+    if (!mark) return 0;
+    Int *first = mark + f->n, *next = first + f->many;
+    for (Int k = 0; k < f->n; k++) mark[k] = -1;
+    for (Int s = 0; s < f->many; s++) first[s] = -1;
+    for (Int s = 0; s < f->many; s++) {
+        Int m = below(f, s), freed = 0;
+        for (Int k = f->start[s]; k < f->start[s + 1]; k++) mark[k] = s;
+        for (Int e = f->begin[s]; e < f->begin[s + 1]; e++) mark[f->rows[e]] = s;
+        for (Int k = f->start[s]; k < f->start[s + 1]; k++)
+            for (Int e = f->indptr[f->order[k]]; e < f->indptr[f->order[k] + 1]; e++) {
+                Int row = f->place[f->indices[e]];
+                fits &= row < k || mark[row] == s;
+            }
+        for (Int c = first[s]; c >= 0; c = next[c]) {
+            for (Int e = f->begin[c]; e < f->begin[c + 1]; e++) fits &= mark[f->rows[e]] == s;
+            freed += below(f, c) * below(f, c);
+        }
+        if (!fits || m * m > f->stack - top) return refuse("not the fronts of a pattern") != NULL;
+        top += m * m - freed;
+        if (f->above[s] >= 0) next[s] = first[f->above[s]], first[f->above[s]] = s;
+    }
+    return 1;
+}
+
+/* What of the fronts a call reads besides their panels, which is checked for what it costs. */
+typedef enum { PANELS, ENTRIES, ASSEMBLY } Reading;
+
+static int fronts_of(Held *held, PyObject *tuple, Reading reading, Fronts *f)
 {
     const Int **fields[] = {&f->indptr, &f->indices, &f->entry, &f->order, &f->place, &f->sizes,
                             &f->offset, &f->start, &f->above, &f->begin, &f->rows, &f->panel};
@@ -273,12 +354,7 @@ static int fronts_of(Held *held, PyObject *tuple, Fronts *f)
                                    many + 1, many, many + 1, f->begin[a[9].length - 1], many + 1};
     for (int k = 0; k < 12; k++)
         if (a[k].length != expected[k]) return refuse("not the fronts of a pattern") != NULL;
-    if (f->start[many] > n) return refuse("more nodes in fronts than in the pattern") != NULL;
     if (!are_sizes(f->sizes, n)) return 0;
-    if (!are_pointers(f->offset, n + 1, f->offset[n]) || !are_parents(many, f->above) ||
-        !are_pointers(f->start, many + 1, f->start[many]) ||
-        !are_pointers(f->panel, many + 1, f->panel[many]))
-        return refuse("not the fronts of a pattern") != NULL;
     f->n = n, f->many = many;
     long long room[3];
     for (int k = 0; k < 3; k++) {
@@ -288,7 +364,12 @@ static int fronts_of(Held *held, PyObject *tuple, Fronts *f)
         if (room[k] == -1 && PyErr_Occurred()) return 0;
     }
     f->stack = room[0], f->widest = room[1], f->tallest = room[2];
-    return 1;
+    if (!are_pointers(f->offset, n + 1, f->offset[n]) || !all_below(f->order, n, n) ||
+        !are_supernodes(f, a[10].length) || !are_panels(f) ||
+        (reading != PANELS &&
+         !(is_pattern(n, f->indptr, n + 1, f->indices, a[1].length) && are_entries(f))))
+        return refuse("not the fronts of a pattern") != NULL;
+    return reading != ASSEMBLY || are_assembled(held, f);
 }
 
 /* factor(fronts, data, scale | None, L | None, (weights, sums, squares) | None,
@@ -304,7 +385,7 @@ static PyObject *factor_of(Held *held, PyObject *args)
                           &sums, &measured, &single))
         return NULL;
     Array L = {held, single ? FLOATS : REALS, WRITTEN | OPTIONAL};
-    if (!fronts_of(held, tuple, &f) || !array(into, &L)) return NULL;
+    if (!fronts_of(held, tuple, ASSEMBLY, &f) || !array(into, &L)) return NULL;
     Py_ssize_t N = f.offset[f.n];
     if (data.length != f.entry[f.n] || (L.at && L.length != f.panel[f.many]))
         return refuse("a matrix of another pattern");
@@ -349,7 +430,7 @@ static PyObject *solve_of(Held *held, PyObject *args)
                           &single))
         return NULL;
     Array L = {held, single ? FLOATS : DOUBLES};
-    if (!fronts_of(held, tuple, &f) || !array(known, &L)) return NULL;
+    if (!fronts_of(held, tuple, PANELS, &f) || !array(known, &L)) return NULL;
     Int N = f.offset[f.n];
     if (!N || L.length != f.panel[f.many] || B.length % N || X.length != B.length ||
         (scale.at && scale.length != N))
@@ -369,7 +450,7 @@ static PyObject *multiply_of(Held *held, PyObject *args)
     Array A = {held, DOUBLES}, into = {held, DOUBLES, WRITTEN}, right = {held, DOUBLES};
     Fronts f;
     if (!PyArg_ParseTuple(args, "OO&O&O&", &tuple, array, &A, array, &right, array, &into) ||
-        !fronts_of(held, tuple, &f))
+        !fronts_of(held, tuple, ENTRIES, &f))
         return NULL;
     if (A.length != f.entry[f.n] || right.length != f.offset[f.n] || into.length != right.length)
         return refuse("a matrix or vector of another size");
@@ -411,7 +492,7 @@ static PyObject *lower_of(Held *held, PyObject *args)
     Fronts f;
     if (!PyArg_ParseTuple(args, "OO&O&O&O&", &tuple, array, &known, array, &columns, array,
                           &indices, array, &entries) ||
-        !fronts_of(held, tuple, &f))
+        !fronts_of(held, tuple, PANELS, &f))
         return NULL;
     if (known.length != f.panel[f.many] || columns.length != f.offset[f.n] ||
         indices.length < known.length || entries.length < known.length)

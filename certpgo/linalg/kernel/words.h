@@ -5,6 +5,8 @@
 /* Digits of an integer that fits 64 bits, and powers of ten that are exact in 64 bits. */
 #define DIGITS 19
 #define EXACT_POWER (WIDE_ENOUGH ? 27 : 22)
+/* Exponents are counted up to here: no text has as many decimals to make up for what is beyond. */
+#define FAR_POWER 100000000000000000
 
 static int is_space(char c) { return c == ' ' || c == '\t' || c == '\r'; }
 static int is_digit(char c) { return c >= '0' && c <= '9'; }
@@ -29,13 +31,13 @@ static const char *read_integer(const char *at, const char *end, Int *value)
 }
 
 /* Whether m 10^power is known as it rounds to a double: exactly, or far enough from halfway. */
-static int rounds(uint64_t m, int power, double *value)
+static int rounds(uint64_t m, Int power, double *value)
 {
     static const double tens[] = {1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,
                                   1e8,  1e9,  1e10, 1e11, 1e12, 1e13, 1e14, 1e15,
                                   1e16, 1e17, 1e18, 1e19, 1e20, 1e21, 1e22};
     if (power < -EXACT_POWER || power > EXACT_POWER) return 0;
-    int size = power < 0 ? -power : power;
+    Int size = power < 0 ? -power : power;
     if (m <= (uint64_t)1 << 53 && size <= 22) {
         *value = power < 0 ? (double)m / tens[size] : (double)m * tens[size];
         return 1;
@@ -52,7 +54,8 @@ static int rounds(uint64_t m, int power, double *value)
 static const char *read_number(const char *at, const char *end, double *value)
 {
     const char *start = at;
-    int negative = at < end && *at == '-', digits = 0, decimals = 0, power = 0;
+    int negative = at < end && *at == '-';
+    Int digits = 0, decimals = 0, power = 0;
     if (at < end && (*at == '-' || *at == '+')) at++;
     uint64_t m = 0;
     int any = 0, point = 0;
@@ -65,7 +68,7 @@ static const char *read_number(const char *at, const char *end, double *value)
         any = 1;
         if (digits || *at != '0') digits++;
         if (digits <= DIGITS) m = 10 * m + (uint64_t)(*at - '0');
-        decimals += point && decimals < 1000;
+        decimals += point;
     }
     if (!any) return NULL;
     if (at < end && (*at == 'e' || *at == 'E')) {
@@ -73,7 +76,7 @@ static const char *read_number(const char *at, const char *end, double *value)
         if (at < end && (*at == '-' || *at == '+')) at++;
         const char *first = at;
         while (at < end && is_digit(*at)) {
-            if (power < 10000) power = 10 * power + (*at - '0');
+            if (power < FAR_POWER) power = 10 * power + (*at - '0');
             at++;
         }
         if (at == first) return NULL;
