@@ -121,7 +121,7 @@ def command(
 ) -> int:
     """Certify estimates of a graph: prove how far each can be from the optimum.
 
-    Ctrl-C prints what is proven by then; a second Ctrl-C aborts.
+    Ctrl-C or SIGTERM prints what is proven by then; a second Ctrl-C aborts.
     """
     from certpgo.certify.judge import Judge
     from certpgo.io.digits import writing_of

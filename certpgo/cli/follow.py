@@ -68,8 +68,8 @@ def command(
     """Keep the best estimate of a growing graph, with a certificate.
 
     Measurements come as a robot makes them: from a pipe in the order of its lines, from a file by
-    their later pose. The last line is about all of them. Ctrl-C ends with what is proven and
-    estimated so far.
+    their later pose. The last line is about all of them. Ctrl-C or SIGTERM ends with what is
+    proven and estimated so far.
     """
     from certpgo import RobustSession, Session, SolveSettings
 

@@ -162,9 +162,9 @@ def command(
     """Find the best estimate of a graph and prove how good it is.
 
     The certified pipeline initializes, optimizes and certifies; if that fails, it climbs the
-    Riemannian staircase. Ctrl-C returns the best estimate so far; a second Ctrl-C aborts. With
-    --method, the first Ctrl-C aborts. With --robust, the verdict is about the kept measurements,
-    and a second one about rejecting the others.
+    Riemannian staircase. Ctrl-C or SIGTERM returns the best estimate so far; a second Ctrl-C
+    aborts. With --method, the first Ctrl-C aborts. With --robust, the verdict is about the kept
+    measurements, and a second one about rejecting the others.
     """
     from certpgo import SolveSettings
     from certpgo.io.matching import Matching

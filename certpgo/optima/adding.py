@@ -23,6 +23,7 @@ from certpgo.certify.tolerances import ATOL, RTOL
 from certpgo.errors import CertPGOError, InputError, NumericalError
 from certpgo.graph import Estimate, Instance
 from certpgo.graph.graph import require_connected
+from certpgo.io.pipes import readable
 from certpgo.io.writing import folder_to_write, write_whole
 from certpgo.objective.choose_cost import CHORDAL, COSTS, Certifiable, certifiable
 from certpgo.optima.fingerprint import fingerprint
@@ -161,7 +162,7 @@ def prepare(
         sizes=sizes_of(instance),
         sources=(source,) if source else (),
         reading=_reading(instance),
-        file_sha256=_sha256(_file(path).read_bytes()),
+        file_sha256=_sha256(readable(_file(path)).read_bytes()),
         upper=evidence.upper,
         lower=evidence.lower,
         verdict="UNDECIDED" if verdict == "REFUTED" else verdict,
@@ -253,6 +254,7 @@ def _tier(problem: Certifiable, cost: str) -> str:
 
 def _checked(path: Path, proof: Path, exact_within: float) -> Evidence:
     """What the independent checkers say of a proof; InputError if they refuse it."""
+    path, proof = readable(path), readable(proof)
     answer = check(path, proof)
     content = proof.read_bytes()
     found = Evidence(answer.upper, answer.lower, "proven", content)
@@ -283,7 +285,7 @@ def _refuse_other_claim(path: Path, instance: Instance, cost: str, proof: Path) 
     """Refuse a proof that is not about this cost of all measurements, as they were read."""
     expected = claim_of(path, instance, None if cost == CHORDAL else cost)
     try:
-        with np.load(proof, allow_pickle=False) as archive:
+        with np.load(readable(proof), allow_pickle=False) as archive:
             claim = checker.read_claim(archive)
     except (OSError, ValueError, zipfile.BadZipFile, checker.Unreadable, checker.Refused) as error:
         raise InputError(f"{proof}: not a readable proof ({error})") from None
@@ -295,7 +297,7 @@ def _refuse_other_claim(path: Path, instance: Instance, cost: str, proof: Path) 
 
 def _estimate_in(proof: Path) -> Estimate:
     """The estimate that a proof contains."""
-    with np.load(proof, allow_pickle=False) as archive:
+    with np.load(readable(proof), allow_pickle=False) as archive:
         q, t, s = archive["rotations"], archive.get("translations"), archive.get("scales")
     N, D = checker.exact_rotations(q)
     rotations = (N / D[:, None, None]).astype(np.float64)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.errors import FormatError
+from certpgo.io.pipes import readable
 from certpgo.linalg.arrays import FloatArray
 
 #: How a file of VTK's legacy format begins.
@@ -26,7 +27,7 @@ def read_csv(path: Path) -> FloatArray:
     FormatError
         With the line, and what was expected there.
     """
-    lines = path.read_text("utf-8-sig", "replace").splitlines()
+    lines = readable(path).read_text("utf-8-sig", "replace").splitlines()
     rows = [(number, line.split(",")) for number, line in enumerate(lines, 1) if line.strip()]
     if not rows:
         raise FormatError(path, None, "no points")
@@ -60,7 +61,7 @@ def read_vtk(path: Path) -> FloatArray:
     FormatError
         There is no section POINTS of floats or doubles, or it is cut off.
     """
-    content = path.read_bytes()
+    content = readable(path).read_bytes()
     kind = content.split(b"\n", 3)[2].strip() if content.count(b"\n") > 2 else b""
     found = _POINTS.search(content)
     if found is None or kind not in (b"ASCII", b"BINARY"):
@@ -89,7 +90,7 @@ def read_kitti(path: Path) -> FloatArray:
     FormatError
         Its size is not a whole number of points.
     """
-    content = path.read_bytes()
+    content = readable(path).read_bytes()
     kind, columns = _KITTI
     if len(content) % (columns * kind.itemsize):
         said = "x y z and intensity expected, four floats a point (KITTI)"

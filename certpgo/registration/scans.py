@@ -13,6 +13,7 @@ from certpgo.errors import FormatError, InputError
 from certpgo.graph import Estimate
 from certpgo.io import read_estimate
 from certpgo.io.exact import quaternion
+from certpgo.io.pipes import readable
 from certpgo.io.surfaces import is_ply, read_surface
 from certpgo.linalg.arrays import FloatArray, frozen_floats
 from certpgo.registration.scan_files import VTK, read_csv, read_kitti, read_vtk
@@ -62,7 +63,7 @@ def read_scan(path: str | Path) -> Scan:
         if is_ply(path):
             surface = read_surface(path)
             return Scan(path.name, surface.points, surface.colours)
-        with path.open("rb") as file:
+        with readable(path).open("rb") as file:
             head = file.read(4096)
         points = _reader_of(path, head)(path)
     except OSError as error:
@@ -87,7 +88,7 @@ def _reader_of(path: Path, head: bytes) -> Callable[[Path], FloatArray]:
 
 def _read_xyz(path: Path) -> FloatArray:
     """The first three numbers of each line that is not blank or a comment."""
-    raw = path.read_bytes().split(b"\n")
+    raw = readable(path).read_bytes().split(b"\n")
     kept = [k for k, line in enumerate(raw) if line.strip() and not line.lstrip().startswith(b"#")]
     if not kept:
         raise FormatError(path, None, "no points")
@@ -106,7 +107,7 @@ def _read_xyz(path: Path) -> FloatArray:
 
 def _read_pcd(path: Path) -> FloatArray:
     """The points of a PCD file: text, or binary without compression."""
-    with path.open("rb") as file:
+    with readable(path).open("rb") as file:
         said: dict[str, list[str]] = {}
         line = 0
         while "DATA" not in said:
@@ -192,7 +193,7 @@ def _read_conf(path: Path, names: list[str]) -> Estimate:
     """Lines ``bmesh name tx ty tz qx qy qz qw``: p_world = R(q)^-1 p + t."""
     found: dict[str, FloatArray] = {}
     try:
-        text = path.read_bytes()
+        text = readable(path).read_bytes()
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     for number, line in enumerate(text.split(b"\n"), 1):

@@ -206,3 +206,11 @@ def test_a_named_pipe_is_followed(certpgo, graph, tmp_path):
     best = package.solve(package.read(graph))
     assert done.code == 0
     assert f"{best.graph.num_nodes} nodes, {best.graph.num_edges} measurements" in done.out
+
+
+def test_scans_may_come_through_pipes(tmp_path):
+    line = "certpgo register <(printf '0 0 0\\n') <(printf 'x y\\n')"
+    done = shell(line, tmp_path)
+    assert done.returncode == 1
+    assert done.stderr.startswith(b"certpgo: /dev/fd/")
+    assert done.stderr.count(b"\n") == 1
