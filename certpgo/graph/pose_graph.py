@@ -24,12 +24,7 @@ from certpgo.graph.edges import (
 )
 from certpgo.graph.information import Information
 from certpgo.graph.kinds import Kind, kinds_of
-from certpgo.graph.phrases import (
-    components_in_words,
-    ranges_of_weights,
-    size_in_words,
-    solving,
-)
+from certpgo.graph.phrases import components_in_words, ranges_of_weights, size_in_words, solving
 from certpgo.graph.picture import circle_of, closures, drawn
 from certpgo.graph.rotation_graph import RotationGraph
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_flags, frozen_floats
@@ -53,9 +48,8 @@ class PoseGraph(Speaking):
     assumed : (m,) which edges are no measurements, but put a world somewhere whose position nothing
         measures, or hold nodes in place; None for none
     absolute : (m,) which edges measure from a world, see `certpgo.with_priors`; None for none
-    information : full information matrices of the measurements, by which other programs weigh
-        their residuals; None where there are none, or other weights were chosen. A cost is a
-        choice, see `certpgo.solve`: F has kappa and tau alone
+    information : full information matrices, by which other programs weigh residuals; None without
+        any, or with other weights. F has kappa and tau alone; a cost is a choice, see `solve`
 
     Raises
     ------

@@ -24,12 +24,7 @@ from certpgo.graph.edges import (
     simple_edges,
 )
 from certpgo.graph.kinds import kinds_of
-from certpgo.graph.phrases import (
-    components_in_words,
-    ranges_of_weights,
-    size_in_words,
-    solving,
-)
+from certpgo.graph.phrases import components_in_words, ranges_of_weights, size_in_words, solving
 from certpgo.graph.picture import circle_of
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import (

@@ -209,7 +209,7 @@ def test_a_named_pipe_is_followed(certpgo, graph, tmp_path):
 
 
 def test_scans_may_come_through_pipes(tmp_path):
-    line = "certpgo register <(printf '0 0 0\\n') <(printf 'x y\\n')"
+    line = "certpgo register <(printf '0 0 0\\n') <(printf 'x y\\n') -o out.ply"
     done = shell(line, tmp_path)
     assert done.returncode == 1
     assert done.stderr.startswith(b"certpgo: /dev/fd/")
