@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import difflib
+import os
 import re
 import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from types import MappingProxyType
+from types import MappingProxyType, UnionType
 
 #: Number of known names up to which all are listed.
 FEW = 8
@@ -28,8 +29,21 @@ def nearest(name: str, names: Iterable[str]) -> list[str]:
 
 def kind_of(thing: object) -> str:
     """The name of an object's type with its article, for messages."""
+    if thing is None:
+        return "None"
     name = type(thing).__name__
     return f"{'an' if name[:1].upper() in 'AEIO' else 'a'} {name}"
+
+
+def require(given: object, kinds: type | tuple[type, ...] | UnionType, expected: str) -> None:
+    """Refuse an argument of another kind by an InputError that names both."""
+    if not isinstance(given, kinds):
+        raise InputError(f"{expected} expected, not {kind_of(given)}")
+
+
+def require_path(given: object, of: str) -> None:
+    """Refuse what is no path by an InputError."""
+    require(given, str | os.PathLike, f"the path of {of}")
 
 
 def how_to_install(extra: str, package: str = "") -> str:

@@ -21,7 +21,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, Literal, Union, cast, get_args, get_origin, get_type_hints
 
-from certpgo.errors import MissingDependency, SpecError, UnusableFile
+from certpgo.errors import MissingDependency, SpecError, UnusableFile, require
 
 if TYPE_CHECKING:
     from certpgo.graph import Graph
@@ -74,6 +74,7 @@ def get_solver(name: str) -> type[Solver]:
         ...
     certpgo.errors.SpecError: unknown method 'eigen_r'; did you mean eigen_ra or ...?
     """
+    require(name, str, "the name of a method")
     if package := _own_methods().get(name):
         path = _PACKAGE / package.replace(".", "/") / f"{name}.py"
         module = _imported(f"certpgo.{package}.{name}", path)

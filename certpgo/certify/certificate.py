@@ -90,7 +90,7 @@ def tier_called(tier: Tier | str) -> Tier:
     if isinstance(tier, Tier):
         return tier
     known = {t.value: t for t in Tier}
-    if tier not in known:
+    if not isinstance(tier, str) or tier not in known:
         raise SpecError.unknown("tier", str(tier), known)
     return known[tier]
 

@@ -39,7 +39,7 @@ from certpgo.certify.chordal_case import Case
 from certpgo.certify.cost_proof import cost_evidence, problem_of_certificate
 from certpgo.certify.proof import Witness, proof_of, prove
 from certpgo.certify.rejection_proof import rejection_evidence
-from certpgo.errors import FormatError, InputError, NumericalError
+from certpgo.errors import FormatError, InputError, NumericalError, require, require_path
 from certpgo.graph import Estimate, Instance, PoseGraph, SimilarityGraph
 from certpgo.graph.held import HELD
 from certpgo.io.compressed import is_compressed
@@ -132,6 +132,11 @@ def write_proof(
     >>> proven.lower <= proven.upper
     True
     """
+    require_path(path, "a proof")
+    require_path(source, "a graph")
+    require(instance, Instance, "the instance that was read")
+    require(estimate, Estimate, "an Estimate")
+    require(certificate, Certificate, "a Certificate")
     source = provable(source, instance)
     claim, proof = _proof(source, instance, estimate, certificate, prices)
     found: list[checker.Answer] = []
@@ -216,6 +221,8 @@ def check(graph_path: str | Path, proof_path: str | Path) -> checker.Answer:
     >>> print(certpgo.check("helix.g2o", "helix.cert"))
     PROVED: F(x) <= ..., F* >= ..., relative gap <= ...
     """
+    require_path(graph_path, "a graph")
+    require_path(proof_path, "a proof")
     try:
         return checker.check(graph_path, proof_path)
     except checker.Refused as reason:
@@ -235,10 +242,8 @@ def provable(source: str | Path, instance: Instance) -> Path:
     path = Path(source)
     form, similar = format_of(path).name, isinstance(instance.graph, SimilarityGraph)
     if form not in FORMATS[similar]:
-        raise InputError(
-            f"{path}: a proof is about {CALLED[similar]}, not {form}; "
-            "convert it first (certpgo convert)"
-        )
+        said = f"{path}: a proof is about {CALLED[similar]}, not {form}"
+        raise InputError(f"{said}; convert it first (certpgo convert)")
     if not path.is_dir() and is_compressed(path):
         raise InputError(f"{path}: a proof is about a plain file: decompress it first (gunzip)")
     return path
@@ -269,9 +274,8 @@ def _claim(
     if (stated := options.get("weights_are", "information")) != "information":
         raise InputError(f"proof files are about numbers of information, not of {stated}")
     if "also" in options:
-        raise InputError(
-            f"{source}: a proof is about one file: certpgo convert with --also writes one of all"
-        )
+        said = "a proof is about one file: certpgo convert with --also writes one of all"
+        raise InputError(f"{source}: {said}")
     if options.get("fixed") == HELD:
         raise InputError(
             "the checker holds no nodes that a file fixes: certpgo solve --no-fixed releases them"
@@ -350,6 +354,8 @@ def _overridden(weights: str) -> tuple[float | None, float | None]:
         raise InputError("proof files are about kappa and tau, not about Mahalanobis weights")
     if weights in ("file", "unit"):
         return (None, None) if weights == "file" else (1.0, 1.0)
+    if "=" not in weights:  # of a synthetic graph
+        raise InputError("a proof is about the instance that was read from the file")
     said = dict(part.split("=") for part in weights.split(","))
     kappa, tau = (None if said[k] == "file" else float(said[k]) for k in ("kappa", "tau"))
     return kappa, tau

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from numbers import Real
 
-from certpgo.errors import InputError
+from certpgo.errors import InputError, require
 
 #: CERTIFIED means gap <= rtol F + atol W.
 RTOL, ATOL = 1e-5, 1e-12
@@ -36,6 +37,8 @@ def refuse_tolerances(rtol: float, atol: float) -> None:
     InputError
         One is.
     """
+    for tolerance in (rtol, atol):
+        require(tolerance, Real, "a number as tolerance")
     if not (0.0 <= rtol < 1.0 and 0.0 <= atol < 1.0):
         raise InputError(f"tolerances must lie within 0 ... 1: rtol={rtol}, atol={atol}")
 
@@ -48,5 +51,7 @@ def refuse_time_limit(seconds: float | None) -> None:
     InputError
         It is, or it is not a number.
     """
+    if seconds is not None:
+        require(seconds, Real, "seconds as time limit")
     if seconds is not None and not seconds >= 0.0:
         raise InputError(f"the time limit must not be negative: {seconds}")

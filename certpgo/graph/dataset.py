@@ -9,10 +9,10 @@ from types import MappingProxyType
 
 import numpy as np
 
-from certpgo.errors import GraphError
+from certpgo.errors import GraphError, require
 from certpgo.graph.display import Speaking
 from certpgo.graph.estimate import Estimate
-from certpgo.graph.graph import Graph, PoseGraph
+from certpgo.graph.graph import Graph, PoseGraph, RotationGraph
 from certpgo.graph.keys import NO_TIME, Keys
 from certpgo.graph.kinds import PRIORS, Kind, Measurements, kinds_of
 from certpgo.graph.labels import WORLD, Label, Landmark, numbering
@@ -30,6 +30,7 @@ from certpgo.linalg.arrays import (
     BoolArray,
     FloatArray,
     IntArray,
+    chosen_rows,
     frozen_flags,
     frozen_floats,
     frozen_indices,
@@ -107,19 +108,22 @@ class Instance(Speaking):
     camera: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
+        require(self.graph, RotationGraph | PoseGraph, "the graph of an instance")
+        require(self.names, list | tuple, "a tuple of names")
         object.__setattr__(self, "ids", frozen_indices(self.ids))
         object.__setattr__(self, "options", MappingProxyType(dict(self.options)))
         n = self.graph.num_nodes
         ordered = np.sort(self.ids, axis=None)  # several times faster than np.unique's hashing
         if self.ids.shape != (n,) or (ordered[1:] == ordered[:-1]).any():
             raise GraphError(f"ids must be {n} distinct integers")
-        if self.names and len(set(self.names)) != n:
+        if self.names and len({*map(str, self.names)}) != n:
             raise GraphError(f"names must be {n} distinct strings, or none")
         self._check_arrays(n)
         self._check_world(n)
         for what, value in (("truth", self.truth), ("initial", self.initial)):
             if value is None:
                 continue
+            require(value, Estimate, f"an Estimate as {what}")
             if (value.num_nodes, value.d) != (n, self.graph.d):
                 raise GraphError(f"{what} is for another graph: {value.num_nodes} nodes, not {n}")
             object.__setattr__(self, what, value.keyed(self.keys))
@@ -348,6 +352,7 @@ class Instance(Speaking):
     def with_edges(self, chosen: IntArray | BoolArray) -> Instance:
         """The instance with only the chosen measurements, by index or flag, of all nodes."""
         numbers, m, released = self.known_numbers, self.graph.num_edges, self.released
+        chosen = chosen_rows(chosen, m, "measurements")
         if released is not None:
             left_out = np.setdiff1d(numbers[:m], numbers[:m][chosen])
             released = released.with_edges(~np.isin(released.known_numbers, left_out))

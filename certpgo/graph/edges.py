@@ -9,10 +9,10 @@ import numpy as np
 from scipy.sparse import csgraph
 
 from certpgo.checker import FAR
-from certpgo.errors import GraphError
+from certpgo.errors import GraphError, InputError
 from certpgo.linalg import compiled
 from certpgo.linalg import rotations as so
-from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_floats
 from certpgo.linalg.blocks import adjacency
 
 Keep = Literal["all", "first", "last"]
@@ -105,7 +105,10 @@ def edge_name(edges: IntArray, bad: BoolArray) -> str:
 
 def broadcast(weights: FloatArray | float, m: int) -> FloatArray:
     """One weight per edge."""
-    return np.broadcast_to(np.asarray(weights, dtype=np.float64), (m,))
+    given = frozen_floats(weights)
+    if given.shape not in ((), (1,), (m,)):
+        raise InputError(f"one weight is expected, or {m}, not {given.shape}")
+    return np.broadcast_to(given, (m,))
 
 
 def components_of(n: int, edges: IntArray) -> IntArray:

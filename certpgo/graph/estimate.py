@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from numbers import Integral, Real
 
 import numpy as np
 
-from certpgo.errors import GraphError
+from certpgo.errors import GraphError, InputError, require
 from certpgo.graph.display import Speaking
 from certpgo.graph.keys import NO_KEYS, Keys
 from certpgo.graph.phrases import counted
 from certpgo.graph.picture import drawn
 from certpgo.linalg import rotations as so
-from certpgo.linalg.arrays import FloatArray, IntArray, frozen_floats
+from certpgo.linalg.arrays import FloatArray, IntArray, chosen_rows, frozen_floats
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -66,6 +67,7 @@ class Estimate(Speaking):
         if defect > so.ROUNDING_DEFECT:
             cleaned = frozen_floats(so.nearest_to_rounding(self.rotations))
             object.__setattr__(self, "rotations", cleaned)
+        require(self.keys, Keys, "the Keys of an estimate")
         self.keys.require(n)
         if self.scales is not None:
             object.__setattr__(self, "scales", frozen_floats(self.scales))
@@ -131,6 +133,9 @@ class Estimate(Speaking):
 
     def with_translations(self, translations: FloatArray | None) -> Estimate:
         """The same rotations with other translations."""
+        if translations is not None and np.shape(translations) != (self.num_nodes, self.d):
+            expected = (self.num_nodes, self.d)
+            raise GraphError(f"translations must be {expected}, not {np.shape(translations)}")
         return Estimate.trusted(self.rotations, translations, self.keys, self.scales)
 
     def keyed(self, keys: Keys) -> Estimate:
@@ -145,15 +150,26 @@ class Estimate(Speaking):
 
         Unknown scales s_i become a s_i, for a positive ``scale`` a.
         """
+        rotation = frozen_floats(rotation)
+        offset = np.zeros(self.d) if translation is None else frozen_floats(translation)
+        if rotation.shape != (self.d, self.d) or offset.shape != (self.d,):
+            raise InputError(f"a rotation {(self.d, self.d)} and a shift ({self.d},) expected")
+        require(scale, Real, "a number as scale")
         scales = None if self.scales is None else scale * self.scales
         if self.translations is None:
             return Estimate(rotation @ self.rotations, keys=self.keys, scales=scales)
-        offset = np.zeros(self.d) if translation is None else np.asarray(translation)
         moved = scale * self.translations @ rotation.T + offset
         return Estimate(rotation @ self.rotations, moved, self.keys, scales)
 
     def anchored(self, node: int, like: Estimate | None = None) -> Estimate:
         """The estimate moved so that ``node`` is the identity at the origin, or as in ``like``."""
+        require(node, Integral, "the number of a node")
+        if like is not None:
+            require(like, Estimate, "an Estimate to be like")
+        for one in (self, like):
+            if one is not None and not 0 <= node < one.num_nodes:
+                raise InputError(f"node {node} is not among 0 to {one.num_nodes - 1}")
+        node = int(node)
         R = self.rotations[node].T
         if self.translations is None:
             return self.moved(R if like is None else like.rotations[node] @ R)
@@ -164,6 +180,7 @@ class Estimate(Speaking):
 
     def subset(self, nodes: IntArray) -> Estimate:
         """The estimate of ``nodes`` alone, in that order."""
+        nodes = chosen_rows(nodes, self.num_nodes, "nodes")
         translations = None if self.translations is None else self.translations[nodes]
         scales = None if self.scales is None else self.scales[nodes]
         return Estimate(self.rotations[nodes], translations, self.keys.subset(nodes), scales)

@@ -10,7 +10,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from certpgo.errors import GraphError
+from certpgo.errors import GraphError, require
 from certpgo.graph.display import Speaking
 from certpgo.graph.edges import (
     Keep,
@@ -86,6 +86,7 @@ class PoseGraph(Speaking):
     _area: ClassVar[str] = "m^2"
 
     def __post_init__(self) -> None:
+        require(self.rotation, RotationGraph, "a RotationGraph of the relative rotations")
         object.__setattr__(self, "translations", frozen_floats(self.translations))
         object.__setattr__(self, "tau", frozen_floats(self.tau))
         expected = (self.rotation.num_edges, self.rotation.d)
@@ -348,6 +349,7 @@ class PoseGraph(Speaking):
 
     def reweighted(self, factors: FloatArray) -> PoseGraph:
         """Concentrations and information times factors (m,); an edge with factor 0 is removed."""
+        factors = broadcast(factors, self.num_edges)
         kept = factors != 0.0
         information = self.information and self.information.reweighted(factors)
         graph = self if kept.all() else self.with_information(None).with_edges(kept)
@@ -374,9 +376,10 @@ class PoseGraph(Speaking):
 
     def subgraph(self, nodes: IntArray) -> PoseGraph:
         """The graph induced on ``nodes``, renumbered in that order."""
+        rotation = self.rotation.subgraph(nodes)
         _, chosen = induced(self.num_nodes, self.edges, nodes)
         points = None if self.points is None else self.points[nodes]
-        return self._with(self.rotation.subgraph(nodes), chosen, points)
+        return self._with(rotation, chosen, points)
 
     def _with(
         self, rotation: RotationGraph, chosen: IntArray | BoolArray, points: BoolArray | None

@@ -8,15 +8,16 @@ from dataclasses import replace
 from typing import Literal, cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from certpgo.errors import GraphError, InputError
+from certpgo.errors import GraphError, InputError, require
 from certpgo.graph.concatenate import joined
 from certpgo.graph.edges import broadcast, check_weights, components_of
 from certpgo.graph.graph import has_matrix_weights, require_one_unit
 from certpgo.graph.pose_graph import PoseGraph
 from certpgo.graph.rotation_graph import RotationGraph
 from certpgo.linalg import rotations as so
-from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_floats
 
 #: Positions this near to a plane, in the plane to a line, over their extent, leave handedness open.
 FLAT = 0.02
@@ -78,19 +79,20 @@ def with_priors(
     >>> print(answer.verdict.value, bool(error.max() < 0.1))
     CERTIFIED True
     """
+    require(graph, PoseGraph, "a PoseGraph")
     require_one_unit(graph, "priors do")
     if has_matrix_weights(graph):
         raise InputError("priors are added before matrix weights, couplings or arms")
-    nodes = np.asarray(nodes)
-    if nodes.dtype.kind not in "iu":
-        raise InputError("nodes are given by their numbers")
+    nodes = _numbers(nodes)
     for name, weights, values in (("kappa", kappa, rotations), ("tau", tau, translations)):
         if np.any(weights) != (values is not None):
             what = "rotations" if name == "kappa" else "translations"
             raise InputError(f"{name} and {what} are given together, or neither")
     k, d = len(nodes), graph.d
-    R = np.tile(np.eye(d), (k, 1, 1)) if rotations is None else np.asarray(rotations)
-    t = np.zeros((k, d)) if translations is None else np.asarray(translations, dtype=np.float64)
+    R = np.tile(np.eye(d), (k, 1, 1)) if rotations is None else frozen_floats(rotations)
+    t = np.zeros((k, d)) if translations is None else frozen_floats(translations)
+    if R.shape != (k, d, d) or t.shape != (k, d):
+        raise InputError(f"rotations must be {(k, d, d)} and translations {(k, d)}")
     if translations is not None and (origin := origin_of(t[np.broadcast_to(tau, k) > 0.0])).any():
         raise InputError(
             f"the positions lie around {origin.tolist()}, far from the origin: subtract that first"
@@ -152,14 +154,16 @@ def with_directions(
     >>> print(answer.verdict.value, bool(np.abs(tilt).max() < 0.02))
     CERTIFIED True
     """
+    require(graph, PoseGraph, "a PoseGraph")
     require_one_unit(graph, "directions do")
-    nodes, d, rotation = np.asarray(nodes), graph.d, graph.rotation
+    nodes, d, rotation = _numbers(nodes), graph.d, graph.rotation
     k = len(nodes)
-    g, h = _unit(np.asarray(seen, dtype=np.float64)), np.eye(d)[-1]
+    g, h = frozen_floats(seen), np.eye(d)[-1]
     if direction is not None:
-        h = _unit(np.asarray(direction, dtype=np.float64)[None])[0]
+        h = frozen_floats(direction)
     if g.shape != (k, d) or h.shape != (d,):
         raise InputError(f"directions must be {(k, d)} in the nodes' frames, {(d,)} in the world")
+    g, h = _unit(g), _unit(h[None])[0]
     added = int(world is None)
     place = np.full(k, graph.num_nodes if world is None else world)
     weights = broadcast(kappa, k)
@@ -219,6 +223,14 @@ def _unplaced(graph: PoseGraph, world: int | None) -> PoseGraph:
     """The graph without the edge that puts a world somewhere, as positions are measured from it."""
     assumed = ~graph.is_measured & (graph.edges[:, 0] == world)
     return graph.with_edges(~assumed) if assumed.any() else graph
+
+
+def _numbers(nodes: ArrayLike) -> IntArray:
+    """Numbers of nodes as an array; anything else is refused by an InputError."""
+    numbers = np.asarray(nodes)
+    if numbers.dtype.kind not in "iu" or numbers.ndim != 1:
+        raise InputError("nodes are given by their numbers")
+    return numbers
 
 
 def _unit(directions: FloatArray) -> FloatArray:

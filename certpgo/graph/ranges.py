@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Integral
 
 import numpy as np
 
-from certpgo.errors import GraphError
+from certpgo.errors import GraphError, require
 from certpgo.graph.display import Brief
 from certpgo.graph.edges import check_edges, check_weights, edge_name
 from certpgo.linalg.arrays import FloatArray, IntArray, frozen_floats, frozen_indices
@@ -46,6 +47,7 @@ class Ranges(Brief):
         object.__setattr__(self, "edges", frozen_indices(self.edges))
         object.__setattr__(self, "distances", frozen_floats(self.distances))
         object.__setattr__(self, "weights", frozen_floats(self.weights))
+        require(self.num_nodes, Integral, "a number of nodes")
         k = len(self.edges)
         if self.edges.shape != (k, 2) or self.distances.shape != (k,):
             raise GraphError(f"ranges are (k, 2) pairs and (k,) distances, not {self.edges.shape}")

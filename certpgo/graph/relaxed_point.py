@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from certpgo.errors import GraphError
+from certpgo.errors import GraphError, InputError, require
 from certpgo.graph import Estimate
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray, IntArray
@@ -52,6 +52,15 @@ class Lift:
 
 #: An estimate, or a point of the relaxation: both have a cost.
 Point = Estimate | Lift
+
+
+def require_nodes(point: Point, n: int, d: int) -> None:
+    """Refuse a point of other nodes by an InputError."""
+    require(point, Estimate | Lift, "an Estimate")
+    if (point.num_nodes, point.d) != (n, d):
+        raise InputError(
+            f"the estimate has {point.num_nodes} nodes in {point.d}D, the graph {n} in {d}D"
+        )
 
 
 def translations_of(point: Point) -> FloatArray:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from numbers import Integral
 from typing import ClassVar, Literal
 
 import numpy as np
 
-from certpgo.errors import GraphError
+from certpgo.errors import GraphError, require
 from certpgo.graph.display import Speaking
 from certpgo.graph.edges import (
     Keep,
@@ -31,6 +32,7 @@ from certpgo.linalg.arrays import (
     BoolArray,
     FloatArray,
     IntArray,
+    chosen_rows,
     frozen_flags,
     frozen_floats,
     frozen_indices,
@@ -85,6 +87,7 @@ class RotationGraph(Speaking, Pairs):
         object.__setattr__(self, "rotations", frozen_floats(self.rotations))
         object.__setattr__(self, "kappa", frozen_floats(self.kappa))
         m = len(self.edges)
+        require(self.num_nodes, Integral, "a number of nodes")
         if self.num_nodes < 1:
             raise GraphError("a graph needs at least one node")
         if self.edges.shape != (m, 2) or m == 0:
@@ -261,10 +264,12 @@ class RotationGraph(Speaking, Pairs):
 
     def with_edges(self, chosen: IntArray | BoolArray) -> RotationGraph:
         """All nodes with only the ``chosen`` edges, given by index or mask (m,)."""
+        chosen = chosen_rows(chosen, self.num_edges, "edges")
         return self._with(self.num_nodes, self.edges[chosen], chosen)
 
     def subgraph(self, nodes: IntArray) -> RotationGraph:
         """The graph induced on ``nodes``, renumbered in that order."""
+        nodes = chosen_rows(nodes, self.num_nodes, "nodes")
         edges, chosen = induced(self.num_nodes, self.edges, nodes)
         return self._with(len(nodes), edges, chosen)
 

@@ -7,13 +7,15 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-from certpgo.errors import InputNotice
-from certpgo.graph import Estimate, Instance
+import numpy as np
+
+from certpgo.errors import InputError, InputNotice, kind_of
+from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.io.estimates import posed_as, read_estimate
 from certpgo.io.format import AnyPath
 from certpgo.io.reading import read
 
-__all__ = ["AnyPath", "estimated", "measured"]
+__all__ = ["AnyPath", "as_instance", "estimated", "measured"]
 
 
 def measured(given: Any) -> Any:
@@ -31,6 +33,28 @@ def measured(given: Any) -> Any:
     for notice in instance.notices:  # to the caller of who opens it
         warnings.warn(f"{instance.source}: {notice}", InputNotice, stacklevel=3)
     return instance
+
+
+def as_instance(given: Any, taker: str, name: str = "graph") -> Instance:
+    """The instance of a graph, which is called ``name``, of an instance or of a path.
+
+    Parameters
+    ----------
+    taker : what takes one of these, for the message that refuses anything else
+
+    Raises
+    ------
+    FormatError
+        As `certpgo.read`.
+    InputError
+        It is something else.
+    """
+    posed = measured(given)
+    if isinstance(posed, PoseGraph | RotationGraph):
+        return Instance(name, posed, np.arange(posed.num_nodes))
+    if not isinstance(posed, Instance):
+        raise InputError(f"{taker} takes a graph, an instance or a path, not {kind_of(posed)}")
+    return posed
 
 
 def _is_path(given: object) -> bool:

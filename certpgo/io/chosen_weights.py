@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from numbers import Real
 
 import numpy as np
 
-from certpgo.errors import InputError
+from certpgo.errors import InputError, require
 from certpgo.graph import Graph, Instance, PoseGraph
 from certpgo.graph.mahalanobis import mahalanobis as mahalanobis_weights
 from certpgo.graph.phrases import counted
@@ -47,6 +48,8 @@ class ChosenWeights:
         if self.mahalanobis and str(replace(self, mahalanobis=False)) != "file":
             raise InputError("Mahalanobis weights exclude kappa, tau and unit weights")
         for name, value in (("kappa", self.kappa), ("tau", self.tau)):
+            if value is not None:
+                require(value, Real, f"a number as {name}")
             if value is not None and not 0.0 < value < np.inf:
                 raise InputError(f"{name} must be positive and finite, not {value}")
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo.errors import CertPGOError, FormatError, InputError, InputNotice
+from certpgo.errors import CertPGOError, FormatError, InputError, InputNotice, require
 from certpgo.graph import Estimate, Instance, PoseGraph
 from certpgo.graph.components import restricted
 from certpgo.graph.graph import require_connected
@@ -95,6 +95,8 @@ def read_estimate(
     True
     """
     path = file_of(path)
+    if instance is not None:
+        require(instance, Instance, "the instance that is estimated")
     poses = _poses(path, format, topic)
     how = Matching.of(timestamps, max_difference)
     with _located(path):

@@ -66,7 +66,10 @@ def estimate_from_values(
 
 def _elements(values: Any, d: int) -> dict[int, FloatArray]:
     """The matrices of all poses (d + 1, d + 1) or rotations (d, d), by key."""
-    keys = [int(key) for key in values.keys()]  # noqa: SIM118 - not a mapping
+    try:
+        keys = [int(key) for key in values.keys()]  # noqa: SIM118 - not a mapping
+    except (TypeError, ValueError):
+        raise InputError("GTSAM's Values expected, whose keys are integers") from None
     found = {key: M for key in keys if (M := _element(values, key, d)) is not None}
     if not found:
         other = 5 - d

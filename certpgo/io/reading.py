@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 
-from certpgo.errors import FormatError, InputError
+from certpgo.errors import FormatError, InputError, require_path
 from certpgo.graph import Graph, Instance, PoseGraph
 from certpgo.graph.edges import Keep, simple_edges
 from certpgo.graph.held import with_held
@@ -112,7 +112,9 @@ def read(
     >>> instance.ids
     array([10, 20, 30, 40])
     """
-    paths = [path] if isinstance(path, str | Path) else list(path)
+    paths: list[Any] = list(path) if isinstance(path, list | tuple) else [path]
+    for one in paths:
+        require_path(one, "a graph")
     if not paths:
         raise InputError("a file is expected, not an empty list")
     path, *also = map(Path, paths)
@@ -159,7 +161,7 @@ def _refuse_other(path: Path, form: Format, other: Path, found: Format) -> None:
 
 
 def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
-    if value not in choices:
+    if not isinstance(value, str) or value not in choices:
         raise InputError(f"{name} must be one of {', '.join(choices)}, not {value!r}")
 
 

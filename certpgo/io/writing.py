@@ -17,7 +17,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from certpgo.errors import InputError, InputNotice, kind_of
+from certpgo.errors import InputError, InputNotice, kind_of, require
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.held import as_stated
 from certpgo.graph.keys import SECOND, Keys
@@ -91,6 +91,7 @@ def write(
     >>> certpgo.read("helix.g2o").graph.num_edges == instance.graph.num_edges
     True
     """
+    require(path, str | os.PathLike, "write(path, what): a path")
     path = Path(path)
     form = format_to_write(path, format)
     if isinstance(estimate := getattr(what, "estimate", None), Estimate):

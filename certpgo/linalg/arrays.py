@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from certpgo.errors import GraphError
+from certpgo.errors import GraphError, InputError, kind_of
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.integer[Any]]
@@ -30,12 +30,16 @@ def frozen_indices(values: ArrayLike) -> IntArray:
     GraphError
         A number is not whole, or beyond 64 bits.
     """
-    given = np.asarray(values)
+    try:
+        given = np.asarray(values)
+    except ValueError:  # rows of different lengths
+        raise InputError(f"an array of numbers expected, not {kind_of(values)}") from None
     if given.dtype.kind not in "ib":
         wrong = _no_index(given)
         if wrong.any():
-            found = repr(given[wrong].tolist()[0])[:40]
-            raise GraphError(f"whole numbers of 64 bits expected, not {found}")
+            found = given[wrong].tolist()[0]
+            shown = repr(found)[:40] if isinstance(found, int | float | str) else kind_of(found)
+            raise GraphError(f"whole numbers of 64 bits expected, not {shown}")
     return _freeze(given, np.intp)
 
 
@@ -55,7 +59,10 @@ def frozen_flags(values: ArrayLike) -> BoolArray:
 
 
 def _freeze(values: ArrayLike, dtype: Any) -> NDArray[Any]:
-    array = np.ascontiguousarray(values, dtype=dtype)
+    try:
+        array = np.ascontiguousarray(values, dtype=dtype)
+    except (TypeError, ValueError):  # objects, words, or rows of different lengths
+        raise InputError(f"an array of numbers expected, not {kind_of(values)}") from None
     if array.flags.writeable:
         array = array.copy() if np.shares_memory(array, np.asarray(values)) else array
         array.flags.writeable = False
@@ -64,6 +71,26 @@ def _freeze(values: ArrayLike, dtype: Any) -> NDArray[Any]:
 
 def _is_index(value: object) -> bool:
     return isinstance(value, int) and -(2**63) <= value < 2**63
+
+
+def chosen_rows(chosen: ArrayLike, n: int, which: str) -> NDArray[Any]:
+    """Indices, or flags, of some of n rows; anything else is refused by an InputError.
+
+    Parameters
+    ----------
+    which : what the rows are, in the plural
+    """
+    try:
+        rows = np.asarray(chosen)
+        rows = rows if rows.size or rows.dtype.kind == "b" else rows.astype(np.intp)
+    except ValueError:  # rows of different lengths
+        raise InputError(f"{which} are chosen by their numbers, or {n} flags") from None
+    flags = rows.dtype.kind == "b" and rows.shape == (n,)
+    if not flags and (rows.dtype.kind not in "iu" or rows.ndim != 1):
+        raise InputError(f"{which} are chosen by their numbers, or {n} flags")
+    if not flags and rows.size and not -n <= rows.min() <= rows.max() < n:
+        raise InputError(f"{which} are numbered from 0 to {n - 1}")
+    return rows
 
 
 def numbered(ids: IntArray, queries: IntArray) -> IntArray:

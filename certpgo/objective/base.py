@@ -15,7 +15,7 @@ from certpgo.errors import InputError, kind_of
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.display import Brief, Speaking
 from certpgo.graph.graph import has_matrix_weights
-from certpgo.graph.relaxed_point import Point
+from certpgo.graph.relaxed_point import Point, require_nodes
 from certpgo.linalg import factor
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import CSC, BoolArray, FloatArray, IntArray
@@ -297,11 +297,7 @@ class Objective(Speaking, ABC):
                 f"an Estimate is expected, not {kind_of(estimate)}: certify_values takes "
                 "GTSAM's Values, read_estimate reads files"
             )
-        if (estimate.num_nodes, estimate.d) != (self.n, self.d):
-            raise InputError(
-                f"the estimate has {estimate.num_nodes} nodes in {estimate.d}D, "
-                f"the graph {self.n} in {self.d}D"
-            )
+        require_nodes(estimate, self.n, self.d)
         if isinstance(self.graph, PoseGraph) and estimate.translations is None:
             raise InputError("the estimate has no translations, but the graph measures them")
 

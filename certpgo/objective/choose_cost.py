@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from certpgo.errors import InputError, SpecError
-from certpgo.graph import Graph, Instance, PoseGraph
+from certpgo.errors import InputError, SpecError, require
+from certpgo.graph import Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.kinds import Kind
 from certpgo.graph.phrases import counted
 from certpgo.graph.priors import require_determined, require_held
@@ -55,6 +55,7 @@ def own_cost(measured: Graph | Instance) -> str:
     That is ``"g2o"`` for a g2o file whose information matrices are all positive definite where they
     state something, ``"gtsam"`` for such a JSON Robot Log, and ``"chordal"`` otherwise.
     """
+    require(measured, Instance | RotationGraph | PoseGraph, "a graph or an instance")
     graph = measured.graph if isinstance(measured, Instance) else measured
     own = None if graph.information is None else graph.information.residual
     return own if own is not None and own in COSTS and _takes(graph, own) else CHORDAL
@@ -62,6 +63,7 @@ def own_cost(measured: Graph | Instance) -> str:
 
 def costs_of(instance: Instance) -> tuple[str, ...]:
     """The costs that an instance can be certified under, that of `own_cost` first."""
+    require(instance, Instance, "an Instance")
     own = own_cost(instance)
     others = COSTS if instance.ranges is None else ()
     known = (CHORDAL, *(cost for cost in others if _takes(instance.graph, cost)))
@@ -106,6 +108,8 @@ def problem_under(
         A cost of another program, and a problem that has its own, or no information matrices; or an
         instance with distances, which is `range_problem`'s.
     """
+    if cost is not None:
+        require(cost, str, "the name of a cost")
     if isinstance(posed, Instance) and posed.ranges is not None:
         raise InputError(
             f"{posed.source or posed.name}: graphs with distances are for certpgo solve and "
@@ -204,6 +208,8 @@ def information_problem(measured: Graph | Instance, cost: str) -> InformationPro
     InputError
         There are no poses or no information matrices, or some are not positive definite.
     """
+    require(measured, Instance | RotationGraph | PoseGraph, "a graph or an instance")
+    require(cost, str, "the name of a cost")
     if cost not in COSTS:
         raise SpecError.unknown("cost", cost, list(COSTS))
     instance = measured if isinstance(measured, Instance) else None

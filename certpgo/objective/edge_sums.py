@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
-from certpgo.graph.relaxed_point import Point, translations_of
+from certpgo.graph.relaxed_point import Point, require_nodes, translations_of
 from certpgo.linalg import compiled
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
@@ -38,6 +38,7 @@ class EdgeSums:
 
     def gradient(self, point: Point) -> tuple[FloatArray, FloatArray]:
         """Half the Euclidean gradient and the edges' terms, as `operators.gradient`."""
+        require_nodes(point, self._graph.num_nodes, self._graph.d)
         n, r, d = point.rotations.shape
         if not compiled.AVAILABLE or r > LARGEST_RANK:
             return operators.gradient(self._graph, point)
@@ -46,6 +47,7 @@ class EdgeSums:
 
     def terms(self, point: Point) -> FloatArray:
         """(m,) the edges' terms."""
+        require_nodes(point, self._graph.num_nodes, self._graph.d)
         if not compiled.AVAILABLE or point.rotations.shape[1] > LARGEST_RANK:
             return operators.gradient(self._graph, point)[1]
         return self._compiled(point, None)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from certpgo.errors import InputError, MissingDependency, kind_of
+from certpgo.errors import InputError, MissingDependency, kind_of, require
 from certpgo.graph import Estimate, PoseGraph, RotationGraph, SimilarityGraph
 from certpgo.graph.information import Information
 from certpgo.io.gtsam_values import estimate_from_values
@@ -192,12 +192,14 @@ def to_gtsam(
     """
     if isinstance(problem, SimilarityGraph):
         problem = SimilarityProblem(problem)
+    require(estimate, Estimate, "an Estimate")
     if isinstance(problem, SimilarityProblem):
         similar: tuple[Any, Any] = gtsam_similarities.factors_and_values(
             _library(), problem, estimate
         )
         return similar
     _require_problem(problem)
+    problem.check(estimate)
     graph, gtsam = factors_of(problem), _library()
     t, values = estimate.translations, gtsam.Values()
     for k, M in enumerate(

@@ -11,7 +11,7 @@ from certpgo.errors import GraphError, NumericalError
 from certpgo.graph import Estimate, RotationGraph
 from certpgo.graph.edges import components_of, edge_name
 from certpgo.graph.graph import require_connected
-from certpgo.graph.relaxed_point import Point
+from certpgo.graph.relaxed_point import Point, require_nodes
 from certpgo.graph.scale import Scale
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.factor import default_engine
@@ -112,6 +112,7 @@ class RotationProblem(Objective):
 
     def residual_angles(self, estimate: Estimate) -> FloatArray:
         """(m,) angles between R_i R_ij and R_j, radians; 0 where no rotation is measured."""
+        require_nodes(estimate, self.n, self.d)
         return self._sums.angles(estimate.rotations)
 
     def with_optimal_translations(self, point: AnyPoint) -> AnyPoint:

@@ -10,10 +10,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from numbers import Real
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from certpgo.errors import InputError
+from certpgo.errors import InputError, require
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.display import Brief
 from certpgo.graph.relaxed_point import Point
@@ -299,6 +301,23 @@ class TruncatedProblem(Brief):
         return RotationsOfPoses(g, self.engine)
 
 
+def indices_of(given: ArrayLike, m: int, which: str) -> IntArray:
+    """Indices of some of m measurements; anything else is refused by an InputError.
+
+    Parameters
+    ----------
+    which : what these measurements are, such as rejected
+    """
+    chosen = np.asarray(given)
+    if chosen.ndim == 1 and not chosen.size:
+        return np.zeros(0, dtype=np.intp)
+    if chosen.ndim != 1 or chosen.dtype.kind not in "iu" or len(np.unique(chosen)) != len(chosen):
+        raise InputError(f"{which} measurements are given by their indices, each once")
+    if not 0 <= chosen.min() <= chosen.max() < m:
+        raise InputError(f"{which} measurements have indices from 0 to {m - 1}")
+    return chosen
+
+
 def rejecting(
     problem: object,
     rejected: IntArray,
@@ -328,11 +347,7 @@ def rejecting(
     if isinstance(problem, PoseProblem) and problem.takes_scales:
         raise InputError("rejections are certified without nodes of unknown scale alone")
     m = problem.graph.num_edges
-    chosen = np.asarray(rejected)
-    if chosen.ndim != 1 or chosen.dtype.kind not in "iu" or len(np.unique(chosen)) != len(chosen):
-        raise InputError("rejected measurements are given by their indices, each once")
-    if len(chosen) and not 0 <= chosen.min() <= chosen.max() < m:
-        raise InputError(f"rejected measurements have indices from 0 to {m - 1}")
+    chosen = indices_of(rejected, m, "rejected")
     refuse_quantile(quantile)
     found = quantiles(problem, flagged_from(problem) if quantile is None else quantile)
     whole = np.full(m, np.inf)
@@ -342,5 +357,7 @@ def rejecting(
 
 def refuse_quantile(quantile: float | None) -> None:
     """Refuse a quantile out of its range by an InputError."""
+    if quantile is not None:
+        require(quantile, Real, "a number as quantile")
     if quantile is not None and not 0.0 < quantile < 1.0:
         raise InputError(f"a quantile lies between 0 and 1, not at {quantile}")

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
-from functools import cache
+from functools import cache, wraps
 from numbers import Integral, Real
 from typing import Any, ClassVar, Literal, get_args, get_origin, get_type_hints
 
-from certpgo.errors import SpecError
+from certpgo.errors import InputError, SpecError, kind_of
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,11 @@ class Settings:
     rotations: ClassVar[bool] = True
     takes_initial: ClassVar[bool] = True
     compiled: ClassVar[bool] = False
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if (solve := cls.__dict__.get("solve")) is not None:
+            setattr(cls, "solve", _of_problems(solve))  # noqa: B010 - not in every class
 
     def __post_init__(self) -> None:
         refuse_mistyped(self)
@@ -55,6 +61,20 @@ class Iterative(Settings):
             raise SpecError(
                 "tolerance must not be negative or infinite, and max_iterations at least 1"
             )
+
+
+def _of_problems(solve: Callable[..., Any]) -> Callable[..., Any]:
+    """The method, refusing what is no problem, such as a graph."""
+
+    @wraps(solve)
+    def checked(self: Any, problem: Any, **options: Any) -> Any:
+        if not hasattr(problem, "edge_costs"):
+            raise InputError(
+                f"a PoseProblem(graph) or RotationProblem(graph) expected, not {kind_of(problem)}"
+            )
+        return solve(self, problem, **options)
+
+    return checked
 
 
 def refuse_mistyped(settings: Any) -> None:

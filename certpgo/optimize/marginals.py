@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from numbers import Integral
 from typing import Protocol
 
 import numpy as np
 from scipy.linalg import block_diag
 
-from certpgo.errors import InputError, NumericalError
+from certpgo.errors import InputError, NumericalError, kind_of, require
 from certpgo.graph import Estimate
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
@@ -89,6 +90,8 @@ class Marginals:
     held: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
+        if not hasattr(self.problem, "tangent_layout"):
+            raise InputError(f"a problem of poses expected, not {kind_of(self.problem)}")
         self.problem.check(self.estimate)
         for node in (self.anchor, *self.held):
             self._require(node)
@@ -152,6 +155,9 @@ class Marginals:
         return np.asarray(blocks)
 
     def _require(self, node: int) -> None:
+        require(node, Integral, "the number of a node")
+        if isinstance(node, bool):
+            raise InputError(f"the number of a node expected, not {node}")
         if not 0 <= node < self.problem.n:
             raise InputError(f"node {node} is not among 0 to {self.problem.n - 1}")
 

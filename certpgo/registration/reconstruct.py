@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from certpgo.errors import InputError, SpecError
+from certpgo.errors import InputError, SpecError, require
 from certpgo.graph import Estimate, Instance
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.registration.averaging import Averaged, averaged, averaged_scales, composed
@@ -26,7 +27,7 @@ from certpgo.registration.judging import judge_steps
 from certpgo.registration.loops import DeadReckoning, adjacent, consistent, overlapping, retrieved
 from certpgo.registration.pairs import FramePair, in_units_of
 from certpgo.registration.ransac import RansacSettings
-from certpgo.registration.sequences import FrameSequence
+from certpgo.registration.sequences import FrameSequence, read_sequence
 from certpgo.registration.stages import Cache, Progress, silent
 from certpgo.solve.result import CertifiedSolution
 
@@ -188,7 +189,7 @@ class Reconstruction:
 
 
 def reconstruct(
-    frames: FrameSequence,
+    frames: FrameSequence | str | Path,
     settings: ReconstructSettings | None = None,
     *,
     colour: ColourCamera | None = None,
@@ -206,7 +207,7 @@ def reconstruct(
 
     Parameters
     ----------
-    frames : such as `certpgo.read_sequence` reads
+    frames : such as `certpgo.read_sequence` reads, or the folder that it would read
     settings : see `ReconstructSettings`
     colour : the colour camera, if depth images are not registered to colour
     cache : folder in which what is computed of frames and pairs is kept, by content, so that an
@@ -234,7 +235,11 @@ def reconstruct(
     >>> found.answer.verdict.value, found.estimate.num_nodes
     ('CERTIFIED', 4)
     """
+    if isinstance(frames, str | os.PathLike):
+        frames = read_sequence(frames)
+    require(frames, FrameSequence, "a sequence of frames, or its folder,")
     chosen, progress = settings or ReconstructSettings(), progress or silent
+    require(chosen, ReconstructSettings, "ReconstructSettings")
     kept = Cache(None if cache is None else Path(cache))
     given, factors = frames, None
     if chosen.scales:

@@ -10,7 +10,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from certpgo.errors import InputError, SpecError
+from certpgo.errors import InputError, SpecError, require
 from certpgo.graph import Estimate, Instance
 from certpgo.graph.edges import components_of
 from certpgo.graph.trees import compose, spanning_tree
@@ -114,6 +114,9 @@ def register(
     """
     if method not in get_args(Method):
         raise SpecError.unknown("method", method, get_args(Method))
+    require(scans, list | tuple, "a list of scans, or of their files,")
+    for scan in scans:
+        require(scan, Scan | str | Path, "a Scan, or the path of its file,")
     read = [scan if isinstance(scan, Scan) else read_scan(scan) for scan in scans]
     if (n := len(read)) < 2:
         raise InputError("registration needs two or more scans")

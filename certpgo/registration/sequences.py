@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from certpgo.errors import FormatError, InputError, MissingDependency
+from certpgo.errors import FormatError, InputError, MissingDependency, require_path
 from certpgo.graph import Estimate
 from certpgo.graph.phrases import counted
 from certpgo.io.chunks import read_rows
@@ -207,6 +207,7 @@ def read_sequence(
     ...     print(error)
     nowhere: no such folder
     """
+    require_path(folder, "a folder")
     folder = Path(folder)
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder")

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from certpgo.certify import Certificate, certify
-from certpgo.errors import CertPGOError, InputError, InputNotice
+from certpgo.errors import CertPGOError, InputError, InputNotice, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph
 from certpgo.graph.graph import has_no_unit
-from certpgo.io.accept_paths import AnyPath, measured
+from certpgo.io.accept_paths import AnyPath, as_instance, measured
 from certpgo.io.digits import Digits, Writing
 from certpgo.io.gtsam_values import estimate_from_values
 from certpgo.linalg.arrays import BoolArray, IntArray
@@ -282,9 +282,11 @@ def certify_values(
     'REFUTED'
     """
     posed = measured(graph)
-    of = posed.graph if isinstance(posed, Instance) else posed
+    instance = as_instance(posed, "certify_values")
+    if not callable(getattr(values, "keys", None)):
+        raise InputError(f"GTSAM's Values expected, not {kind_of(values)}: certify takes estimates")
+    of, keys = instance.graph, instance.ids
     n = of.num_nodes
-    keys = posed.ids if isinstance(posed, Instance) else np.arange(n)
     if ids is not None:
         keys = np.asarray(ids)
         if keys.shape != (n,) or keys.dtype.kind not in "iu" or len(np.unique(keys)) != n:

@@ -11,8 +11,9 @@ from typing import Any, Literal
 from certpgo import registry
 from certpgo.certify import Certificate, certify
 from certpgo.certify.certificate import CHORDAL as OF_F
-from certpgo.errors import CertPGOError, SpecError
+from certpgo.errors import CertPGOError, SpecError, require
 from certpgo.graph import Estimate, Graph, Instance
+from certpgo.io.accept_paths import AnyPath, as_instance
 from certpgo.objective.choose_cost import (
     CHORDAL,
     COSTS,
@@ -167,7 +168,7 @@ def _minimises(method: Competitor, cost: str) -> bool:
 
 
 def compare(
-    instance: Instance,
+    instance: Instance | Graph | AnyPath,
     methods: Iterable[Competitor] | None = None,
     *,
     cost: str | None = None,
@@ -194,10 +195,14 @@ def compare(
     KeyboardInterrupt
         Ctrl-C, also where a method returns an estimate after it.
     """
+    instance = as_instance(instance, "compare")
+    if methods is not None:
+        require(methods, Iterable, "a list of Competitors")
     judge = problem_under(instance, cost)
     cost = judge.cost_name
     problem, objective = judge.chordal, OF_F if judge.is_chordal else judge.title
     for method in methods_under(cost) if methods is None else methods:
+        require(method, Competitor, "a Competitor")
         announce(method.label)
         blank = MethodResult(
             instance.name,

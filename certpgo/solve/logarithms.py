@@ -19,7 +19,7 @@ from certpgo.optimize.progress import Stop
 from certpgo.optimize.similarity_descent import descend, separate_start
 from certpgo.optimize.solution import Solution
 from certpgo.solve.result import CertifiedSolution
-from certpgo.solve.settings import DEFAULT, SolveSettings
+from certpgo.solve.settings import SolveSettings, settings_from
 from certpgo.solve.solving import solve
 
 #: Stationarity at which a descent ends, which differences of logarithms resolve, and steps.
@@ -122,7 +122,7 @@ def fit_logarithms(
     """
     posed: Any = measured(graph)
     problem = LogarithmProblem(similarity_problem(posed).graph)
-    chosen = (settings or DEFAULT).changed(options)
+    chosen = settings_from(settings, options)
     stop = Stop(monitor, objective="the cost of logarithms")
     with stop.within(chosen.time_limit):
         begin = separate_start(problem.quadratic) if initial is None else initial

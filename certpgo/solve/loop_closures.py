@@ -13,6 +13,7 @@ from certpgo.graph.graph import require_connected, require_one_unit
 from certpgo.graph.kinds import Kind
 from certpgo.graph.succession import Succession, succession
 from certpgo.graph.trees import minimum_spanning_tree
+from certpgo.io.accept_paths import AnyPath, as_instance
 from certpgo.linalg.arrays import BoolArray, IntArray
 from certpgo.objective.problem import RotationProblem
 
@@ -26,11 +27,9 @@ class Rotations(NamedTuple):
     problem: RotationProblem
 
 
-def with_rotations(graph: Instance | Graph) -> tuple[Instance, Rotations]:
+def with_rotations(graph: Instance | Graph | AnyPath) -> tuple[Instance, Rotations]:
     """The instance, and its relative rotations."""
-    instance = graph
-    if not isinstance(instance, Instance):
-        instance = Instance("graph", instance, np.arange(instance.num_nodes))
+    instance = as_instance(graph, "a choice of loop closures")
     require_one_unit(instance.graph, "a choice of loop closures does")
     require_connected(instance.measurements)
     edges = np.flatnonzero(instance.measurements.are(Kind.BETWEEN, Kind.ROTATION))

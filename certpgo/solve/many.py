@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 from certpgo.certify.certificate import Certificate
 from certpgo.certify.judge import certify
-from certpgo.errors import CertPGOError, InputError
+from certpgo.errors import CertPGOError, InputError, kind_of
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.io.accept_paths import AnyPath
 from certpgo.io.writing import AnyAnswer
@@ -24,7 +24,7 @@ from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.range_problem import RangeProblem
 from certpgo.optimize.monitor import Monitor
 from certpgo.solve.result import CertifiedSolution
-from certpgo.solve.settings import DEFAULT, SolveSettings
+from certpgo.solve.settings import SolveSettings, settings_from
 from certpgo.solve.solving import solve
 
 Item = TypeVar("Item")
@@ -77,7 +77,7 @@ def solve_many(
     the graph has 4 components of 2, 2, 1, 1 nodes; it must be connected
     CERTIFIED
     """
-    chosen = (settings or DEFAULT).changed(options)
+    chosen = settings_from(settings, options)
 
     def solved(
         graph: Graph | Instance | InformationProblem | RangeProblem | AnyPath, ends: Monitor
@@ -122,6 +122,8 @@ def certify_many(
         pair: tuple[Judged | Graph | Instance | AnyPath, Estimate | AnyAnswer | AnyPath],
         ends: Monitor,
     ) -> Certificate:
+        if not isinstance(pair, tuple | list) or len(pair) != 2:
+            raise InputError(f"a pair of a graph and an estimate expected, not {kind_of(pair)}")
         posed, estimate = pair
         return certify(posed, estimate, monitor=ends, **options)
 
@@ -140,6 +142,8 @@ def by_threads(
     InputError
         There is to be no thread.
     """
+    if isinstance(items, str) or not isinstance(items, Iterable):
+        raise InputError(f"a list or another iterable expected, not {kind_of(items)}")
     if workers is not None and workers < 1:
         raise InputError(f"the work is done by at least one thread, not {workers}")
     return _by_threads(work, items, workers or os.cpu_count() or 1)

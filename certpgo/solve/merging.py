@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from certpgo.errors import GraphError, InputError
+from certpgo.errors import GraphError, InputError, require
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.concatenate import joined, joined_ranges
 from certpgo.graph.display import Speaking
@@ -28,6 +28,7 @@ from certpgo.graph.kinds import Kind
 from certpgo.graph.labels import WORLD, Label, Landmark, called, in_order
 from certpgo.graph.origins import in_one_world
 from certpgo.graph.phrases import counted, few
+from certpgo.io.accept_paths import AnyPath, as_instance, measured
 from certpgo.io.frames import frame_node
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.chi_squared import FALSE_ALARMS, numbers_measured
@@ -42,7 +43,7 @@ from certpgo.solve.many import by_threads
 from certpgo.solve.outliers import Posed, outlying, select
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.search import search
-from certpgo.solve.settings import DEFAULT, SolveSettings
+from certpgo.solve.settings import SolveSettings, settings_from
 
 #: The reading option that says what rotational information is of.
 READ_AS = "rotation_information"
@@ -142,8 +143,8 @@ class Merged(Speaking):
 
 
 def merge(
-    maps: Sequence[Instance | Graph],
-    between: Instance,
+    maps: Sequence[Instance | Graph | AnyPath],
+    between: Instance | AnyPath,
     settings: SolveSettings | None = None,
     *,
     offset: int | None = None,
@@ -154,8 +155,8 @@ def merge(
 
     Parameters
     ----------
-    maps : at least two. A graph's nodes have their numbers as ids; the world of maps with priors is
-        one and the same
+    maps : at least two, or the paths of their files. A graph's nodes have their numbers as ids; the
+        world of maps with priors is one and the same
     between : measurements whose nodes have the `certpgo.Instance.labels` that the maps give them:
         ids, for example
     offset : where ids occur in several maps: the k-th map's ids are raised by k times this, in
@@ -189,12 +190,15 @@ def merge(
     >>> merged.answer.verdict.value, f"{merged.answer.cost:.6f}", merged.instance.ids.tolist()
     ('CERTIFIED', '0.029994', [0, 1, 2, 10, 11, 12])
     """
-    chosen = (settings or DEFAULT).changed(options)
+    chosen = settings_from(settings, options)
+    require(maps, list | tuple, "merge takes a list of maps, and what joins them: maps")
     instances = [_as_instance(one) for one in maps]
-    for one in (*instances, between):
+    joints: Any = measured(between)
+    require(joints, Instance, "an instance of the measurements between maps")
+    for one in (*instances, joints):
         refuse_held(one)
     names = _labelled(instances, offset)
-    whole, across = _joined(instances, names, between)
+    whole, across = _joined(instances, names, joints)
     problem = problem_of(whole.graph) if whole.ranges is None else range_problem(whole)
     if robust and problem.is_lifted:
         raise InputError("robust fits are of poses: maps with distances are merged without")
@@ -262,10 +266,8 @@ def _tails(problem: Posed | RangeProblem, estimate: Estimate) -> FloatArray:
     return np.asarray(special.gammaincc(0.5 * numbers, 0.5 * chi2))
 
 
-def _as_instance(one: Instance | Graph) -> Instance:
-    instance = one
-    if not isinstance(instance, Instance):
-        instance = Instance("map", instance, np.arange(instance.num_nodes))
+def _as_instance(one: Instance | Graph | AnyPath) -> Instance:
+    instance = as_instance(one, "merge", "map")
     require_one_unit(instance.graph, "certpgo merge does")
     return instance
 

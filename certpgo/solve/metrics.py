@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from certpgo.errors import InputError
+from certpgo.errors import InputError, require
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
@@ -156,6 +156,7 @@ def trajectory_errors(
     InputError
         The numbers of poses differ, or only one of them has translations.
     """
+    _require_as_many(estimate, truth)
     if (estimate.translations is None) != (truth.translations is None):
         raise InputError("the estimate or the truth has no translations")
     moved = estimate.moved(*alignment(estimate, truth, scaled=scaled))
@@ -277,6 +278,8 @@ def position_errors(estimate: Estimate, truth: Estimate, *, scaled: bool = False
 
 
 def _require_as_many(estimate: Estimate, truth: Estimate) -> None:
+    for one in (estimate, truth):
+        require(one, Estimate, "an Estimate")
     if (estimate.num_nodes, estimate.d) != (truth.num_nodes, truth.d):
         raise InputError(
             f"the estimate has {estimate.num_nodes} nodes, the ground truth {truth.num_nodes}"

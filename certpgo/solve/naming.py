@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Iterable, Sequence
 
 from certpgo.errors import InputError, kind_of
 from certpgo.graph import Graph, Instance, PoseGraph, RotationGraph
@@ -33,7 +33,11 @@ def labels_of(measurements: object, nodes: Sequence[Label] | None) -> Sequence[L
     if not isinstance(graph, PoseGraph | RotationGraph):
         raise InputError(f"a session takes graphs and instances, not {kind_of(measurements)}")
     require_one_unit(graph, "a session does")
+    if nodes is not None and (isinstance(nodes, str) or not isinstance(nodes, Iterable)):
+        raise InputError(f"the names of the nodes expected, not {kind_of(nodes)}")
     names = list(own if nodes is None else nodes)
+    if not all(isinstance(name, Hashable) for name in names):
+        raise InputError("names of nodes are numbers, words or the like, not lists")
     if world is not None and len(names) == len(own):
         names[world] = WORLD
     if len(names) != len(own) or len(set(names)) < len(names):

@@ -18,7 +18,7 @@ from certpgo.io.accept_paths import AnyPath, measured
 from certpgo.linalg.arrays import IntArray
 from certpgo.objective.choose_cost import InformationProblem, problem_under
 from certpgo.objective.problem import Problem
-from certpgo.objective.truncated_problem import UncertifiableError, refuse_quantile
+from certpgo.objective.truncated_problem import UncertifiableError, indices_of, refuse_quantile
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.notebook import watched
@@ -28,7 +28,7 @@ from certpgo.solve.outliers import Selection, select
 from certpgo.solve.rejection import certify_rejection
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.search import search
-from certpgo.solve.settings import DEFAULT, SolveSettings
+from certpgo.solve.settings import SolveSettings, settings_from
 
 
 def solve_robustly(
@@ -94,10 +94,12 @@ def solve_robustly(
     given = measured(graph)
     source = given if isinstance(given, Instance) else None
     posed = problem_under(given, cost)
-    chosen = (settings or DEFAULT).changed(options)
+    chosen = settings_from(settings, options)
     limit = chosen.time_limit
     if initial is not None:
         posed.check(initial)
+    if trusted is not None:
+        trusted = indices_of(trusted, posed.graph.num_edges, "trusted")
     with watched(monitor) as shown:
         stop = Stop(shown, objective="the chordal cost F of all measurements, in a robust fit")
         with stop.within(limit), stop.watch.phase("select"):

@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Hashable, Iterable, Iterator, Sequence
 from contextlib import suppress
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ import numpy as np
 from certpgo.certify import Certificate, Tier, Verdict
 from certpgo.certify.certificate import tier_called
 from certpgo.certify.tolerances import FLOOR, difference_up
-from certpgo.errors import GraphError, InputError
+from certpgo.errors import GraphError, InputError, require
 from certpgo.graph import Estimate, Graph, Instance, RotationGraph
 from certpgo.graph.concatenate import joined
 from certpgo.graph.display import Speaking
@@ -38,7 +39,7 @@ from certpgo.solve.odometry import Track
 from certpgo.solve.result import GIVEN
 from certpgo.solve.session_outliers import Suspicion, suspicion
 from certpgo.solve.session_status import Standing
-from certpgo.solve.settings import DEFAULT, SolveSettings
+from certpgo.solve.settings import SolveSettings, settings_from
 from certpgo.solve.terms import ASSUMED, Terms, numbered_from
 from certpgo.solve.warm_start import Found, descended, searched
 
@@ -93,9 +94,11 @@ class Session(Speaking):
         cost: str | None = None,
         **options: Any,
     ) -> None:
+        if every is not None:
+            require(every, Integral, "a number of measurements, or None,")
         if every is not None and every < 1:
             raise InputError(f"certificates are refreshed every k measurements, not every {every}")
-        self.settings = (settings or DEFAULT).changed(options)
+        self.settings = settings_from(settings, options)
         self.every = every
         self._asked, self._terms = cost, Terms.chosen(cost)
         self._tier = tier_called(self.settings.tier or Tier.STANDARD)
@@ -215,7 +218,11 @@ class Session(Speaking):
         GraphError
             The others do not determine all nodes; the session is as before.
         """
-        removed = sorted(set(edges))
+        require(edges, Iterable, "the numbers of measurements")
+        given = list(edges)
+        for edge in given:
+            require(edge, Integral, "the number of a measurement")
+        removed = sorted(set(given))
         absent = sorted(set(removed) - {*self._edges} | {*removed} & {ASSUMED})
         if absent:
             raise InputError(f"there is no measurement {absent[0]}")

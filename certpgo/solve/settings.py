@@ -10,7 +10,7 @@ from typing import Any
 from certpgo.certify import Tier
 from certpgo.certify.certificate import tier_called
 from certpgo.certify.tolerances import ATOL, RTOL, refuse_time_limit, refuse_tolerances
-from certpgo.errors import InputError, SpecError
+from certpgo.errors import InputError, SpecError, require
 from certpgo.optimize.iterative import refuse_mistyped
 from certpgo.optimize.riemannian_newton import NewtonSettings
 
@@ -124,3 +124,13 @@ class SolveSettings:
 
 #: What `certpgo.solve` uses unless something else is asked for.
 DEFAULT = SolveSettings()
+
+
+def settings_from(settings: SolveSettings | None, options: Mapping[str, Any]) -> SolveSettings:
+    """The settings that a function was given, or the default ones, with single ones replaced."""
+    if settings is None:
+        return DEFAULT.changed(options)
+    if isinstance(settings, str):
+        raise InputError(f"SolveSettings expected, not {settings!r}: a cost is given as cost=...")
+    require(settings, SolveSettings, "SolveSettings")
+    return settings.changed(options)

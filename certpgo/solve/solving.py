@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from certpgo.certify.certificate import of_instance
-from certpgo.errors import InputError, kind_of
+from certpgo.errors import InputError, kind_of, require
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.io.accept_paths import AnyPath, estimated, measured
 from certpgo.io.writing import AnyAnswer
@@ -21,7 +21,7 @@ from certpgo.optimize.notebook import watched
 from certpgo.solve.outliers import Disagreement, ignore
 from certpgo.solve.result import GIVEN, CertifiedSolution
 from certpgo.solve.search import search
-from certpgo.solve.settings import DEFAULT, SolveSettings
+from certpgo.solve.settings import SolveSettings, settings_from
 
 #: Name of the initial values of an instance.
 STORED = "the initial values of the file"
@@ -89,9 +89,11 @@ def solve(
     >>> print(f"{result.cost:.6f}")  # 8 n sin^2(theta / (2 n)), the error distributed evenly
     0.029994
     """
-    chosen = (settings or DEFAULT).changed(options)
+    chosen = settings_from(settings, options)
     posed: Any = measured(graph)
     start = None if initial is None else estimated(initial, posed)
+    if cost is not None:
+        require(cost, str, "the name of a cost")
     known = (PoseGraph, RotationGraph, Instance)
     problems = (PoseProblem, RotationProblem, InformationProblem, RangeProblem)
     if not isinstance(posed, (*known, *problems)):

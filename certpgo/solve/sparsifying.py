@@ -9,11 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from numbers import Real
 from typing import Any, Literal, get_args
 
 import numpy as np
 
-from certpgo.errors import InputError
+from certpgo.errors import InputError, require
 from certpgo.graph import Graph, Instance
 from certpgo.graph.display import Speaking
 from certpgo.graph.phrases import counted
@@ -25,7 +26,7 @@ from certpgo.solve.loop_closures import loop_closures, with_rotations
 from certpgo.solve.metrics import TrajectoryErrors, trajectory_errors
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.search import search
-from certpgo.solve.settings import DEFAULT, SolveSettings
+from certpgo.solve.settings import SolveSettings, settings_from
 
 #: What loop closures are chosen by: where they are, or also what they measure.
 By = Literal["connectivity", "spectrum"]
@@ -153,8 +154,8 @@ def sparsify(
     >>> len(sparse.chosen), sparse.instance.graph.num_edges == len(sparse.kept)
     (30, True)
     """
-    settings = (settings or DEFAULT).changed(options)
-    if by not in get_args(By):
+    settings = settings_from(settings, options)
+    if not isinstance(by, str) or by not in get_args(By):
         raise InputError(f"by is 'connectivity' or 'spectrum', not {by!r}")
     whole, rotations = with_rotations(graph)
     loops = loop_closures(rotations)
@@ -190,6 +191,7 @@ def _number(keep: float, loops: int) -> int:
     """How many loop closures to keep."""
     if loops == 0:
         raise InputError("the graph has no loop closures to choose from")
+    require(keep, Real, "how many loop closures to keep, or their share,")
     if isinstance(keep, int):
         if not 1 <= keep <= loops:
             raise InputError(f"1 to {loops} loop closures can be kept, not {keep}")

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from numbers import Integral, Real
 
 import numpy as np
 from scipy.spatial import KDTree
 
-from certpgo.errors import InputError
+from certpgo.errors import InputError, require
 from certpgo.graph import Estimate, Graph, Instance, RotationGraph
 from certpgo.graph.display import Speaking
 from certpgo.graph.phrases import counted
@@ -119,6 +120,7 @@ def suggest_loops(
     >>> (found.connectivity / found.kappa).round(4).tolist()
     [0.1206, 0.4679]
     """
+    require(count, Integral, "the number of loop closures")
     if count < 1:
         raise InputError(f"the number of loop closures must be at least 1, not {count}")
     instance, rotations = with_rotations(graph)
@@ -153,6 +155,7 @@ def _near(
     instance: Instance, nodes: IntArray, within: float, estimate: Estimate | None
 ) -> IntArray:
     """(p, 2) pairs of these nodes, by place, at most this far apart, but not consecutive."""
+    require(within, Real, "a distance in metres")
     if estimate is None:
         estimate = search(certifiable(instance, CHORDAL), DEFAULT).estimate
     if estimate.translations is None:

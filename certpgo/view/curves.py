@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from certpgo.certify import Certificate
-from certpgo.errors import InputError, kind_of
+from certpgo.errors import InputError, kind_of, require
 from certpgo.graph import Estimate
 from certpgo.graph.phrases import bound_shown, cost_shown, gap_shown
 from certpgo.objective.choose_cost import Certifiable, InformationProblem
@@ -53,11 +53,14 @@ def residuals(
     '9 edges, at most 40 degrees'
     """
     if isinstance(of, CertifiedSolution):
-        problem, at = of.problem, estimate or of.estimate
+        problem, at = of.problem, of.estimate if estimate is None else estimate
     elif estimate is None:
         raise InputError("residuals are of an answer, or of a problem and an estimate")
     else:
         problem, at = of, estimate
+    if not hasattr(problem, "residual_angles"):
+        raise InputError(f"an answer, or a problem and an estimate expected, not {kind_of(of)}")
+    problem.check(at)
     angles = np.degrees(problem.residual_angles(at))
     ax = given_or_current(ax)
     ax.hist(angles, bins=bins, range=(0.0, max(1.05 * float(angles.max()), 1e-9)))
@@ -209,6 +212,9 @@ def convergence(
         lower_bound = solution.lower_bound if lower_bound is None else lower_bound
     else:
         trace = solution
+        require(trace, list | tuple, "an answer, or a sequence of iterations")
+        for iteration in trace:
+            require(iteration, Iteration, "an Iteration")
     if not len(trace):
         raise InputError("no iterations to draw: the method recorded none")
     ax = given_or_current(ax)
@@ -223,8 +229,10 @@ def convergence(
 
 def _certified(of: object, certificate: Certificate | None) -> tuple[Certifiable, Certificate]:
     """The problem, and a certificate about it."""
+    if certificate is not None:
+        require(certificate, Certificate, "a Certificate")
     if isinstance(of, CertifiedSolution):
         return of.problem, certificate or of.certificate
-    if certificate is None:
+    if certificate is None or not hasattr(of, "is_chordal"):
         raise InputError(f"an answer, or a problem and its certificate expected, not {kind_of(of)}")
     return of, certificate  # type: ignore[return-value]
