@@ -157,7 +157,7 @@ def test_of_an_answer(dataset):
     expected = Marginals(problem, answer.estimate).covariance(3)
     np.testing.assert_array_equal(answer.covariance(3), expected)
     robust = certpgo.solve_robustly(instance.graph)
-    kept = Marginals(robust.solution.judged(problem_of(instance.graph)), robust.estimate)
+    kept = Marginals(robust.solution.judged(problem), robust.estimate)
     np.testing.assert_array_equal(robust.covariance(3), kept.covariance(3))
 
 
