@@ -216,7 +216,7 @@ class Solved(Result):
     def _count_kept(self) -> int | None:
         """How many measurements a robust method kept; what holds fixed nodes is none."""
         kept = self.solution.kept
-        return None if kept is None else kept - self.part.constraints
+        return None if kept is None else kept - int((~self.part.is_measured).sum())
 
     @property
     def _number_kept(self) -> str:

@@ -220,11 +220,6 @@ class Instance(Speaking):
         return flags
 
     @property
-    def constraints(self) -> int:
-        """How many of the edges are no measurements."""
-        return self.graph.num_edges - self.num_measurements
-
-    @property
     def num_measurements(self) -> int:
         """How many edges measure."""
         return int(np.count_nonzero(self.is_measured))
@@ -242,8 +237,7 @@ class Instance(Speaking):
         """(m,) the number of each of the `measurements` in the source, see `numbers`."""
         if self.numbers is not None:
             return self.numbers
-        measured = np.ones(len(self.pairs), dtype=bool)
-        measured[: self.graph.num_edges] = self.is_measured
+        measured = ~self.measurements.are(Kind.HELD, Kind.ASSUMED)
         return np.where(measured, np.cumsum(measured) - 1, -1)
 
     @cached_property
