@@ -1575,10 +1575,11 @@ def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
 
 def _about(graph: Graph, claim: dict[str, Any], cut: Rejections | None = None) -> str:
     """Describes F, as the reading options come from the proof."""
-    said = [f"the {claim['kind']} of {graph.n} nodes from {len(graph.i)} measurements"]
+    measured = f"the {claim['kind']} of {graph.n} nodes from {len(graph.i)} measurements"
+    said = ["chordal cost F", measured]
     if claim.get("cost") is not None:
         edges = "EdgeSE2" if claim["d"] == 2 else "EdgeSE3:QUAT"
-        said.insert(0, f"g2o's chi2 of {edges} with full information")
+        said[0] = f"g2o's chi2 of {edges} with full information"
         said[1:1] = ["and of positions"] * bool((graph.kappa == 0.0).any())
     else:
         for k in ("kappa", "tau")[: 1 + (claim["kind"] != "rotations")]:
@@ -1587,8 +1588,7 @@ def _about(graph: Graph, claim: dict[str, Any], cut: Rejections | None = None) -
         said.append(f"rotational information read as {claim['rotation_information']}")
     if claim.get("landmarks"):
         said.append(f"with {0 if graph.points is None else int(graph.points.sum())} landmarks")
-    if claim.get("priors"):
-        said.append(f"with {graph.priors} priors")
+    said += [f"with {graph.priors} priors"] * bool(claim.get("priors"))
     said += ["numbers read as information"] * any(map(claim.get, ("landmarks", "priors")))
     added = claim["keep"] == "all"
     said.append("parallel edges added" if added else f"only the {claim['keep']} of parallel edges")

@@ -1073,15 +1073,15 @@ def component(path: Path, sha256: str | None) -> set[int] | None:
 
 def about(graph: Graph, claim: dict[str, Any], rejected: list[Rejected]) -> str:
     """The measurements and how they were read: what F is."""
-    said = [f"the {claim['kind']} of {graph.n} nodes from {len(graph.edges)} measurements"]
+    measured = f"the {claim['kind']} of {graph.n} nodes from {len(graph.edges)} measurements"
+    said = ["chordal cost F", measured]
     for name in ("kappa", "tau")[: 1 + (claim["kind"] != "rotations")]:
         ones = any(getattr(edge, name) == ONE for edge in graph.edges)
         none = " (1 without information)" * ones
         said.append(f"{name} {claim[name] or f'of the file{none}'}")
     said.append(f"rotational information read as {claim['rotation_information']}")
-    priors = sum(edge.role == "prior" for edge in graph.edges)
     said += [f"with {len(graph.points)} landmarks"] * claim["landmarks"]
-    said += [f"with {priors} priors"] * claim["priors"]
+    said += [f"with {sum(e.role == 'prior' for e in graph.edges)} priors"] * claim["priors"]
     said += ["numbers read as information"] * claim["maps"]
     added = claim["keep"] == "all"
     said.append("parallel edges added" if added else f"only the {claim['keep']} of parallel edges")

@@ -564,8 +564,8 @@ def test_works_as_a_file_by_itself(small, tmp_path):
     done, said = run(path, proof), checker.check(path, proof)
     assert (done.returncode, done.stdout, done.stderr) == (
         0,
-        f"{said}\nabout the poses of 6 nodes from 17 measurements, kappa of the file, "
-        "tau of the file, rotational information read as tangent, parallel edges added\n",
+        f"{said}\nabout chordal cost F, the poses of 6 nodes from 17 measurements, kappa of the "
+        "file, tau of the file, rotational information read as tangent, parallel edges added\n",
         "",
     )
     refused = run(path, path)

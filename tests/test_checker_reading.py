@@ -327,12 +327,12 @@ def test_a_line_that_cannot_be_read_is_named_with_its_file(tmp_path):
 def test_what_was_proven_about_is_said():
     graph = read(SE3)
     claim = {**HEADER, "component_sha256": None}
-    said = "the poses of 3 nodes from 2 measurements, "
+    said = "chordal cost F, the poses of 3 nodes from 2 measurements, "
     said += "kappa of the file (1 without information), tau 2, "
     said += "rotational information read as tangent, parallel edges added"
     assert checker._about(graph, claim) == said
     of_rotations = {**claim, "kind": "rotations", "kappa": 0.5, "component_sha256": "0"}
-    said = "the rotations of 3 nodes from 2 measurements, kappa 0.5, "
+    said = "chordal cost F, the rotations of 3 nodes from 2 measurements, kappa 0.5, "
     said += "rotational information read as tangent, parallel edges added, nodes of cc.txt alone"
     assert checker._about(graph, of_rotations) == said
 

@@ -110,4 +110,5 @@ def sum_of_bounds(
         factorizations=sum(bound.factorizations for bound in bounds),
         nonzeros=max(bound.nonzeros for bound in bounds),
         loose=any(bound.loose for bound in bounds),
+        attained=math.fsum(bound.attained for bound in bounds),
     )

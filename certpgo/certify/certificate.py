@@ -11,6 +11,7 @@ from typing import Any
 from certpgo.certify.bounds import Bounds
 from certpgo.certify.dual import Support
 from certpgo.certify.obstacle import NOTHING, LimitedBy, Obstacle
+from certpgo.certify.tolerances import FLOOR, PROOF_GAIN, allowed
 from certpgo.certify.wording import Statement
 from certpgo.errors import SpecError
 from certpgo.graph import Estimate, Instance
@@ -31,7 +32,8 @@ class Verdict(StrEnum):
 
     Attributes
     ----------
-    CERTIFIED : the gap is proven to be at most rtol F + atol W
+    CERTIFIED : the gap is proven to be at most rtol F + atol W, of which the latter is no more than
+        0.001 F; or every residual is rounding, and so is the cost
     REFUTED : a lower-cost estimate is known that descent from this one does not reach, or was given
         up far from
     BOUNDED : a gap is proven, but it is larger than that
@@ -107,11 +109,15 @@ class Certificate(Statement):
     ----------
     verdict : see `Verdict`
     tier : see `Tier`
-    cost_upper : F of the estimate as given, rounded up
+    cost : F of the estimate as given, as computed
+    cost_upper : the same with all rounding of its evaluation added, which large weights raise
     lower_bound : no estimate of this graph has a smaller F; 0 when nothing more was proven
     gap : ``cost_upper - lower_bound``, rounded up
-    rtol, atol : CERTIFIED means gap <= rtol * cost_upper + atol * scale
+    rtol, atol : CERTIFIED means gap <= rtol * cost_upper + atol * scale, of which the latter is no
+        more than 0.001 * cost_upper; or `is_exact_fit`
     scale : W, the problem's scale
+    rounding : the cost of an estimate at hand whose residuals are all rounding, if there is one:
+        the optimum is zero, as far as doubles tell; else 0
     stationarity : largest ratio of a node's gradient to its weight at the given estimate, radians
     max_residual_angle : largest angle between R_i R_ij and R_j, radians
     multipliers : (n, d, d) blocks Lam_i of the point that gave the lower bound; None without one
@@ -159,12 +165,14 @@ class Certificate(Statement):
 
     verdict: Verdict
     tier: Tier
+    cost: float
     cost_upper: float
     lower_bound: float
     gap: float
     rtol: float
     atol: float
     scale: float
+    rounding: float
     stationarity: float
     max_residual_angle: float
     multipliers: FloatArray | None
@@ -193,6 +201,7 @@ class Certificate(Statement):
         names = [field.name for field in fields(self) if field.name not in _ARRAYS]
         shown = {name: getattr(self, name) for name in names}
         more = {"relative_gap": self.relative_gap, "tolerance": self.tolerance}
+        more["is_exact_fit"] = self.is_exact_fit
         return {**shown, **more, "limited_by": self.limited_by, "reason": self.reason}
 
     def to_json(self, indent: int | None = 2) -> str:
@@ -227,15 +236,41 @@ class Certificate(Statement):
         """F of ``best``, rounded up."""
         return self.refined_cost if self.better_cost is None else self.better_cost
 
-    def is_optimal(self, cost: float) -> bool:
-        """Whether an estimate of this cost is proven optimal, up to the tolerance."""
-        gap = cost - self.lower_bound
-        return self.tier is not Tier.SCREEN and gap <= self.rtol * cost + self.atol * self.scale
+    @property
+    def is_optimal(self) -> bool:
+        """Whether the estimate is proven optimal, up to the tolerance: CERTIFIED."""
+        return self.verdict is Verdict.CERTIFIED
+
+    @property
+    def is_exact_fit(self) -> bool:
+        """Whether it is CERTIFIED as its cost is rounding, and no bound comes near it."""
+        return self.is_optimal and self.gap > self._allowed(self.cost_upper)
+
+    def proves_optimal(self, cost: float) -> bool:
+        """Whether the best estimate, of this cost, is proven optimal, up to the tolerance."""
+        return self.tier is not Tier.SCREEN and cost - self.lower_bound <= self._tolerance_at(cost)
 
     @property
     def tolerance(self) -> float:
         """The gap up to which this estimate counts as optimal."""
-        return self.rtol * self.cost_upper + self.atol * self.scale
+        return self._tolerance_at(self.cost_upper)
+
+    @property
+    def is_near(self) -> bool:
+        """Whether the proof tier may close a gap that rounding leaves.
+
+        Also that of a CERTIFIED estimate, if only its part of W makes it so.
+        """
+        if self.is_exact_fit:
+            return False
+        least = allowed(self.cost_upper, self.rtol, FLOOR * self.atol * self.scale)
+        return least < self.gap <= PROOF_GAIN * (least if self.is_optimal else self.tolerance)
+
+    def _tolerance_at(self, cost: float) -> float:
+        return max(self._allowed(cost), self.rounding)
+
+    def _allowed(self, cost: float) -> float:
+        return allowed(cost, self.rtol, self.atol * self.scale)
 
 
 def of_instance(certificate: Certificate, instance: Instance, estimate: Estimate) -> Certificate:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Self
 
@@ -14,21 +14,24 @@ from certpgo.certify.bounds import Bounds
 from certpgo.certify.bridge_blocks import Part, outside, parts, sum_of_bounds
 from certpgo.certify.certificate import Certificate, Tier, Verdict, tier_called
 from certpgo.certify.dual import DualBound, dual_bound
+from certpgo.certify.local_minimum import LocalMinimum
 from certpgo.certify.obstacle import LimitedBy, Obstacle
-from certpgo.certify.proof import exact_cost, exact_graph, proven_bound
+from certpgo.certify.proof import CLOSE, exact_cost, exact_graph, proven_bound
+from certpgo.certify.stiff_edges import eased
 from certpgo.certify.tolerances import (
     AT_REST,
     FLOOR,
-    PROOF_GAIN,
     SETTLED,
+    allowed,
     difference_up,
     refuse_tolerances,
+    refuse_unprovable,
 )
 from certpgo.certify.units import in_units, unit_of
 from certpgo.errors import GraphError, InputError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Point
-from certpgo.objective.choose_cost import Judged
+from certpgo.objective.exact_fit import fits_exactly
 from certpgo.objective.problem import Problem
 from certpgo.optimize import spectral
 from certpgo.optimize.monitor import Monitor, silent
@@ -40,30 +43,6 @@ from certpgo.optimize.solution import Solution, Status
 MUCH = 0.1
 #: Descent to a basin; a point that has not converged by then is not a basin of its own.
 DESCENT = NewtonSettings(max_iterations=200)
-
-
-@dataclass(frozen=True)
-class LocalMinimum:
-    """The end of a descent, whether it converged, and the bound by its multipliers.
-
-    Without descent, it is the estimate with its best translations.
-    """
-
-    point: Estimate
-    cost: float
-    settled: bool
-    bound: DualBound | None
-    descended: bool = True
-
-    def is_at(self, estimate: Estimate) -> bool:
-        """Whether the point is this very estimate, in the same memory."""
-        point = self.point
-        return estimate.rotations is point.rotations and estimate.translations is point.translations
-
-    @property
-    def value(self) -> float:
-        """A lower bound on F*, which is never negative."""
-        return max(self.bound.value, 0.0) if self.bound else 0.0
 
 
 @dataclass(frozen=True)
@@ -121,24 +100,23 @@ class Case:
 
     def tolerance(self, cost: float) -> float:
         """The gap up to which a point of this cost counts as optimal."""
-        return self.rtol * cost + self.atol * self.problem.scale
+        return allowed(cost, self.rtol, self.atol * self.problem.scale)
 
     def difference(self, cost: float) -> float:
         """The smallest decrease in cost that is not rounding."""
-        return self.rtol * cost + FLOOR * self.atol * self.problem.scale
+        return allowed(cost, self.rtol, FLOOR * self.atol * self.problem.scale)
 
-    def may_close(self, found: Certificate) -> bool:
-        """Whether the proof tier may close a gap that rounding leaves.
+    def fits(self, estimate: Estimate) -> bool:
+        """Whether it meets all measurements: then its cost is rounding, and it is optimal."""
+        return fits_exactly(self.problem, estimate)
 
-        Also that of a CERTIFIED estimate, if only its part of W makes it so.
-        """
-        allowed = found.rtol * found.cost_upper + FLOOR * found.atol * found.scale
-        certified = found.verdict is Verdict.CERTIFIED
-        return allowed < found.gap <= PROOF_GAIN * (allowed if certified else found.tolerance)
+    def is_closed(self, basin: LocalMinimum) -> bool:
+        """Whether the gap is closed."""
+        return basin.cost - basin.value <= self.tolerance(basin.cost) or self.fits(basin.point)
 
     def is_sharp(self, basin: LocalMinimum) -> bool:
         """Whether no distinguishably better point exists."""
-        return basin.cost - basin.value <= self.difference(basin.cost)
+        return basin.cost - basin.value <= self.difference(basin.cost) or self.fits(basin.point)
 
     def basin(
         self,
@@ -185,7 +163,8 @@ class Case:
             found = LocalMinimum(point, cost, True, self.bound(point, cost))
         except (NumericalError, np.linalg.LinAlgError):
             return None
-        return found if cost - found.value <= AT_REST * self.difference(cost) else None
+        proven = cost - found.value <= AT_REST * self.difference(cost)
+        return found if proven or self.fits(point) else None
 
     def completed(self, estimate: Estimate) -> Estimate:
         """The estimate at which a bound is computed: with its best translations.
@@ -241,7 +220,10 @@ class Case:
         sharp, tight : see `dual_bound`
         refine : whether to improve the parts' points
         """
-        whole = self._bound(self.problem, point, cost, sharp=sharp, tight=tight)
+        is_stiff = self.eased is not self.problem
+        here = self.eased.with_optimal_translations(point) if is_stiff else point
+        whole = self._bound(self.eased, here, cost, sharp=sharp, tight=tight)
+        whole = self.or_softened(whole, point, cost, sharp=sharp, tight=tight, refine=refine)
         value = whole.value if whole else 0.0
         if value >= cost - self.rtol * cost or not self.parts:
             return whole
@@ -267,8 +249,7 @@ class Case:
                 return None
             exact = self._exact if problem is self.problem else exact_graph(problem)
             return proven_bound(problem, exact, point, bound)
-        # Of a cost above rounding, no part of W makes up for a gap.
-        enough = cost - self.rtol * cost - FLOOR * self.atol * problem.scale
+        enough = cost - self.difference(cost)
         return dual_bound(
             problem, point, rounding=self.rigorous, enough=enough, sharp=sharp, tight=tight
         )
@@ -280,6 +261,26 @@ class Case:
     def proven(self, basin: LocalMinimum) -> DualBound | None:
         """The bound of a basin at this tier, which is the proof tier."""
         return self.bound(basin.point, basin.cost)
+
+    @cached_property
+    def eased(self) -> Problem:
+        """The problem without stiff bridges, whose cost is nowhere above this one."""
+        return eased(self.problem, cycles=False)
+
+    def or_softened(
+        self, found: DualBound | None, point: Point, cost: float, **how: bool
+    ) -> DualBound | None:
+        """A bound, or a better one without stiff measurements, if it misses rtol F."""
+        if not isinstance(point, Estimate) or (found and found.value >= cost - self.rtol * cost):
+            return found
+        soft = eased(self.eased)
+        if soft is self.eased:
+            return found
+        case = replace(self, problem=soft)
+        near = case.completed(case.short_descent(point, CLOSE))
+        bound = case.bound(near, cost, **how)
+        other = case.raised(LocalMinimum(near, case.cost_upper(near), True, bound)).bound
+        return other if other and (found is None or other.value > found.value) else found
 
     @cached_property
     def parts(self) -> list[Part]:
@@ -315,32 +316,48 @@ class Case:
         best = other if other is not None and other.value > own.value else own
         gap = difference_up(cost, best.value)
         finite = math.isfinite(cost) and math.isfinite(tolerance)
-        basin_is_global = self.rigorous and own.cost - best.value <= self.tolerance(own.cost)
-        better, elsewhere = None, False
-        if other is not None and other.cost < min(own.cost, self.sure(estimate, cost)):
-            better = other
+
+        def rounding(point: Estimate, cost: float) -> float:
+            """The cost, if that is rounding and no bound comes near it."""
+            open_gap = cost - best.value > self.tolerance(cost)
+            return cost if open_gap and self.fits(point) else 0.0
+
+        def optimal(point: Estimate, cost: float) -> bool:
+            closed = cost - best.value <= self.tolerance(cost)
+            return self.rigorous and (closed or rounding(point, cost) > 0.0)
+
+        exact, own_exact = rounding(estimate, cost), rounding(own.point, own.cost)
+        basin_is_global = optimal(own.point, own.cost)
+        better, elsewhere, zero = None, False, max(exact, own_exact)
+        # Costs of exact fits are rounding: none is better than another.
+        lower = other is not None and other.cost < min(own.cost, self.sure(estimate, cost))
+        if other is not None and lower and not zero:
+            better, zero = other, rounding(other.point, other.cost)
             # A descent that was given up while the optimum was known does not reach it.
-            optimal = self.rigorous and other.cost - best.value <= self.tolerance(other.cost)
-            ended = own.settled or (optimal and own.descended and self.stop.cut is None)
+            proven = optimal(other.point, other.cost)
+            ended = own.settled or (proven and own.descended and self.stop.cut is None)
             elsewhere = ended and other.cost < self.sure(own.point, own.cost)
         if elsewhere:
             verdict = Verdict.REFUTED
-        elif finite and self.rigorous and gap <= tolerance:
+        elif finite and self.rigorous and (gap <= tolerance or exact > 0.0):
             verdict = Verdict.CERTIFIED
         elif finite and (best.value > 0.0 or basin_is_global):
             verdict = Verdict.BOUNDED
         else:
             verdict = Verdict.UNDECIDED
         closed = basin_is_global or verdict in (Verdict.CERTIFIED, Verdict.REFUTED)
+        limit = self._limit(closed, best.bound, min(own.cost, cost))
         judged = Certificate(
             verdict=verdict,
             tier=self.tier,
+            cost=problem.cost(estimate),
             cost_upper=cost,
             lower_bound=best.value,
             gap=gap,
             rtol=self.rtol,
             atol=self.atol,
             scale=problem.scale,
+            rounding=zero,
             stationarity=problem.stationarity(estimate),
             max_residual_angle=float(problem.residual_angles(estimate).max()),
             multipliers=best.bound.multipliers if best.bound else None,
@@ -356,26 +373,20 @@ class Case:
             descended=own.descended,
             settled=own.settled,
             support=best.bound.support if best.bound else None,
-            obstacle=Obstacle(self._limit(closed, best.bound), stopped=self.stop.cut),
+            obstacle=Obstacle(limit, stopped=self.stop.cut),
         )
         return in_units(self.unit, judged)
 
-    def _limit(self, closed: bool, bound: DualBound | None) -> LimitedBy:
+    def _limit(self, closed: bool, bound: DualBound | None, cost: float) -> LimitedBy:
         """What keeps the gap open, unless it is closed, as far as the bound of one point tells."""
         if closed:
             return LimitedBy.TIGHT
         if self.stop.cut is not None:
             return LimitedBy.STOPPED
-        return LimitedBy.LOOSE if bound is None or bound.loose else LimitedBy.ROUNDING
+        return LimitedBy.ROUNDING if self.loses_to_rounding(bound, cost) else LimitedBy.LOOSE
 
-
-def refuse_unprovable(problem: Judged) -> None:
-    """Refuse a problem whose cost the checker does not know.
-
-    Raises
-    ------
-    InputError
-        Its reason says so.
-    """
-    if problem.unprovable:
-        raise InputError(problem.unprovable)
+    def loses_to_rounding(self, bound: DualBound | None, cost: float) -> bool:
+        """Whether rounding alone keeps a bound from a cost: its point is no lower than that."""
+        if bound is None or bound.loose:
+            return False
+        return cost - bound.attained <= self.tolerance(cost)

@@ -8,9 +8,9 @@ import numpy as np
 
 from certpgo import checker
 from certpgo.certify.certificate import Certificate, Tier
-from certpgo.certify.chordal_case import refuse_unprovable
 from certpgo.certify.proof import Witness, prove
 from certpgo.certify.surrogate_case import OwnCostCase
+from certpgo.certify.tolerances import refuse_unprovable
 from certpgo.errors import NumericalError
 from certpgo.graph import Instance
 from certpgo.graph.phrases import counted

@@ -32,6 +32,8 @@ from certpgo.objective.problem import Problem
 #: Of an anchored bound: the largest loss over the cost that is tried first, and the factor by
 #: which the second may be larger.
 LOSSES = (1e-7, 30.0)
+#: Share of a sufficient gap that an anchored bound may lose to its shift.
+ENOUGH = 0.1
 #: Share of the gap that suffices from which a loss to rounding counts in a sharp bound.
 NOTICED = 0.01
 #: First shift tried, in units of rounding of the mean diagonal; then this much more each time.
@@ -85,6 +87,8 @@ class DualBound(Brief):
     support : what a bound on the cost of another program rests on; None for F
     loose : whether a negative eigenvalue of the certificate matrix weakened it, and not only
         rounding
+    attained : the cost of the point whose multipliers gave it: what is missing to that, is rounding
+        unless it is loose
     """
 
     value: float
@@ -94,6 +98,7 @@ class DualBound(Brief):
     nonzeros: int
     support: Support | None = None
     loose: bool = False
+    attained: float = math.inf
 
 
 def dual_bound(
@@ -190,7 +195,10 @@ class _Attempts:
         of_rounding = AMPLE * self.foretold(A, pin)
         cost = self.cost - self.floor
         least = min(0.5 * (self.cost - self.expected(FIRST_SHIFT * self.unit)), LOSSES[0] * cost)
-        for loss in (least, LOSSES[1] * least) if least > 0.0 else ():
+        # What suffices at last: rounding leaves no smaller loss of a cost that is almost zero.
+        most = ENOUGH * (self.cost - self.enough)
+        losses = [least, LOSSES[1] * least, *([most] if LOSSES[1] * least < most < cost else [])]
+        for loss in losses if least > 0.0 else ():
             demand = at.definite_for(loss)
             for _ in range(CONFIRMATIONS):
                 rounding = self.rounding_of(at.multipliers, demand + of_rounding, False, pin)
@@ -341,7 +349,14 @@ class _Attempts:
         diagonal = _diagonals(proven)[poses]
         value = self.problem.value_of(diagonal)
         taken = _diagonals(self.shifted.multipliers)[poses] - diagonal
-        return DualBound(value, proven, float(taken.max()), self.factorizations, self.nonzeros)
+        return DualBound(
+            value,
+            proven,
+            float(taken.max()),
+            self.factorizations,
+            self.nonzeros,
+            attained=self.cost,
+        )
 
 
 def _diagonals(blocks: FloatArray) -> FloatArray:

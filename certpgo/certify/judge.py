@@ -10,7 +10,7 @@ import numpy as np
 from certpgo.certify.bounds import Bounds, bounds
 from certpgo.certify.cases import case_of
 from certpgo.certify.certificate import Certificate, Tier, of_instance
-from certpgo.certify.chordal_case import LocalMinimum
+from certpgo.certify.local_minimum import LocalMinimum
 from certpgo.certify.tolerances import ATOL, RTOL, refuse_time_limit
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph

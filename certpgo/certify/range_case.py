@@ -11,8 +11,9 @@ import numpy as np
 
 from certpgo.certify.bounds import Bounds
 from certpgo.certify.certificate import Certificate, Verdict
-from certpgo.certify.chordal_case import Case, LocalMinimum
+from certpgo.certify.chordal_case import Case
 from certpgo.certify.dual import DualBound
+from certpgo.certify.local_minimum import LocalMinimum
 from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.certify.surrogate_bound import bound_below
 from certpgo.errors import NumericalError
@@ -115,10 +116,6 @@ class RangedCase(Case):
                     settled = found.status is Status.CONVERGED
                     best = LocalMinimum(found.estimate, cost, settled, relaxed.bound)
         return best
-
-    def is_closed(self, basin: LocalMinimum) -> bool:
-        """Whether its gap is closed."""
-        return basin.cost - basin.value <= self.tolerance(basin.cost)
 
     def elsewhere(self) -> LocalMinimum | None:
         """The best estimate near the relaxation's minimum, with its bound; None without one."""

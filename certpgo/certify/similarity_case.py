@@ -18,9 +18,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from certpgo.certify.certificate import Tier
-from certpgo.certify.chordal_case import Case, LocalMinimum
+from certpgo.certify.chordal_case import Case
 from certpgo.certify.dual import DualBound, dual_bound
-from certpgo.certify.tolerances import FLOOR
+from certpgo.certify.local_minimum import LocalMinimum
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Point
@@ -72,7 +72,7 @@ class SimilarCase(Case):
         if self.tier is Tier.PROOF:
             return self._bound(self.problem, point, cost, sharp=sharp, tight=tight)
         problem, here = self.problem, self.problem.blocks(point)
-        enough = cost - self.rtol * cost - FLOOR * self.atol * problem.scale
+        enough = cost - self.difference(cost)
         for given_up in SHARES if here.rank > problem.d and not problem.in_mean_unit else (0.0,):
             found = dual_bound(
                 problem,

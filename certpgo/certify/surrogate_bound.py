@@ -46,4 +46,5 @@ def bound_below(below: Problem, constant: float, point: Point, **how: Any) -> Du
     found = dual_bound(below, point, **how)
     if found is None or constant == 0.0:
         return found
-    return replace(found, value=math.nextafter(found.value + constant, -math.inf))
+    value = math.nextafter(found.value + constant, -math.inf)
+    return replace(found, value=value, attained=found.attained + constant)

@@ -9,17 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
 
 from certpgo.certify.bounds import Bounds
 from certpgo.certify.certificate import Certificate, Tier, Verdict
-from certpgo.certify.chordal_case import Case, LocalMinimum
+from certpgo.certify.chordal_case import Case
 from certpgo.certify.dual import DualBound, Support
+from certpgo.certify.local_minimum import LocalMinimum
 from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.certify.proof import proven_surrogate
 from certpgo.certify.staircase_bound import climb
+from certpgo.certify.stiff_edges import eased
 from certpgo.certify.surrogate_bound import bound_below
 from certpgo.errors import GraphError, NumericalError
 from certpgo.graph import Estimate
@@ -60,6 +63,11 @@ class OwnCostCase(Case):
     problem: InformationProblem  # type: ignore[assignment]
     #: Ranks above d that points for better bounds reach.
     ranks: int = RANKS
+
+    @cached_property
+    def eased(self) -> InformationProblem:  # type: ignore[override]
+        """The problem without stiff bridges, see `Case.eased`."""
+        return eased(self.problem, cycles=False)
 
     @classmethod
     def of(
@@ -107,7 +115,9 @@ class OwnCostCase(Case):
             return None
         found = next(self.reached(point, cost, sharp=sharp, tight=tight), None)
         bound = None if found is None else found.bound
-        return bound if bound is None or self.tier is not Tier.PROOF else self.reproven(bound)
+        if bound is not None and self.tier is Tier.PROOF:
+            bound = self.reproven(bound)
+        return self.or_softened(bound, point, cost, sharp=sharp, tight=tight, refine=refine)
 
     def raised(self, basin: LocalMinimum) -> LocalMinimum:
         """The basin with the best bound by surrogates, see `reached`, or else `lowered_bound`."""
@@ -171,9 +181,9 @@ class OwnCostCase(Case):
         cost : the cost there; it decides when a bound suffices
         sharp, tight : see `certpgo.certify.dual.dual_bound`
         """
-        v, Q = self.problem.relative(start)
+        v, Q = self.eased.relative(start)
         point: Point = start
-        expanded = cost
+        expanded = self.eased.cost(start)
         for number in range(EXPANSIONS):
             below = self.below(v, Q)
             if below is None:
@@ -198,9 +208,9 @@ class OwnCostCase(Case):
                 yield Reached(point, bound, number)
             if self.stop.should_stop():
                 return
-            there = self.problem.relative(point)
+            there = self.eased.relative(point)
             fall = expanded - (below.problem.cost(point) + below.constant)
-            bend = self.problem.bend(there[0] - v, below.minorants.tau)
+            bend = self.eased.bend(there[0] - v, below.minorants.tau)
             gap = cost - expanded + fall
             if not (gap > self.tolerance(cost) and min(fall, bend) > WORTH * gap):
                 return
@@ -221,7 +231,7 @@ class OwnCostCase(Case):
         if not unproven or self.stop.cut is not None:
             return found
         try:
-            minorants = self.problem.edge_cost.minorants(*self.problem.relative(own.point))
+            minorants = self.eased.edge_cost.minorants(*self.eased.relative(own.point))
         except np.linalg.LinAlgError:
             return found
         missing = np.flatnonzero(~minorants.exist)
@@ -234,6 +244,6 @@ class OwnCostCase(Case):
     def below(self, v: FloatArray, Q: FloatArray) -> Surrogate | None:
         """The surrogate expanded there; None if too many measurements have no minorant."""
         try:
-            return surrogate_at(self.problem, v, Q)
+            return surrogate_at(self.eased, v, Q)
         except (NumericalError, GraphError):  # GraphError: weights beyond their range
             return None

@@ -6,9 +6,13 @@ import math
 from numbers import Real
 
 from certpgo.errors import InputError, require
+from certpgo.objective.choose_cost import Judged
 
-#: CERTIFIED means gap <= rtol F + atol W.
+#: CERTIFIED means gap <= rtol F + min(atol W, NEGLIGIBLE F), or that of an exact fit.
 RTOL, ATOL = 1e-5, 1e-12
+#: Share of the cost that W never makes up for: weights, such as that of a rigid mount, may make
+#: atol W larger than any cost.
+NEGLIGIBLE = 1e-3
 #: Share of atol W by which costs of optimal points may differ: squared residuals of 1e-9.
 FLOOR = 1e-6
 #: Largest factor by which the proof tier reduces the effect of rounding.
@@ -17,6 +21,11 @@ PROOF_GAIN = 1e3
 AT_REST = 0.1
 #: Stationarity, radians, at which a stalled descent counts as converged, a point as stationary.
 SETTLED = 1e-6
+
+
+def allowed(cost: float, rtol: float, absolute: float) -> float:
+    """Rtol F and an absolute part, of which no more counts than a small share of the cost."""
+    return rtol * cost + min(absolute, NEGLIGIBLE * cost)
 
 
 def difference_up(high: float, low: float) -> float:
@@ -55,3 +64,15 @@ def refuse_time_limit(seconds: float | None) -> None:
         require(seconds, Real, "seconds as time limit")
     if seconds is not None and not seconds >= 0.0:
         raise InputError(f"the time limit must not be negative: {seconds}")
+
+
+def refuse_unprovable(problem: Judged) -> None:
+    """Refuse a problem whose cost the checker does not know.
+
+    Raises
+    ------
+    InputError
+        Its reason says so.
+    """
+    if problem.unprovable:
+        raise InputError(problem.unprovable)

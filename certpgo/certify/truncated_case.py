@@ -17,13 +17,16 @@ import numpy as np
 
 from certpgo.certify.bounds import Bounds
 from certpgo.certify.certificate import Certificate, Tier, Verdict
-from certpgo.certify.chordal_case import Case, LocalMinimum
+from certpgo.certify.chordal_case import Case
 from certpgo.certify.dual import DualBound
+from certpgo.certify.local_minimum import LocalMinimum
 from certpgo.certify.obstacle import LimitedBy
 from certpgo.certify.proof import CLOSE, proven_surrogate
 from certpgo.certify.resistances import Resistances, packed
+from certpgo.certify.stiff_edges import eased
 from certpgo.certify.surrogate_bound import bound_below
 from certpgo.certify.surrogate_case import OwnCostCase
+from certpgo.certify.tolerances import NEGLIGIBLE
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Point
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
@@ -180,7 +183,7 @@ class TruncatedCase(Case):
         minorants = self.problem.minorants(point, W, at)
         below, constant = self.problem.surrogate_of(minorants)
         found = bound_below(
-            below,
+            eased(below, cycles=False),
             constant,
             point,
             rounding=self.rigorous,
@@ -209,9 +212,10 @@ class TruncatedCase(Case):
         found = super().certificate(estimate, own, other, bounds)
         angle = float(self.problem.kept.residual_angles(estimate).max())
         found = replace(found, rejected=len(self.problem.rejected), max_residual_angle=angle)
-        if found.tolerance > (allowed := self.unit * self._most):
-            share = allowed / found.tolerance
-            found = replace(found, rtol=share * found.rtol, atol=share * found.atol)
+        if found.tolerance > (most := self.unit * self._most) and not found.rounding:
+            share, absolute = most / found.tolerance, NEGLIGIBLE * found.cost_upper / found.scale
+            atol = min(found.atol, absolute)
+            found = replace(found, rtol=share * found.rtol, atol=share * atol)
         best = other if other is not None and other.value > own.value else own
         unproven = found.verdict in (Verdict.BOUNDED, Verdict.UNDECIDED)
         if not unproven or not isinstance(best.bound, RejectionBound):

@@ -41,10 +41,12 @@ def in_units(unit: float, found: Certificate) -> Certificate:
         bounds = replace(bounds, spectral=spectral, fiedler=fiedler)
     return replace(
         found,
+        cost=unit * found.cost,
         cost_upper=scaled_up(unit, found.cost_upper),
         lower_bound=scaled_down(unit, found.lower_bound),
         gap=scaled_up(unit, found.gap),
         scale=unit * found.scale,
+        rounding=scaled_up(unit, found.rounding),
         multipliers=None if found.multipliers is None else scaled_blocks(unit, found.multipliers),
         shift=scaled_up(unit, found.shift),
         refined_cost=scaled_up(unit, found.refined_cost),

@@ -40,8 +40,6 @@ _TRUSTS = {
 }
 _ANGLES = ", and NumPy's sine and arctangent to 4 units in the last place"
 
-#: Gap relative to the cost that is never called small.
-LARGE = 0.01
 #: Why the relaxation may be loose where positions alone join parts: for those on a line of the
 #: plane or in a plane of space, and else.
 _MIRRORED = {
@@ -71,6 +69,7 @@ class Statement(Speaking):
     if TYPE_CHECKING:
         verdict: str
         tier: str
+        cost: float
         cost_upper: float
         lower_bound: float
         gap: float
@@ -96,6 +95,9 @@ class Statement(Speaking):
         def tolerance(self) -> float: ...  # noqa: D102
 
         @property
+        def is_exact_fit(self) -> bool: ...  # noqa: D102
+
+        @property
         def best_cost(self) -> float: ...  # noqa: D102
 
     @property
@@ -106,7 +108,12 @@ class Statement(Speaking):
     @property
     def in_brief(self) -> str:
         """The verdict and the cost that it is about."""
-        return f"{self.verdict}, {self.cost_in_words} = {cost_shown(self.cost_upper)}"
+        return f"{self.stated}, {self.cost_in_words} = {cost_shown(self.cost_upper)}"
+
+    @property
+    def stated(self) -> str:
+        """The verdict as headlines state it."""
+        return EXACT_FIT if self.is_exact_fit else self.verdict
 
     @property
     def cost_in_words(self) -> str:
@@ -116,7 +123,7 @@ class Statement(Speaking):
 
     @property
     def _headline(self) -> str:
-        return f"{self.verdict}. {meaning(self)}"
+        return f"{self.stated}. {meaning(self)}"
 
     def _facts(self) -> Iterator[tuple[str, str]]:
         yield from self._proven()
@@ -151,6 +158,8 @@ def meaning(certificate: Statement) -> str:
         return f"Probably {_above(c)} above the optimum. This tier proves nothing"
     if c.verdict == "BOUNDED" and c.basin_is_global:
         return _RIGHT_BASIN if c.descended else _RIGHT_ROTATIONS
+    if c.is_exact_fit:
+        return _FITS
     if c.verdict in ("CERTIFIED", "BOUNDED"):
         proven = f"Proven: {_optimal(c)}{_above(c)} above the optimum"
         return f"{proven}. {_SMALL}" if _is_within_atol(c) else proven
@@ -161,7 +170,7 @@ def meaning(certificate: Statement) -> str:
 
 
 def _optimal(c: Statement) -> str:
-    """That the estimate is optimal among all choices of rejected measurements, if that is so."""
+    """That it is optimal among all choices of rejected measurements, if that is so."""
     if not c.rejected or c.verdict != "CERTIFIED":
         return ""
     if c.rejected == 1:
@@ -171,6 +180,13 @@ def _optimal(c: Statement) -> str:
     )
 
 
+#: Share of the cost from which rounding of its evaluation is worth a line.
+UNCERTAIN = 1e-6
+#: What headlines state of a CERTIFIED estimate whose cost is rounding.
+EXACT_FIT = "EXACT FIT"
+_FITS = (
+    "Every residual is rounding, and so is the cost. As far as doubles tell, nothing fits better"
+)
 _SMALL = "That is negligible against the total weight W"
 
 
@@ -243,12 +259,14 @@ def numbers(
     """
     c = certificate
     yield "cost", f"{cost_shown(c.cost_upper)}  ({c.cost_in_words})"
+    if c.cost < (1.0 - UNCERTAIN) * c.cost_upper and not c.is_exact_fit:
+        yield "as computed", f"{cost_shown(c.cost)}  (above, rounding under large weights is added)"
     if math.isfinite(c.lower_bound):
         yield "lower bound", f"{bound_shown(c.lower_bound)}  ({bound_claim(c)})"
         share = f"  ({part(c.relative_gap)} of the cost)" if c.cost_upper > 0.0 else ""
         yield "gap", f"{gap_shown(c.gap)}{share}"
-    mostly = c.atol * c.scale > c.rtol * c.cost_upper
-    of_weights = f"  (mostly {c.atol:.3g} of the total weight W)" if mostly else ""
+    mostly = "  (mostly as the cost is almost zero against the total weight W)"
+    of_weights = mostly if c.tolerance > 2.0 * c.rtol * c.cost_upper else ""
     yield "tolerance", f"{c.tolerance:.3g}{of_weights}"
     far = "" if metres is None else f", {metres:.4g} {unit}"
     yield "largest residual", f"{math.degrees(c.max_residual_angle):.4g} degrees{far}"
@@ -283,6 +301,8 @@ def _proven(c: Statement) -> str:
     if c.tier == "screen":
         floor = f"probably, though this tier proves nothing, {floor}"
     own, improved = f"this one costs {cost_shown(c.cost_upper)}", _improved(c)
+    if c.is_exact_fit:
+        return f"{own}, and every residual is rounding: nothing fits better, as far as doubles tell"
     if c.verdict == "CERTIFIED":
         return f"{floor}; {own}, {_above(c)} above the optimum{_against_weight(c)}"
     if c.better_cost is not None:
@@ -311,11 +331,8 @@ def _improved(c: Statement) -> str:
 
 def _against_weight(c: Statement) -> str:
     """That the gap is small only against the total weight, if so."""
-    if not _is_within_atol(c):
-        return ""
     small = f", which is negligible against the total weight W = {c.scale:.2g}"
-    large = c.gap > LARGE * c.cost_upper
-    return f"{small}, though not against the cost: atol=0 ignores W" if large else small
+    return small if _is_within_atol(c) else ""
 
 
 def limit_in_words(c: Statement) -> str:
@@ -345,9 +362,8 @@ def limit_in_words(c: Statement) -> str:
     share = c.cost_upper / c.scale
     return (
         f"the relaxation has no lower point, but the cost, {c.cost_upper:.4g}, is only "
-        f"{share:.1g} of the total weight W, too little for a proof that allows for rounding: "
-        f"atol={2.0 * share:.1g} treats it as zero, and weights that state the true precision of "
-        "the data raise it"
+        f"{share:.1g} of the total weight W, too little for a proof that allows for rounding, and "
+        "too much for an exact fit"
     )
 
 

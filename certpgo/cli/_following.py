@@ -150,7 +150,7 @@ class Followed:
         aside = f"; {self.rejected} put aside" if self.rejected else ""
         size = f"{counted(s.nodes, 'node{s}')}, {counted(s.edges, 'measurement{s}')}"
         cost = f"{named_cost(s.objective)} = {cost_shown(s.cost)}"
-        proven = f"{s.verdict.value}: {cost}, at most {gap_shown(s.gap)} above the optimum"
+        proven = f"{s.stated}: {cost}, at most {gap_shown(s.gap)} above the optimum"
         return f"{proven}; {size}{aside}"
 
     def best(self) -> tuple[Instance, Estimate]:

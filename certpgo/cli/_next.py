@@ -81,5 +81,5 @@ def steps_after(
 def is_better_known(found: Assessment, json: bool) -> bool:
     """Whether a better estimate was found that no printed step says how to write."""
     c = found.certificate
-    said = c.is_optimal(found.best_cost) or c.basin_is_global or c.verdict.value == "REFUTED"
+    said = c.proves_optimal(found.best_cost) or c.basin_is_global or c.verdict.value == "REFUTED"
     return found.excess > c.tolerance and (json or not said)

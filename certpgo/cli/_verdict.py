@@ -36,7 +36,7 @@ def headline(certificate: Certificate, rejection: Rejection | None = None) -> No
     """Print the verdict and what it means, alone."""
     from certpgo.solve.rejection import headline as meaning
 
-    paragraph(f"{certificate.verdict.value}. {meaning(certificate, rejection)}.")
+    paragraph(f"{certificate.stated}. {meaning(certificate, rejection)}.")
     typer.echo()
 
 

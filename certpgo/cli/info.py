@@ -52,7 +52,7 @@ def command(
         for weights, spectrum in by_weights.items():
             rotations = ", rotations alone" if scaled else ""
             typer.echo(f"\n{name}{rotations}, {_WEIGHTS[weights]}")
-            facts(_spectrum_lines(spectrum, scaled))
+            facts(_spectrum_lines(spectrum, scaled, alone=found.misclosure_degrees is not None))
         if (symmetry := symmetries[name]) is not None:
             facts(_symmetry_lines(symmetry))
     if not all(spectra.values()):
@@ -129,6 +129,8 @@ def _lines(
     yield "bridges", f"{found.bridges} (in no cycle: no other measurement checks them)"
     sizes = found.component_sizes
     shown = ", ".join(map(str, sizes[:8])) + (", ..." if len(sizes) > 8 else "")
+    if found.misclosure_degrees is not None:
+        yield "misclosure", f"{found.misclosure_degrees:.6g} degrees, of the only cycle"
     yield "components", f"{len(sizes)}" + ("" if len(sizes) == 1 else f" of {shown} nodes")
     if left_open is not None:
         yield "undetermined", left_open
@@ -161,14 +163,16 @@ def _range(ends: tuple[float, float]) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def _spectrum_lines(spectrum: Spectrum, scaled: bool) -> Iterable[tuple[str, str]]:
+def _spectrum_lines(spectrum: Spectrum, scaled: bool, *, alone: bool) -> Iterable[tuple[str, str]]:
     """The eigenvalues; of a graph with unknown scales without the bound on residual angles."""
     values = "  ".join(f"{value:.6g}" for value in spectrum.smallest)
     yield "smallest eigenvalues", f"{values}  (0 for perfect measurements)"
+    in_space = len(spectrum.smallest) == 3
     yield "connectivity", f"{spectrum.fiedler:.6g}  (second eigenvalue of the graph Laplacian)"
     yield (
         "inconsistency",
-        f"{spectrum.inconsistency:.3g}  (smallest eigenvalue over connectivity)",
+        f"{spectrum.inconsistency:.3g}  (smallest eigenvalue over connectivity)"
+        + "; 0 for any only cycle in space, which turns about an axis" * (alone and in_space),
     )
     if scaled:
         return

@@ -2,43 +2,52 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
 from certpgo.graph.graph import Graph
 from certpgo.graph.pose_graph import PoseGraph
-from certpgo.linalg.arrays import FloatArray
+from certpgo.linalg.arrays import BoolArray, FloatArray
+
+#: How many times the lower quartile a measurement counts at most: no rigid mount makes W its own.
+MOST = 1024.0
 
 
 @dataclass(frozen=True)
 class Scale:
-    """The sums that W is made of; those of several sets of measurements add up.
+    """What W is made of; those of several sets of measurements add up.
 
-    How far positions are from the world's origin says nothing of how well measurements can agree.
-    So a position counts by the typical length of a relative measurement, if that is less, and by
-    its own only where nothing is relative.
+    A measurement counts at most `MOST` times the lower quartile of all. How far positions are from
+    the world's origin says nothing of how well measurements can agree. So a position counts by the
+    typical length of a relative measurement, if that is less, and by its own only where nothing is
+    relative.
 
     Attributes
     ----------
-    turned : of rotational weights
-    moved, held : of translational weights times squared lengths, and of these weights alone, for
-        measurements between nodes
-    far, placed : the same for positions in a world
+    turn : (m,) rotational weights
+    move : (m,) translational weights
+    squares : (m,) squared lengths
+    is_far : (m,) which measure positions in a world
     """
 
-    turned: float = 0.0
-    moved: float = 0.0
-    held: float = 0.0
-    far: float = 0.0
-    placed: float = 0.0
+    turn: FloatArray
+    move: FloatArray
+    squares: FloatArray
+    is_far: BoolArray
+
+    @staticmethod
+    def none() -> Scale:
+        """That of no measurements."""
+        return Scale(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool))
 
     @staticmethod
     def of(graph: Graph) -> Scale:
         """That of F: of kappa, and of tau |t_ij|^2."""
-        if not isinstance(graph, PoseGraph):
-            return Scale(float(graph.kappa.sum()))
-        return Scale.weighed(graph, graph.rotation.kappa, graph.tau)
+        if isinstance(graph, PoseGraph):
+            return Scale.weighed(graph, graph.rotation.kappa, graph.tau)
+        nothing = np.zeros(graph.num_edges)
+        return Scale(graph.kappa, nothing, nothing, nothing > 0.0)
 
     @staticmethod
     def informed(graph: PoseGraph) -> Scale:
@@ -59,27 +68,35 @@ class Scale:
         squares = np.einsum("ma,ma->m", graph.translations, graph.translations)
         if graph.arms is not None:
             squares = squares + np.einsum("ma,ma->m", graph.arms, graph.arms)
-        lever, total = move * squares, float(turn.sum())
-        if graph.absolute is None:
-            return Scale(total, float(lever.sum()), float(move.sum()))
-        far, near = graph.absolute, ~graph.absolute
-        sums = (float(x.sum()) for x in (lever[near], move[near], lever[far], move[far]))
-        return Scale(total, *sums)
+        near = np.zeros(graph.num_edges, dtype=bool)
+        return Scale(turn, move, squares, near if graph.absolute is None else graph.absolute)
 
     def __add__(self, other: Scale) -> Scale:
-        return Scale(
-            self.turned + other.turned,
-            self.moved + other.moved,
-            self.held + other.held,
-            self.far + other.far,
-            self.placed + other.placed,
-        )
+        of_both = ((getattr(one, of.name) for one in (self, other)) for of in fields(self))
+        return Scale(*(np.concatenate(list(pair)) for pair in of_both))
 
     @property
     def total(self) -> float:
         """W."""
-        relative = self.turned + self.moved
+        far, near, move = self.is_far, ~self.is_far, _limited(self.move)
+        lever = _limited(move[near] * self.squares[near])
+        moved = float(lever.sum())
+        relative = float(_limited(self.turn).sum()) + moved
         if not relative > 0.0:
-            return self.far
-        typical = self.moved / self.held if self.moved > 0.0 else 0.0
-        return relative + min(self.far, self.placed * typical)
+            return float(_limited(move[far] * self.squares[far]).sum())
+        typical = moved / float(move[near].sum()) if moved > 0.0 else 0.0
+        by_length = float(move[far].sum()) * typical
+        return relative + min(float((move[far] * self.squares[far]).sum()), by_length)
+
+
+def typical(weights: FloatArray) -> float:
+    """The lower quartile of the weights above zero; infinite without any."""
+    counted = weights[weights > 0.0]
+    if not len(counted):
+        return np.inf
+    return float(np.partition(counted, len(counted) // 4)[len(counted) // 4])
+
+
+def _limited(weights: FloatArray) -> FloatArray:
+    """Weights, none more than `MOST` times what is typical."""
+    return np.minimum(weights, MOST * typical(weights))

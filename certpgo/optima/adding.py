@@ -199,7 +199,7 @@ def enter(register: Register, found: Prepared) -> Added:
     for other in register.named(entry.name):
         if other.cost == entry.cost and other is not known:
             raise InputError(f"{entry.name} is the name of another graph: --name gives this one's")
-    if known is not None and not known.is_improved_by(entry):
+    if known is not None and not known.improved_by(entry):
         kept = merged_names(known, entry.names, entry.sources)
         register.put(kept)
         return Added(kept, "unchanged")

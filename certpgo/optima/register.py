@@ -114,7 +114,7 @@ class Optimum:
         """File name of its proof."""
         return f"{self.name}.{self.cost}.cert"
 
-    def is_improved_by(self, other: Optimum) -> bool:
+    def improved_by(self, other: Optimum) -> bool:
         """Whether another one of the same problem is better: no weaker in anything that counts.
 
         A stronger tier counts most, as long as the verdict is no weaker; within a tier, an estimate

@@ -148,7 +148,7 @@ def assess(
         cost=problem.cost(estimate),
         best=best,
         best_cost=cost,
-        best_is_optimal=c.is_optimal(cost),
+        best_is_optimal=c.proves_optimal(cost),
         excess=c.cost_upper - cost if math.isfinite(c.cost_upper) else math.inf,
         distance=distance(
             estimate.subset(nodes), best.subset(nodes), scaled=has_no_unit(problem.graph)

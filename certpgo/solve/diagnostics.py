@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -12,6 +13,7 @@ from certpgo.errors import GraphError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, SimilarityGraph
 from certpgo.graph.bridges import bridges
 from certpgo.graph.kinds import Kind
+from certpgo.graph.trees import tree_initialization
 from certpgo.linalg import rotations as so
 from certpgo.linalg.factor import default_engine, engines
 from certpgo.objective.choose_cost import CHORDAL, certifiable
@@ -39,6 +41,8 @@ class Structure:
     measurements : how many of each kind, by the names of `certpgo.graph.kinds.Kind`
     bridges : pairs of nodes whose measurement is in no cycle of measurements
     kappa, tau : smallest and largest concentration; tau in 1/m^2, None for rotations
+    misclosure_degrees : the angle by which the only cycle of a graph misses; None if it has more,
+        or none
     """
 
     kind: str
@@ -57,6 +61,7 @@ class Structure:
     bridges: int
     kappa: tuple[float, float]
     tau: tuple[float, float] | None
+    misclosure_degrees: float | None
 
 
 @dataclass(frozen=True)
@@ -129,7 +134,17 @@ def structure(instance: Instance) -> Structure:
         tau=(float(graph.tau.min()), float(graph.tau.max()))
         if isinstance(graph, PoseGraph)
         else None,
+        misclosure_degrees=_misclosure(graph),
     )
+
+
+def _misclosure(graph: Graph) -> float | None:
+    rotation = graph.rotation
+    independent = graph.num_edges - graph.num_nodes + 1
+    if independent != 1 or not (graph.measures_rotation.all() and rotation.is_connected):
+        return None
+    along_tree = tree_initialization(rotation)
+    return math.degrees(RotationProblem(rotation).residual_angles(along_tree).max())
 
 
 def kinds_in_words(instance: Instance) -> list[str]:

@@ -76,7 +76,7 @@ class Disagreement(Brief):
     total: int
     worst_angle: float
 
-    def is_widespread(self, graph: Graph) -> bool:
+    def spreads_over(self, graph: Graph) -> bool:
         """Whether they are a large share of the measurements beyond a spanning tree."""
         return len(self.edges) > MANY * (self.total - graph.num_nodes + 1)
 

@@ -138,7 +138,7 @@ class CertifiedSolution(Speaking):
 
     @property
     def _headline(self) -> str:
-        return f"{self.verdict}. {headline(self.certificate, self.rejection)}"
+        return f"{self.certificate.stated}. {headline(self.certificate, self.rejection)}"
 
     def __repr__(self) -> str:
         count = self.graph.num_measurements

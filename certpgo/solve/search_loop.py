@@ -14,8 +14,9 @@ import numpy as np
 
 from certpgo.certify.cases import case_of
 from certpgo.certify.certificate import Certificate, Tier
-from certpgo.certify.chordal_case import Case, LocalMinimum
+from certpgo.certify.chordal_case import Case
 from certpgo.certify.dual import DualBound
+from certpgo.certify.local_minimum import LocalMinimum
 from certpgo.certify.obstacle import Obstacle
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
@@ -60,6 +61,7 @@ class Search(ABC):
         self.patience = settings.patience if settings.time_limit is None else math.inf
         self.counts: Counter[str] = Counter()
         self.cost = math.inf
+        self._fit: tuple[Solution, bool] | None = None  # the best, and whether it fits
         self.bound: DualBound | None = None
         self.levels: list[Level] = []
         self.ended_early = False
@@ -191,7 +193,14 @@ class Search(ABC):
     @property
     def is_certified(self) -> bool:
         """Whether the gap is closed."""
-        return self.cost - self.basin.value <= self.case.tolerance(self.cost)
+        closed = self.cost - self.basin.value <= self.case.tolerance(self.cost)
+        return closed or self._fits(self.best)
+
+    def _fits(self, best: Solution) -> bool:
+        """Whether the best estimate meets all measurements."""
+        if self._fit is None or self._fit[0] is not best:
+            self._fit = best, self.case.fits(best.estimate)
+        return self._fit[1]
 
     @property
     def basin(self) -> LocalMinimum:
@@ -235,7 +244,7 @@ class Search(ABC):
         return proven if tier is Tier.PROOF or better else certificate
 
     def _may_be_proven(self, certificate: Certificate) -> bool:
-        rounding = self.is_tight and self.case.may_close(certificate)
+        rounding = self.is_tight and certificate.is_near
         return rounding and not self.problem.unprovable and not self.stop.should_stop()
 
     def result(self, certificate: Certificate) -> CertifiedSolution:

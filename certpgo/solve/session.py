@@ -23,7 +23,7 @@ import numpy as np
 
 from certpgo.certify import Certificate, Tier, Verdict
 from certpgo.certify.certificate import tier_called
-from certpgo.certify.tolerances import FLOOR, difference_up
+from certpgo.certify.tolerances import FLOOR, allowed, difference_up
 from certpgo.errors import GraphError, InputError, require
 from certpgo.graph import Estimate, Graph, Instance, RotationGraph
 from certpgo.graph.concatenate import joined
@@ -33,6 +33,7 @@ from certpgo.graph.origins import Measured, in_frame, in_one_world
 from certpgo.graph.phrases import counted
 from certpgo.graph.scale import Scale
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.objective.exact_fit import meets
 from certpgo.optimize.initialization import Start
 from certpgo.solve.naming import instance_of, labels_of
 from certpgo.solve.odometry import Track
@@ -109,7 +110,8 @@ class Session(Speaking):
         self._track: Track | None = None
         self._origin: FloatArray | None = None  # of the world, as in `Instance`
         self._assumes = False  # where the world is, as in `PoseGraph`
-        self._cost, self._scale = 0.0, Scale()
+        self._cost, self._scale = 0.0, Scale.none()
+        self._fit: bool | None = True  # whether the estimate meets all; None if not known
         self._bounds: list[tuple[int, float]] = []  # of the measurements before number k; ascending
         # The last descent: how many measurements there were, F there, and its verdict.
         self._settled, self._optimum, self._verdict = 0, 0.0, Verdict.CERTIFIED
@@ -238,7 +240,7 @@ class Session(Speaking):
         self._edges = np.asarray(self._edges)[kept].tolist()
         self._bounds = [(k, bound) for k, bound in self._bounds if k <= removed[0]]
         self._cost = self._terms.upper(part, self.estimate)
-        self._scale = self._terms.scale(part)
+        self._scale, self._fit = self._terms.scale(part), None
         self._found, self._optimum = None, -math.inf
         self._settled = min(self._settled, part.num_edges)
         return self.standing
@@ -265,14 +267,22 @@ class Session(Speaking):
             self._measure()
         cost, lower = self._cost, self.lower_bound
         gap = difference_up(cost, lower)
-        tolerance = self.settings.rtol * cost + self.settings.atol * self._scale.total
+        tolerance = allowed(cost, self.settings.rtol, self.settings.atol * self._scale.total)
         verdict = Verdict.BOUNDED if lower > 0.0 else Verdict.UNDECIDED
+        if gap > tolerance and self._fits():
+            tolerance = cost
         if self._tier is not Tier.SCREEN and gap <= tolerance < math.inf:
             verdict = Verdict.CERTIFIED
         nodes = 0 if self._track is None else len(self._track)
         title = self._terms.title(self._parts)
         count = len(self._edges) - self._assumes
         return Standing(nodes, count, cost, lower, gap, tolerance, verdict, title)
+
+    def _fits(self) -> bool:
+        """Whether the estimate meets all measurements, so that its cost is rounding."""
+        if self._fit is None:
+            self._fit = meets(self._all, self.estimate)
+        return self._fit
 
     @property
     def lower_bound(self) -> float:
@@ -341,7 +351,9 @@ class Session(Speaking):
         parts, edges = zip(*self._new, strict=True)
         added = joined(parts, len(self._poses), self._are_points, edges)
         ends = np.unique(added.edges)
-        rise = self._terms.upper(added.subgraph(ends), self.estimate.subset(ends))
+        part, here = added.subgraph(ends), self.estimate.subset(ends)
+        rise = self._terms.upper(part, here)
+        self._fit = self._fit and meets(part, here)
         self._cost = difference_up(self._cost, -rise)
         self._scale += self._terms.scale(added)
         self._parts.append(added)
@@ -369,17 +381,16 @@ class Session(Speaking):
         """Go on from this estimate of the measurements."""
         part = self._all
         self._poses.estimate = better
-        self._cost = self._terms.upper(part, better)
+        self._cost, self._fit = self._terms.upper(part, better), None
         self._found, self._optimum = None, -math.inf
 
     def _is_settled(self, standing: Standing) -> bool:
         """Whether new measurements agree with the estimate, so that it is still the optimum."""
         settings = self.settings
-        allowed = (
-            UNNOTICED * settings.same_cost * self._optimum
-            + FLOOR * settings.atol * self._scale.total
-        )
-        return standing.cost - self._optimum <= allowed and standing.verdict is self._verdict
+        rounding, same = FLOOR * settings.atol * self._scale.total, UNNOTICED * settings.same_cost
+        stays = standing.cost - self._optimum <= allowed(self._optimum, same, rounding)
+        stays = stays or (self._optimum >= 0.0 and self._fits())
+        return stays and standing.verdict is self._verdict
 
     def _solve(self) -> Found:
         """A descent from the estimate; a search from scratch where that is not certified."""
@@ -392,7 +403,7 @@ class Session(Speaking):
             begin = Start(self.estimate, GIVEN) if self._settled else None
             found = searched(problem, self.settings, begin)
         self._poses.estimate = found.estimate
-        self._cost, self._found = found.cost, found
+        self._cost, self._found, self._fit = found.cost, found, None
         if found.lower_bound > self.lower_bound:
             self._bounds.append((self._count, found.lower_bound))
         self._settled, self._optimum = len(self._edges), found.cost

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from certpgo.certify import Verdict
+from certpgo.certify.wording import EXACT_FIT
 from certpgo.graph.display import Speaking
 from certpgo.graph.phrases import bound_shown, cost_shown, counted, gap_shown
 
@@ -20,7 +21,8 @@ class Standing(Speaking):
     cost : F of the estimate, rounded up
     lower_bound : no estimate has a smaller F
     gap : ``cost - lower_bound``, rounded up
-    tolerance : rtol F + atol W, the gap up to which the estimate counts as optimal
+    tolerance : the gap up to which the estimate counts as optimal, see `Certificate`; the cost
+        itself if that is rounding
     verdict : CERTIFIED, BOUNDED or UNDECIDED, see `Verdict`
     objective : the cost that F stands for
 
@@ -48,7 +50,13 @@ class Standing(Speaking):
         if not self.nodes:
             return "empty: no measurements yet"
         size = f"{counted(self.nodes, 'node{s}')}, {counted(self.edges, 'measurement{s}')}"
-        return f"{self.verdict.value}: {size}, F {cost_shown(self.cost)}"
+        return f"{self.stated}: {size}, F {cost_shown(self.cost)}"
+
+    @property
+    def stated(self) -> str:
+        """The verdict as headlines state it: EXACT FIT if the cost is rounding."""
+        is_rounding = self.verdict is Verdict.CERTIFIED and self.cost == self.tolerance > 0.0
+        return EXACT_FIT if is_rounding else self.verdict.value
 
     def _facts(self) -> Iterator[tuple[str, str]]:
         yield "cost F, at most", cost_shown(self.cost)

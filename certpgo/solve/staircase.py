@@ -105,7 +105,7 @@ class Staircase(Search):
             return
         report(found)
         self.disagreement = found
-        if found.is_widespread(self.problem.graph):
+        if found.spreads_over(self.problem.graph):
             self.hurry()
 
     def hurry(self) -> None:
@@ -138,7 +138,7 @@ class Staircase(Search):
             self.ended_early = self.is_impatient
             if eigenvalue is None or rank > self.highest or self.ended_early:
                 return
-            before = self.problem.cost(self.point)
+            before = self.case.eased.cost(self.point)
             self.point = lift = self.escape(self.point, rank, direction)
             lower = self.levels[-1].cost
             negligible = self.settings.negligible * self.case.tolerance(lower)
@@ -168,13 +168,13 @@ class Staircase(Search):
         the eigenvalue predicts a useful one and the climb may take long.
         """
         with self.watch.phase("escape"):
-            eigenvalue, direction = negative_curvature(self.problem, point)
+            eigenvalue, direction = negative_curvature(self.case.eased, point)
         level = self.levels[-1]
         # No point of the relaxation is lower by more than this.
         fall = -eigenvalue * direction.size
         negligible = self.settings.negligible * self.case.tolerance(self.best.cost)
-        if -eigenvalue <= resolution(self.problem) or fall <= negligible:
-            self.floor = self.problem.cost(point)
+        if -eigenvalue <= resolution(self.case.eased) or fall <= negligible:
+            self.floor = self.case.eased.cost(point)
             return None, direction
         self.levels[-1] = replace(level, eigenvalue=self.case.unit * eigenvalue)
         if level.rank > self.problem.d and level.cost - fall > self.basin.value:
@@ -186,7 +186,7 @@ class Staircase(Search):
         residual = math.sqrt(self.cost / self.problem.scale)
         inner = self.settings.newton
         found = low_rank.descend(
-            self.problem,
+            self.case.eased,
             point,
             rank,
             direction=direction,
@@ -253,7 +253,7 @@ class Staircase(Search):
 
     def is_of_all(self, bound: DualBound, point: Point) -> bool:
         """Whether a tight bound leaves out no part of the graph, as one by parts may."""
-        cost = self.problem.cost(point)
+        cost = self.case.eased.cost(point)
         return cost - bound.value <= self.case.tolerance(cost) or not self.case.parts
 
     def settle_for_less(self, point: Point) -> None:
@@ -311,12 +311,12 @@ class Staircase(Search):
         about = Obstacle(certificate.limited_by, True, rank, stopped, patience)
         if certificate.verdict is Verdict.BOUNDED and isinstance(graph, PoseGraph):
             about = replace(about, mirrored=mirrored_by(graph))
+        if self.has_reached_the_floor and stopped is None:
+            return replace(about, kind=LimitedBy.ROUNDING, mirrored=None)
         if about.mirrored is not None:
             return replace(about, kind=LimitedBy.LOOSE)
         if stopped is not None:
             return replace(about, kind=LimitedBy.STOPPED)
-        if self.has_reached_the_floor:
-            return replace(about, kind=LimitedBy.ROUNDING)
         return replace(about, kind=LimitedBy.STOPPED if self.ended_early else LimitedBy.LOOSE)
 
 

@@ -16,8 +16,9 @@ from dataclasses import replace
 import numpy as np
 
 from certpgo.certify.certificate import Certificate, Tier, Verdict
-from certpgo.certify.chordal_case import Case, LocalMinimum
+from certpgo.certify.chordal_case import Case
 from certpgo.certify.dual import DualBound
+from certpgo.certify.local_minimum import LocalMinimum
 from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.certify.surrogate_case import RANKS, OwnCostCase
 from certpgo.certify.wording import early
@@ -78,7 +79,7 @@ class SurrogateSearch(Search):
         for phase, seconds in found.solution.seconds.items():
             self.watch.seconds[phase] = self.watch.seconds.get(phase, 0.0) + seconds
         self.stop.interrupted |= found.solution.status is Status.INTERRUPTED
-        if found.disagreement is not None and found.disagreement.is_widespread(found.graph):
+        if found.disagreement is not None and found.disagreement.spreads_over(found.graph):
             self.hurry()
         best = "optimum" if found.verdict is Verdict.CERTIFIED else "best estimate found"
         return Start(found.estimate, f"the {best} under the chordal cost")
@@ -168,9 +169,7 @@ class SurrogateSearch(Search):
     @property
     def is_tight(self) -> bool:
         """Whether only rounding keeps the gap open."""
-        support = None if self.bound is None else self.bound.support
-        # A bound from a point of higher rank says that the relaxation is loose.
-        return support is not None and not isinstance(support.point, Lift)
+        return self.case.loses_to_rounding(self.bound, self.cost)
 
     @property
     def ending(self) -> str:
@@ -184,6 +183,7 @@ class SurrogateSearch(Search):
         stopped, found = self.stop.cut, certificate.obstacle
         if stopped is not None and certificate.verdict is Verdict.UNDECIDED:
             return Obstacle(LimitedBy.STOPPED, True, self.problem.d, stopped)
-        if stopped is None and certificate.verdict is Verdict.BOUNDED:
+        loose = found.kind is LimitedBy.LOOSE
+        if stopped is None and loose and certificate.verdict is Verdict.BOUNDED:
             return replace(found, mirrored=mirrored_by(self.posed.graph))
         return found

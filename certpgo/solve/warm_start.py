@@ -10,7 +10,7 @@ import numpy as np
 
 from certpgo.certify import Certificate, Tier
 from certpgo.certify.cases import case_of
-from certpgo.certify.chordal_case import LocalMinimum
+from certpgo.certify.local_minimum import LocalMinimum
 from certpgo.certify.units import scaled_down, scaled_up
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
@@ -57,7 +57,7 @@ def descended(
     except (NumericalError, np.linalg.LinAlgError):
         return None
     basin = LocalMinimum(end, cost, True, bound)
-    if not cost - basin.value <= case.tolerance(cost):
+    if not case.is_closed(basin):
         return None
     unit = case.unit
     return Found(

@@ -158,7 +158,7 @@ def _after_bounded(certificate: Certificate, given: _Given) -> Iterator[Step]:
             "",
         )
         return
-    if certificate.better is not None and certificate.is_optimal(certificate.best_cost):
+    if certificate.better is not None and certificate.proves_optimal(certificate.best_cost):
         yield (
             "Take the estimate that was found from elsewhere, which is optimal.",
             given.certify("--best", "better.g2o"),

@@ -171,7 +171,7 @@ def bounds(
     ax.set_xscale("log")
     ax.set_yticks(places, [title for title, _ in shown])
     ax.margins(x=0.1, y=0.3)
-    title = f"{proven.verdict}, cost {cost_shown(proven.cost_upper)}, gap {gap_shown(proven.gap)}"
+    title = f"{proven.stated}, cost {cost_shown(proven.cost_upper)}, gap {gap_shown(proven.gap)}"
     ax.set(xlabel=f"{proven.objective} minus lower bound", title=title)
     return ax
 

@@ -119,8 +119,8 @@ def test_near_the_truth_of_exact_data(n, noise):
     certificate = certify(PoseProblem(graph), Estimate(turned, np.zeros((n, 3))))
     assert certificate.lower_bound == 0.0
     assert certificate.basin_is_global
-    expected = Verdict.CERTIFIED if noise < 1e-6 else Verdict.BOUNDED
-    assert certificate.verdict is expected
+    assert certificate.verdict is (Verdict.BOUNDED if noise else Verdict.CERTIFIED)
+    assert certificate.is_exact_fit is not bool(noise)
 
 
 def test_descent_that_has_not_settled_refutes_nothing(monkeypatch):

@@ -174,14 +174,14 @@ def test_of_two_basins_the_lower_is_worth_a_climb(monkeypatch):
     certificate = certify(problem, far)
     assert raised == []  # the other basin is certified without
     assert certificate.verdict is Verdict.REFUTED
-    assert certificate.is_optimal(certificate.best_cost)
-    assert not certificate.is_optimal(2.0 * certificate.best_cost)
-    assert not replace(certificate, tier=Tier.SCREEN).is_optimal(certificate.best_cost)
+    assert certificate.proves_optimal(certificate.best_cost)
+    assert not certificate.proves_optimal(2.0 * certificate.best_cost)
+    assert not replace(certificate, tier=Tier.SCREEN).proves_optimal(certificate.best_cost)
     # Without any bounds at the points themselves, the lower one is climbed from.
     monkeypatch.setattr(OwnCostCase, "bound", lambda *_, **__: None)
     certified = certify(problem, far)
     assert raised == [pytest.approx(certificate.best_cost / unit_of(problem), rel=1e-6)]
-    assert certified.is_optimal(certified.best_cost)
+    assert certified.proves_optimal(certified.best_cost)
     # Both basins are climbed from if the first gives nothing, the known one once.
     raised.clear()
     monkeypatch.setattr(OwnCostCase, "raised", lambda case, basin: raised.append(basin) or basin)

@@ -87,9 +87,9 @@ def test_improving_never_worsens(old, new, tiers, verdicts):
     first = SHIPPED.optima[0]
     a = replace(first, lower=old[0], upper=old[1], tier=tiers[0], verdict=verdicts[0])
     b = replace(first, lower=new[0], upper=new[1], tier=tiers[1], verdict=verdicts[1])
-    assert not a.is_improved_by(a)
-    assert not (a.is_improved_by(b) and b.is_improved_by(a))
-    if a.is_improved_by(b):
+    assert not a.improved_by(a)
+    assert not (a.improved_by(b) and b.improved_by(a))
+    if a.improved_by(b):
         assert TIERS.index(b.tier) >= TIERS.index(a.tier)
         assert VERDICTS.index(b.verdict) >= VERDICTS.index(a.verdict)
         if a.tier == b.tier:

@@ -736,13 +736,13 @@ def test_widespread_disagreement_ends_the_climb_early(monkeypatch):
     spoiled = replace(graph, rotation=replace(graph.rotation, rotations=R))
     spoiled, told = spoiled.with_weights(1250.0, 2500.0), []
     early = solve(spoiled, on_disagreement=told.append)
-    assert told[0].is_widespread(spoiled)
+    assert told[0].spreads_over(spoiled)
     assert early.disagreement is told[0]
     assert (early.verdict, early.solution.status) == (Verdict.BOUNDED, Status.TIME_LIMIT)
     assert "0 s after a first bound" in early.solution.note
     assert solve(spoiled, time_limit=math.inf).solution.status is not Status.TIME_LIMIT
     few = replace(told[0], edges=told[0].edges[:1])
-    assert not few.is_widespread(spoiled)
+    assert not few.spreads_over(spoiled)
 
 
 def test_a_given_start_is_kept_where_our_own_is_no_better():
@@ -792,10 +792,9 @@ def test_an_undecided_answer_says_what_to_do_next():
     answer = solve(graph, atol=0.0, rtol=0.0)
     assert answer.verdict is Verdict.UNDECIDED
     assert len(answer.levels) == 1
-    share = answer.certificate.cost_upper / answer.certificate.scale
-    assert f"atol={2.0 * share:.1g}" in answer.certificate.reason
     assert "has no lower point" in answer.certificate.reason
-    assert solve(graph, atol=float(f"{2.0 * share:.1g}")).verdict is Verdict.CERTIFIED
+    assert "too much for an exact fit" in answer.certificate.reason
+    assert solve(graph, atol=0.5).verdict is Verdict.UNDECIDED  # W does not make up for a gap
 
 
 @pytest.mark.usefixtures("shifts_alone")
@@ -842,7 +841,7 @@ def test_looser_tolerances_certify_more():
     assert loose.verdict is Verdict.CERTIFIED
     assert loose.certificate.rtol == 1.01 * strict.certificate.relative_gap
     absolute = solve(graph, atol=1.01 * strict.certificate.gap / strict.certificate.scale)
-    assert absolute.verdict is Verdict.CERTIFIED
+    assert absolute.verdict is Verdict.BOUNDED  # more than a thousandth of the cost
 
 
 def test_the_judge_agrees_and_grids_are_certified():
@@ -916,8 +915,8 @@ def test_the_proof_tier_is_asked_where_rounding_is_all_that_is_missing():
     assert standard.verdict is Verdict.BOUNDED
     assert standard.lower_bound < answer.certificate.lower_bound <= answer.cost
     assert "prove" in answer.solution.seconds
-    plain = solve(graph)
-    assert (plain.verdict, plain.certificate.tier) == (Verdict.CERTIFIED, Tier.STANDARD)
+    loose = solve(graph, rtol=0.1)
+    assert (loose.verdict, loose.certificate.tier) == (Verdict.CERTIFIED, Tier.STANDARD)
 
 
 def test_a_search_stopped_before_its_proof_claims_none():

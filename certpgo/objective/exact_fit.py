@@ -1,0 +1,60 @@
+"""Whether measurements are met exactly, as far as doubles tell.
+
+The cost of such an estimate is rounding of its own evaluation, and no bound can be within a share
+of it. Residuals are compared, not costs: a single large weight makes rounding cost more than all
+that other measurements do.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from certpgo.graph import Estimate, Graph, PoseGraph
+from certpgo.graph.relaxed_point import Point, translations_of
+from certpgo.linalg.arrays import FloatArray
+from certpgo.objective import operators
+from certpgo.objective.choose_cost import Judged
+from certpgo.objective.range_problem import RangeProblem
+from certpgo.objective.similarity_problem import SimilarityProblem
+
+#: Residual over the numbers it is the difference of: what solving linear equations of a large map
+#: leaves. From here on, bounds on rounding are small against the square of a residual.
+ROUNDING = 2.0**-36
+
+
+def fits_exactly(problem: Judged, estimate: Estimate) -> bool:
+    """Whether every residual of an estimate is rounding, whatever its weight."""
+    if isinstance(problem, SimilarityProblem):
+        return meets(problem.form, problem.blocks(estimate))
+    if isinstance(problem, RangeProblem) and not _meets_distances(problem, estimate):
+        return False
+    return meets(problem.measured, estimate)
+
+
+def meets(graph: Graph, point: Point) -> bool:
+    """Whether every residual of a graph's measurements is rounding."""
+    i, j = graph.edges.T
+    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    turned = _norms(operators.rotation_residuals(rotation, point.rotations))
+    size = _norms(point.rotations)[j]
+    if not (turned <= ROUNDING * size)[rotation.kappa != 0.0].all():
+        return False
+    if not isinstance(graph, PoseGraph):
+        return True
+    moved = _norms(operators.translation_residuals(graph, point))
+    far = _norms(translations_of(point))
+    # Positions solve the equations of all: their rounding is relative to the map.
+    size = far[i] + far[j] + _norms(operators.steps(graph, point)) + np.sqrt(np.mean(far**2))
+    return bool((moved <= ROUNDING * size)[graph.tau != 0.0].all())
+
+
+def _meets_distances(problem: RangeProblem, estimate: Estimate) -> bool:
+    i, j = problem.ranges.edges.T
+    far = _norms(translations_of(estimate))
+    off = np.abs(problem.lengths(estimate) - problem.ranges.distances)
+    return bool((off <= ROUNDING * (far[i] + far[j] + problem.ranges.distances)).all())
+
+
+def _norms(x: FloatArray) -> FloatArray:
+    """(k,) Frobenius norms of k vectors or matrices."""
+    return np.asarray(np.sqrt(np.sum(x * x, axis=tuple(range(1, x.ndim)))))
