@@ -69,7 +69,7 @@ def certify(
         it, certify ``answer.rejection.problem``
     tier : ``"standard"``, ``"proof"``, which trusts no factorization, or ``"screen"``, which never
         yields CERTIFIED
-    rtol, atol : CERTIFIED means gap <= rtol F + atol W
+    rtol, atol : CERTIFIED means gap <= rtol F + atol W, of which the latter is at most 0.001 F
     refine : if False, compute the bound only from the estimate's own multipliers
     angles : whether to compute the bounds on residual angles too, see `Certificate.bounds`
     time_limit : seconds after which the bound found so far is used, once the current step is

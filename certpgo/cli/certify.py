@@ -108,7 +108,7 @@ def command(
             "--atol",
             metavar="R",
             rich_help_panel=JUDGING,
-            help="Additional tolerance, relative to the total weight W.",
+            help="Additional tolerance, relative to the total weight W, up to 0.001 of the cost.",
         ),
     ] = 1e-12,
     truth: TruthFile = None,

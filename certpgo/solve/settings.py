@@ -37,7 +37,7 @@ class SolveSettings:
         are any and the first descent is not certified; the better result is used
     tier : what the certificate trusts, see `Tier`; by default the standard tier, and the proof tier
         if only rounding prevents CERTIFIED
-    rtol, atol : CERTIFIED means gap <= rtol F + atol W
+    rtol, atol : CERTIFIED means gap <= rtol F + atol W, of which the latter is at most 0.001 F
     patience : seconds of climbing after a first bound; ignored if ``time_limit`` is set. Where
         many measurements disagree with the rest, it is at most `OUTLIERS_PATIENCE`. Under the cost
         of another program, the chordal search before it has half of this
