@@ -109,7 +109,7 @@ class Certificate(Statement):
     ----------
     verdict : see `Verdict`
     tier : see `Tier`
-    cost : F of the estimate as given, as computed
+    cost_computed : F of the estimate as given
     cost_upper : the same with all rounding of its evaluation added, which large weights raise
     lower_bound : no estimate of this graph has a smaller F; 0 when nothing more was proven
     gap : ``cost_upper - lower_bound``, rounded up
@@ -165,7 +165,7 @@ class Certificate(Statement):
 
     verdict: Verdict
     tier: Tier
-    cost: float
+    cost_computed: float
     cost_upper: float
     lower_bound: float
     gap: float

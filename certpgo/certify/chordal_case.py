@@ -350,7 +350,7 @@ class Case:
         judged = Certificate(
             verdict=verdict,
             tier=self.tier,
-            cost=problem.cost(estimate),
+            cost_computed=problem.cost(estimate),
             cost_upper=cost,
             lower_bound=best.value,
             gap=gap,

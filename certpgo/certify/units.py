@@ -41,7 +41,7 @@ def in_units(unit: float, found: Certificate) -> Certificate:
         bounds = replace(bounds, spectral=spectral, fiedler=fiedler)
     return replace(
         found,
-        cost=unit * found.cost,
+        cost_computed=unit * found.cost_computed,
         cost_upper=scaled_up(unit, found.cost_upper),
         lower_bound=scaled_down(unit, found.lower_bound),
         gap=scaled_up(unit, found.gap),

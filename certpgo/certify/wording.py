@@ -69,7 +69,7 @@ class Statement(Speaking):
     if TYPE_CHECKING:
         verdict: str
         tier: str
-        cost: float
+        cost_computed: float
         cost_upper: float
         lower_bound: float
         gap: float
@@ -184,9 +184,7 @@ def _optimal(c: Statement) -> str:
 UNCERTAIN = 1e-6
 #: What headlines state of a CERTIFIED estimate whose cost is rounding.
 EXACT_FIT = "EXACT FIT"
-_FITS = (
-    "Every residual is rounding, and so is the cost. As far as doubles tell, nothing fits better"
-)
+_FITS = "Every residual is rounding, and so is the cost: as far as doubles tell, it is zero"
 _SMALL = "That is negligible against the total weight W"
 
 
@@ -259,8 +257,9 @@ def numbers(
     """
     c = certificate
     yield "cost", f"{cost_shown(c.cost_upper)}  ({c.cost_in_words})"
-    if c.cost < (1.0 - UNCERTAIN) * c.cost_upper and not c.is_exact_fit:
-        yield "as computed", f"{cost_shown(c.cost)}  (above, rounding under large weights is added)"
+    if c.cost_computed < (1.0 - UNCERTAIN) * c.cost_upper and not c.is_exact_fit:
+        computed = cost_shown(c.cost_computed)
+        yield "as computed", f"{computed}  (above, rounding under large weights is added)"
     if math.isfinite(c.lower_bound):
         yield "lower bound", f"{bound_shown(c.lower_bound)}  ({bound_claim(c)})"
         share = f"  ({part(c.relative_gap)} of the cost)" if c.cost_upper > 0.0 else ""
@@ -302,7 +301,7 @@ def _proven(c: Statement) -> str:
         floor = f"probably, though this tier proves nothing, {floor}"
     own, improved = f"this one costs {cost_shown(c.cost_upper)}", _improved(c)
     if c.is_exact_fit:
-        return f"{own}, and every residual is rounding: nothing fits better, as far as doubles tell"
+        return f"{floor}; {own}, and every residual is rounding: as far as doubles tell, zero"
     if c.verdict == "CERTIFIED":
         return f"{floor}; {own}, {_above(c)} above the optimum{_against_weight(c)}"
     if c.better_cost is not None:

@@ -137,7 +137,7 @@ def test_landmarks_of_a_file_come_with_the_poses_that_see_them(certpgo, tmp_path
     path.write_text("\n".join([*seen, *steps]))
     best = package.solve(package.read(path, quiet=True))
     done = certpgo("follow", path, "--every", 4, "--trace")
-    assert done.out.splitlines()[0].count("CERTIFIED") == 1
+    assert done.out.splitlines()[0].count("EXACT FIT") == 1
     assert cost_of(done.out.splitlines()[-1]) == pytest.approx(best.cost)
 
 

@@ -36,7 +36,7 @@ def test_w_is_the_sum_of_the_weights(seed, d):
 def test_positions_count_by_the_typical_step_however_far_they_are(seed, d):
     far, graph = with_fixes(seed, d, 1e6)
     own = Scale.of(graph)
-    typical = own.moved / own.held
+    typical = (own.move @ own.squares) / own.move.sum()
     assert far.absolute.sum() == 6
     assert PoseProblem(far).scale == pytest.approx(own.total + 6 * 4.0 * typical, rel=1e-12)
     assert PoseProblem(with_fixes(seed, d, 1e7)[0]).scale == PoseProblem(far).scale
