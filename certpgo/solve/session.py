@@ -269,13 +269,11 @@ class Session(Speaking):
         gap = difference_up(cost, lower)
         tolerance = allowed(cost, self.settings.rtol, self.settings.atol * self._scale.total)
         verdict = Verdict.BOUNDED if lower > 0.0 else Verdict.UNDECIDED
-        if gap > tolerance and self._fits():
-            tolerance = cost
+        tolerance = cost if gap > tolerance and self._fits() else tolerance
         if self._tier is not Tier.SCREEN and gap <= tolerance < math.inf:
             verdict = Verdict.CERTIFIED
         nodes = 0 if self._track is None else len(self._track)
-        title = self._terms.title(self._parts)
-        count = len(self._edges) - self._assumes
+        title, count = self._terms.title(self._parts), len(self._edges) - self._assumes
         return Standing(nodes, count, cost, lower, gap, tolerance, verdict, title)
 
     def _fits(self) -> bool:
@@ -386,19 +384,17 @@ class Session(Speaking):
 
     def _is_settled(self, standing: Standing) -> bool:
         """Whether new measurements agree with the estimate, so that it is still the optimum."""
-        settings = self.settings
-        rounding, same = FLOOR * settings.atol * self._scale.total, UNNOTICED * settings.same_cost
-        stays = standing.cost - self._optimum <= allowed(self._optimum, same, rounding)
-        stays = stays or (self._optimum >= 0.0 and self._fits())
+        rounding = FLOOR * self.settings.atol * self._scale.total
+        noticed = allowed(self._optimum, UNNOTICED * self.settings.same_cost, rounding)
+        stays = standing.cost - self._optimum <= noticed or (self._optimum >= 0.0 and self._fits())
         return stays and standing.verdict is self._verdict
 
     def _solve(self) -> Found:
         """A descent from the estimate; a search from scratch where that is not certified."""
         problem = self._terms.problem(self._all, self._called)
-        fresh = problem.graph.num_edges - self._settled
-        found = None
-        if fresh <= NEW * problem.graph.num_edges:
-            found = descended(problem, self.estimate, self.settings)
+        count = problem.graph.num_edges
+        is_near = count - self._settled <= NEW * count
+        found = descended(problem, self.estimate, self.settings) if is_near else None
         if found is None:
             begin = Start(self.estimate, GIVEN) if self._settled else None
             found = searched(problem, self.settings, begin)
