@@ -13,6 +13,7 @@ from typing import TypeVar, cast
 
 import numpy as np
 
+from certpgo.errors import GraphError
 from certpgo.graph import PoseGraph
 from certpgo.graph.bridges import bridges
 from certpgo.graph.scale import typical
@@ -53,7 +54,10 @@ def eased(problem: AnyProblem, *, cycles: bool = True) -> AnyProblem:
         return problem
     factors, left = np.ones(graph.num_edges), np.where(is_bridge, 1.0, IN_CYCLE)
     factors[stiff] = np.exp2(-np.ceil(np.log2((stiffness / left)[stiff])))
-    return cast("AnyProblem", problem.reweighted(factors))
+    try:
+        return cast("AnyProblem", problem.reweighted(factors))
+    except GraphError:  # the other weights of an edge would be below the range
+        return problem
 
 
 def _varies(weights: FloatArray) -> bool:

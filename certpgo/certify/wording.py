@@ -301,7 +301,7 @@ def _proven(c: Statement) -> str:
         floor = f"probably, though this tier proves nothing, {floor}"
     own, improved = f"this one costs {cost_shown(c.cost_upper)}", _improved(c)
     if c.is_exact_fit:
-        return f"{floor}; {own}, and every residual is rounding: as far as doubles tell, zero"
+        return f"{floor}; {own}, and every measurement is met up to rounding"
     if c.verdict == "CERTIFIED":
         return f"{floor}; {own}, {_above(c)} above the optimum{_against_weight(c)}"
     if c.better_cost is not None:

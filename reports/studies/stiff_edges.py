@@ -158,8 +158,8 @@ def attained(instance: Instance, cost: str, start: Estimate) -> float:
     i, j = graph.edges.T
     n, q = graph.num_nodes, 1 if d == 2 else 3
     weights = np.zeros((len(i), d + q))
-    if instance.information is not None:  # all are diagonal here
-        weights = np.sqrt(np.diagonal(instance.information.matrices, axis1=1, axis2=2))
+    if graph.information is not None:  # all are diagonal here
+        weights = np.sqrt(np.diagonal(graph.information.matrices, axis1=1, axis2=2))
 
     def residuals(x: FloatArray) -> FloatArray:
         moved, turned = x[: n * d].reshape(n, d), x[n * d :].reshape(n, q)

@@ -273,8 +273,7 @@ SMALL = "which is negligible against the total weight W = 1e+03"
         ),
         (
             {"verdict": Verdict.CERTIFIED, "rounding": 8.0},
-            f"{FLOOR_6}; this one costs 8, and every residual is rounding: as far as doubles tell, "
-            "zero",
+            f"{FLOOR_6}; this one costs 8, and every measurement is met up to rounding",
         ),
         (
             {"verdict": Verdict.CERTIFIED, "cost_upper": 0.5, "gap": 5e-7},
