@@ -23,7 +23,7 @@ import numpy as np
 
 from certpgo.certify import Certificate, Tier, Verdict
 from certpgo.certify.certificate import tier_called
-from certpgo.certify.tolerances import FLOOR, allowed, difference_up
+from certpgo.certify.tolerances import allowed, difference_up
 from certpgo.errors import GraphError, InputError, require
 from certpgo.graph import Estimate, Graph, Instance, RotationGraph
 from certpgo.graph.concatenate import joined
@@ -116,8 +116,7 @@ class Session(Speaking):
         # The last descent: how many measurements there were, F there, and its verdict.
         self._settled, self._optimum, self._verdict = 0, 0.0, Verdict.CERTIFIED
         self._found: Found | None = None  # if nothing changed since
-        #: Measurements since the last refresh.
-        self.pending = 0
+        self.pending = 0  #: Measurements since the last refresh.
 
     @property
     def _headline(self) -> str:
@@ -221,10 +220,10 @@ class Session(Speaking):
             The others do not determine all nodes; the session is as before.
         """
         require(edges, Iterable, "the numbers of measurements")
-        given = list(edges)
-        for edge in given:
+        removed = list(edges)
+        for edge in removed:
             require(edge, Integral, "the number of a measurement")
-        removed = sorted(set(given))
+        removed = sorted(set(removed))
         absent = sorted(set(removed) - {*self._edges} | {*removed} & {ASSUMED})
         if absent:
             raise InputError(f"there is no measurement {absent[0]}")
@@ -239,9 +238,9 @@ class Session(Speaking):
         self._parts = [part]
         self._edges = np.asarray(self._edges)[kept].tolist()
         self._bounds = [(k, bound) for k, bound in self._bounds if k <= removed[0]]
-        self._cost = self._terms.upper(part, self.estimate)
         self._scale, self._fit = self._terms.scale(part), None
-        self._found, self._optimum = None, -math.inf
+        self._cost, self._found = self._terms.upper(part, self.estimate), None
+        self._optimum = -math.inf
         self._settled = min(self._settled, part.num_edges)
         return self.standing
 
@@ -268,8 +267,8 @@ class Session(Speaking):
         cost, lower = self._cost, self.lower_bound
         gap = difference_up(cost, lower)
         tolerance = allowed(cost, self.settings.rtol, self.settings.atol * self._scale.total)
-        verdict = Verdict.BOUNDED if lower > 0.0 else Verdict.UNDECIDED
         tolerance = cost if gap > tolerance and self._fits() else tolerance
+        verdict = Verdict.BOUNDED if lower > 0.0 else Verdict.UNDECIDED
         if self._tier is not Tier.SCREEN and gap <= tolerance < math.inf:
             verdict = Verdict.CERTIFIED
         nodes = 0 if self._track is None else len(self._track)
@@ -278,8 +277,7 @@ class Session(Speaking):
 
     def _fits(self) -> bool:
         """Whether the estimate meets all measurements, so that its cost is rounding."""
-        if self._fit is None:
-            self._fit = meets(self._all, self.estimate)
+        self._fit = meets(self._all, self.estimate) if self._fit is None else self._fit
         return self._fit
 
     @property
@@ -303,9 +301,8 @@ class Session(Speaking):
     @property
     def estimate(self) -> Estimate:
         """The poses of `nodes`: optimal at the last refresh, those of newer nodes composed."""
-        found = self._poses.estimate
-        moved = not isinstance(self._last, RotationGraph)
-        return found if moved else found.with_translations(None)
+        found, turned = self._poses.estimate, isinstance(self._last, RotationGraph)
+        return found.with_translations(None) if turned else found
 
     @property
     def nodes(self) -> tuple[Hashable, ...]:
@@ -350,9 +347,8 @@ class Session(Speaking):
         added = joined(parts, len(self._poses), self._are_points, edges)
         ends = np.unique(added.edges)
         part, here = added.subgraph(ends), self.estimate.subset(ends)
-        rise = self._terms.upper(part, here)
         self._fit = self._fit and meets(part, here)
-        self._cost = difference_up(self._cost, -rise)
+        self._cost = difference_up(self._cost, -self._terms.upper(part, here))
         self._scale += self._terms.scale(added)
         self._parts.append(added)
         self._new = []
@@ -384,20 +380,17 @@ class Session(Speaking):
 
     def _is_settled(self, standing: Standing) -> bool:
         """Whether new measurements agree with the estimate, so that it is still the optimum."""
-        rounding = FLOOR * self.settings.atol * self._scale.total
-        noticed = allowed(self._optimum, UNNOTICED * self.settings.same_cost, rounding)
-        stays = standing.cost - self._optimum <= noticed or (self._optimum >= 0.0 and self._fits())
+        same = UNNOTICED * self.settings.same_cost * self._optimum
+        stays = standing.cost - self._optimum <= same or (self._optimum >= 0.0 and self._fits())
         return stays and standing.verdict is self._verdict
 
     def _solve(self) -> Found:
         """A descent from the estimate; a search from scratch where that is not certified."""
         problem = self._terms.problem(self._all, self._called)
-        count = problem.graph.num_edges
-        is_near = count - self._settled <= NEW * count
+        is_near = self._settled >= (1.0 - NEW) * problem.graph.num_edges
         found = descended(problem, self.estimate, self.settings) if is_near else None
-        if found is None:
-            begin = Start(self.estimate, GIVEN) if self._settled else None
-            found = searched(problem, self.settings, begin)
+        begin = Start(self.estimate, GIVEN) if self._settled else None
+        found = found or searched(problem, self.settings, begin)
         self._poses.estimate = found.estimate
         self._cost, self._found, self._fit = found.cost, found, None
         if found.lower_bound > self.lower_bound:
