@@ -132,7 +132,7 @@ def refuse_with_distances(instance: Instance, **options: Any) -> None:
         There are distances, and one of the options is used.
     """
     for name, value in options.items():
-        if instance.ranges is not None and value:
+        if instance.graph.ranges is not None and value:
             raise InputError(f"{instance.name}: --{name} is not for graphs with distances")
 
 
@@ -170,8 +170,8 @@ def note_distances_uncounted(instance: Instance) -> None:
     """Print a notice that connectivity does not count distances, if there are any."""
     from certpgo.graph.phrases import counted
 
-    if instance.ranges is not None:
-        distances = counted(instance.ranges.num_edges, "distance{s}")
+    if instance.graph.ranges is not None:
+        distances = counted(instance.graph.ranges.num_edges, "distance{s}")
         notice(f"{instance.name}: connectivity is that of relative poses, without {distances}")
 
 
@@ -182,7 +182,7 @@ def chosen_cost(cost: str | None, instance: Instance, **options: Any) -> str:
     """
     if cost is not None:
         return cost
-    if instance.ranges is not None:
+    if instance.graph.ranges is not None:
         return CHORDAL
     from certpgo.objective.choose_cost import own_cost
 

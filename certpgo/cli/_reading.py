@@ -234,8 +234,8 @@ class Reading:
             if topic := self.topic_of(source):
                 chosen["topic"] = topic
             instance = source.graph(progress=progress, quiet=True, **self.options, **chosen)
-        if instance.ranges is not None and not distances:
-            measured = counted(instance.ranges.num_edges, "distance{s}")
+        if instance.graph.ranges is not None and not distances:
+            measured = counted(instance.graph.ranges.num_edges, "distance{s}")
             raise InputError(
                 f"{source.path()}: {measured}, which this command does not take: use certpgo solve "
                 "or certpgo certify"
@@ -270,7 +270,7 @@ class Reading:
                 component_sizes=error.component_sizes,
             ) from None
         alone = sum(size == 1 for size in instance.graph.component_sizes)
-        if alone and instance.ranges is None and not instance.graph.is_connected:
+        if alone and instance.graph.ranges is None and not instance.graph.is_connected:
             notice(f"left out: {counted(alone, 'node{s}')} without measurements")
         return parts
 

@@ -73,7 +73,6 @@ def restricted(instance: Instance, nodes: IntArray, name: str) -> Instance:
         outliers=None if instance.outliers is None else instance.outliers[inside],
         stated=_stated(instance, nodes, inside),
         numbers=instance.known_numbers[np.isin(instance.measurements.edges, nodes).all(axis=1)],
-        ranges=instance.ranges and instance.ranges.between(nodes),
         apart=None if instance.apart is None else instance.apart[nodes],
         times_ns=None if times is None else times[nodes[nodes < len(times)]],
     )

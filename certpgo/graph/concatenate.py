@@ -27,8 +27,8 @@ def joined(
     ----------
     graphs : at least one
     points : (num_nodes,) which nodes are points, if any is
-    edges : (m, 2) pairs of nodes for the edges of each graph; by default its own, if nodes have the
-        same numbers in all of them
+    edges : (m, 2) pairs of nodes for the edges of each graph, without distances; by default its
+        own, if nodes have the same numbers in all of them
 
     Raises
     ------
@@ -49,6 +49,7 @@ def joined(
     poses = [graph for graph in graphs if isinstance(graph, PoseGraph)]
     if not poses:
         return rotation
+    own = None if edges is not None else [np.arange(graph.num_nodes) for graph in poses]
     return PoseGraph(
         rotation,
         np.concatenate([graph.translations for graph in poses]),
@@ -58,6 +59,7 @@ def joined(
         _flags([graph.assumed for graph in poses], poses),
         _flags([graph.absolute for graph in poses], poses),
         joined_information([graph.information for graph in poses]),
+        joined_ranges([graph.ranges for graph in poses], num_nodes, own) if own else None,
     )
 
 

@@ -25,7 +25,6 @@ from certpgo.graph.phrases import (
     shown_path,
 )
 from certpgo.graph.picture import closures, drawn
-from certpgo.graph.ranges import Ranges
 from certpgo.linalg.arrays import (
     BoolArray,
     FloatArray,
@@ -61,7 +60,6 @@ class Instance(Speaking):
     names : (n,) the source's own names of the nodes, e.g. of images; may be empty
     outliers : (m,) whether each measurement is a known outlier, or None if unknown
     world : the node that is the world, the last one, from which priors are measured; or None
-    ranges : distances measured between nodes, beside the graph's measurements; None for none
     origin : (d,) where the graph's world has its origin in the source's frame, metres: near priors
         that are far from the source's; None for zero
     apart : (n,) which nodes are landmarks that the source numbers apart from poses, as in
@@ -97,7 +95,6 @@ class Instance(Speaking):
     outliers: BoolArray | None = None
     world: int | None = None
     origin: FloatArray | None = None
-    ranges: Ranges | None = None
     apart: BoolArray | None = None
     moved_by: int = 0
     times_ns: IntArray | None = None
@@ -127,13 +124,11 @@ class Instance(Speaking):
             if (value.num_nodes, value.d) != (n, self.graph.d):
                 raise GraphError(f"{what} is for another graph: {value.num_nodes} nodes, not {n}")
             object.__setattr__(self, what, value.keyed(self.keys))
-        if self.ranges is not None and self.ranges.num_nodes != n:
-            raise GraphError(f"ranges are of {self.ranges.num_nodes} nodes, the graph has {n}")
 
     def _check_arrays(self, n: int) -> None:
         """Freeze the arrays that may be there, and refuse those of another length."""
         m, poses = self.graph.num_edges, len(self.ids[: self.world])
-        rows = m + (0 if self.ranges is None else self.ranges.num_edges)
+        rows = m + (0 if (ranges := self.graph.ranges) is None else ranges.num_edges)
         for name, freeze, shape, what in (
             ("times_ns", frozen_indices, (poses,), f"of {poses} nodes"),
             ("outliers", frozen_flags, (m,), f"{m} flags, one per edge"),
@@ -228,8 +223,8 @@ class Instance(Speaking):
     def pairs(self) -> IntArray:
         """(m, 2) ids of the nodes that the source names in each of the `measurements`."""
         edges = self.graph.edges if self.stated is None else self.stated
-        if self.ranges is not None:
-            edges = np.concatenate([edges, self.ranges.edges])
+        if (ranges := self.graph.ranges) is not None:
+            edges = np.concatenate([edges, ranges.edges])
         return np.asarray(self.ids[edges])
 
     @cached_property
@@ -243,7 +238,7 @@ class Instance(Speaking):
     @cached_property
     def measurements(self) -> Measurements:
         """All measurements with their kinds: the graph's edges, then the distances."""
-        graph, ranges = self.graph, self.ranges
+        graph, ranges = self.graph, self.graph.ranges
         kinds = kinds_of(graph, graph.from_world | (graph.edges[:, 0] == self.world))
         kinds[~self.is_measured] = Kind.HELD if self.held else Kind.ASSUMED
         if ranges is None:

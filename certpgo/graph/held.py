@@ -66,7 +66,7 @@ def with_held(instance: Instance, *, hold: bool = True) -> Instance:
         return replace(instance, notices=(*instance.notices, said))
     named = few(instance.ids[fixed].tolist())
     where, release = instance.source or instance.name, "(--no-fixed releases them)"
-    if instance.ranges is not None:
+    if instance.graph.ranges is not None:
         raise InputError(f"{where}: nodes {named} are fixed, and distances are measured {release}")
     source, values = instance, instance.initial
     instance = instance.with_edges(instance.graph.is_measured)  # where the world is, is known now

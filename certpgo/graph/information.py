@@ -61,6 +61,13 @@ class Information(Brief):
         if ((self.index < 0) | (self.index >= len(self.distinct))).any():
             raise GraphError(f"information matrices are numbered 0 to {len(self.distinct) - 1}")
 
+    def require_size(self, m: int, d: int) -> None:
+        """Refuse matrices of another number of edges or another dimension, by a GraphError."""
+        p = d * (d + 1) // 2
+        expected, found = (m, p, p), (len(self.index), *self.distinct.shape[1:])
+        if found != expected:
+            raise GraphError(f"information must be {expected}, a matrix per edge, not {found}")
+
     @cached_property
     def matrices(self) -> FloatArray:
         """(m, p, p) matrices of the edges."""

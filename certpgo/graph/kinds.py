@@ -105,7 +105,8 @@ class Measurements(Pairs):
     >>> from certpgo import Instance, PoseGraph, Ranges, RotationGraph
     >>> rotation = RotationGraph(3, [[0, 1], [1, 2]], [np.eye(2)] * 2, kappa=np.ones(2))
     >>> graph = PoseGraph(rotation, np.ones((2, 2)), tau=np.ones(2))
-    >>> chain = Instance("chain", graph, np.arange(3), ranges=Ranges(3, [[0, 2]], [2.8], [1.0]))
+    >>> graph = graph.with_ranges(Ranges(3, [[0, 2]], [2.8], [1.0]))
+    >>> chain = Instance("chain", graph, np.arange(3))
     >>> chain.measurements.in_words
     ['2 relative poses', '1 distance']
     """

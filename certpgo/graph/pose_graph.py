@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 
@@ -26,12 +26,13 @@ from certpgo.graph.information import Information
 from certpgo.graph.kinds import Kind, kinds_of
 from certpgo.graph.phrases import components_in_words, ranges_of_weights, size_in_words, solving
 from certpgo.graph.picture import circle_of, closures, drawn
-from certpgo.graph.rotation_graph import RotationGraph
+from certpgo.graph.ranges import Ranges
+from certpgo.graph.rotation_graph import OfRotations, RotationGraph
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_flags, frozen_floats
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PoseGraph(Speaking):
+class PoseGraph(Speaking, OfRotations):
     """Relative poses between nodes.
 
     Attributes
@@ -50,6 +51,7 @@ class PoseGraph(Speaking):
     absolute : (m,) which edges measure from a world, see `certpgo.with_priors`; None for none
     information : full information matrices, by which other programs weigh residuals; None without
         any, or with other weights. F has kappa and tau alone; a cost is a choice, see `solve`
+    ranges : distances measured between the nodes, besides the edges; None for none
 
     Raises
     ------
@@ -81,6 +83,7 @@ class PoseGraph(Speaking):
     assumed: BoolArray | None = None
     absolute: BoolArray | None = None
     information: Information | None = None
+    ranges: Ranges | None = None
 
     #: The unit of 1 / tau.
     _area: ClassVar[str] = "m^2"
@@ -104,8 +107,7 @@ class PoseGraph(Speaking):
             self._check_points(self.points)
         for name in ("assumed", "absolute"):
             self._check_flags(name)
-        if self.information is not None:
-            self._check_information(self.information)
+        self._check_besides()
 
     def _check_tau(self) -> None:
         check_weights("tau", self.tau, self.edges, or_none=True)
@@ -135,29 +137,30 @@ class PoseGraph(Speaking):
         if turned.any():
             raise GraphError(f"{edge_name(self.edges, turned)}: a point has no rotation")
 
-    def _check_information(self, information: Information) -> None:
-        p = self.d * (self.d + 1) // 2
-        expected = (self.num_edges, p, p)
-        found = (len(information.index), *information.distinct.shape[1:])
-        if found != expected:
-            raise GraphError(f"information must be {expected}, a matrix per edge, not {found}")
-        if self.rotation.is_general:
-            raise GraphError("edges have matrix weights or information matrices, not both")
+    def _check_besides(self) -> None:
+        """Refuse information matrices and distances of another graph."""
+        if self.information is not None:
+            self.information.require_size(self.num_edges, self.d)
+            if self.rotation.is_general:
+                raise GraphError("edges have matrix weights or information matrices, not both")
+        if self.ranges is not None and self.ranges.num_nodes != self.num_nodes:
+            n = self.ranges.num_nodes
+            raise GraphError(f"ranges are of {n} nodes, the graph has {self.num_nodes}")
 
-    @property
-    def rotations(self) -> FloatArray:
-        """(m, d, d) measured rotations R_ij ~ R_i^T R_j."""
-        return self.rotation.rotations
+    def _with_besides(self, **changed: Information | Ranges | None) -> Self:
+        """The graph with other information or distances; what else there is was checked."""
+        other = copy(self)
+        other.__dict__.update(changed)
+        other._check_besides()
+        return other
+
+    def with_ranges(self, ranges: Ranges | None) -> Self:
+        """The same edges with these distances besides, or with none."""
+        return self._with_besides(ranges=ranges)
 
     @property
     def information_matrices(self) -> FloatArray:
-        """(m, p, p) the information matrices of the edges.
-
-        Raises
-        ------
-        GraphError
-            There are none.
-        """
+        """(m, p, p) the information matrices of the edges; a GraphError if there are none."""
         if self.information is None:
             raise GraphError("these measurements have no information matrices")
         return self.information.matrices
@@ -169,7 +172,7 @@ class PoseGraph(Speaking):
             return frozen_flags(np.zeros(self.num_edges))
         return self.information.is_definite
 
-    def with_information(self, information: Information | FloatArray | None) -> PoseGraph:
+    def with_information(self, information: Information | FloatArray | None) -> Self:
         """The same measurements, kappa and tau with other information matrices, or without.
 
         Parameters
@@ -178,19 +181,10 @@ class PoseGraph(Speaking):
         """
         if isinstance(information, np.ndarray):
             information = Information.of(information)
-        other = copy(self)  # what else there is was checked
-        object.__setattr__(other, "information", information)
-        if information is not None:
-            self._check_information(information)
-        return other
+        return self._with_besides(information=information)
 
-    def under(self, cost: str) -> PoseGraph:
-        """The same measurements whose default cost, see `certpgo.solve`, is this one.
-
-        Parameters
-        ----------
-        cost : ``"chordal"``, or the name of another that information matrices weigh
-        """
+    def under(self, cost: str) -> Self:
+        """The same measurements whose default cost, see `certpgo.solve`, is that of this name."""
         if self.information is None:
             return self
         residual = None if cost == "chordal" else cost
@@ -268,11 +262,6 @@ class PoseGraph(Speaking):
         """The nodes that are poses, ascending."""
         return np.flatnonzero(~self.is_point)
 
-    @property
-    def measures_rotation(self) -> BoolArray:
-        """(m,) which edges measure a rotation."""
-        return self.rotation.measures_rotation
-
     @cached_property
     def measures_translation(self) -> BoolArray:
         """(m,) which edges measure a translation."""
@@ -306,36 +295,6 @@ class PoseGraph(Speaking):
         """How many edges are measurements."""
         return int(np.count_nonzero(self.is_measured))
 
-    @property
-    def num_edges(self) -> int:
-        """Number m of edges, parallel ones counted."""
-        return self.rotation.num_edges
-
-    @property
-    def d(self) -> int:
-        """Dimension of space, 2 or 3."""
-        return self.rotation.d
-
-    @property
-    def edges(self) -> IntArray:
-        """(m, 2) node pairs (i, j)."""
-        return self.rotation.edges
-
-    @property
-    def components(self) -> IntArray:
-        """(n,) label of each node's connected component."""
-        return self.rotation.components
-
-    @property
-    def component_sizes(self) -> tuple[int, ...]:
-        """Nodes in each component, in the order of the labels."""
-        return self.rotation.component_sizes
-
-    @property
-    def is_connected(self) -> bool:
-        """Whether there is one component."""
-        return self.rotation.is_connected
-
     def with_weights(
         self, kappa: FloatArray | float | None = None, tau: FloatArray | float | None = None
     ) -> PoseGraph:
@@ -362,9 +321,10 @@ class PoseGraph(Speaking):
         )
 
     def scaled(self, factor: float) -> PoseGraph:
-        """All concentrations and information times ``factor``."""
+        """All concentrations, information and weights of distances times ``factor``."""
         graph = self.with_information(None).reweighted(np.full(self.num_edges, factor))
-        return graph.with_information(self.information and self.information.scaled(factor))
+        graph = graph.with_information(self.information and self.information.scaled(factor))
+        return graph.with_ranges(self.ranges and self.ranges.scaled(factor))
 
     def without_parallel_edges(self, keep: Keep) -> PoseGraph:
         """Keep ``"all"`` parallel edges, or the ``"first"`` or ``"last"`` of each pair {i, j}."""
@@ -372,17 +332,22 @@ class PoseGraph(Speaking):
 
     def with_edges(self, chosen: IntArray | BoolArray) -> PoseGraph:
         """All nodes with only the ``chosen`` edges, given by index or mask (m,)."""
-        return self._with(self.rotation.with_edges(chosen), chosen, self.points)
+        return self._with(self.rotation.with_edges(chosen), chosen, self.points, self.ranges)
 
     def subgraph(self, nodes: IntArray) -> PoseGraph:
         """The graph induced on ``nodes``, renumbered in that order."""
         rotation = self.rotation.subgraph(nodes)
         _, chosen = induced(self.num_nodes, self.edges, nodes)
         points = None if self.points is None else self.points[nodes]
-        return self._with(rotation, chosen, points)
+        ranges = self.ranges and self.ranges.between(nodes)
+        return self._with(rotation, chosen, points, ranges)
 
     def _with(
-        self, rotation: RotationGraph, chosen: IntArray | BoolArray, points: BoolArray | None
+        self,
+        rotation: RotationGraph,
+        chosen: IntArray | BoolArray,
+        points: BoolArray | None,
+        ranges: Ranges | None,
     ) -> PoseGraph:
         arms = None if self.arms is None else self.arms[chosen]
         assumed, absolute = (
@@ -390,7 +355,7 @@ class PoseGraph(Speaking):
         )
         t, tau = self.translations[chosen], self.tau[chosen]
         information = self.information and self.information.subset(chosen)
-        return PoseGraph(rotation, t, tau, arms, points, assumed, absolute, information)
+        return PoseGraph(rotation, t, tau, arms, points, assumed, absolute, information, ranges)
 
     @property
     def is_general(self) -> bool:

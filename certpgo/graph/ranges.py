@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Integral
 
 import numpy as np
@@ -66,6 +66,10 @@ class Ranges(Brief):
         """(k,) distances |t_j - t_i| between positions (n, d), metres."""
         i, j = self.edges.T
         return np.asarray(np.linalg.norm(positions[j] - positions[i], axis=1))
+
+    def scaled(self, factor: float) -> Ranges:
+        """The same distances with weights times ``factor``."""
+        return replace(self, weights=factor * self.weights)
 
     def between(self, nodes: IntArray) -> Ranges | None:
         """Those between some nodes (k,), ascending, which are numbered 0 ... k-1; None if none."""

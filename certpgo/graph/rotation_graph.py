@@ -219,6 +219,8 @@ class RotationGraph(Speaking, Pairs):
 
     #: Information matrices, which are of poses: none.
     information: ClassVar[None] = None
+    #: Distances between nodes: none.
+    ranges: ClassVar[None] = None
 
     @property
     def pose_nodes(self) -> IntArray:
@@ -278,3 +280,49 @@ class RotationGraph(Speaking, Pairs):
         return RotationGraph(
             num_nodes, edges, self.rotations[chosen], self.kappa[chosen], couplings
         )
+
+
+class OfRotations:
+    """What a graph of more than rotations has of that of its relative rotations."""
+
+    rotation: RotationGraph
+
+    @property
+    def rotations(self) -> FloatArray:
+        """(m, d, d) measured rotations R_ij ~ R_i^T R_j."""
+        return self.rotation.rotations
+
+    @property
+    def measures_rotation(self) -> BoolArray:
+        """(m,) which edges measure a rotation."""
+        return self.rotation.measures_rotation
+
+    @property
+    def num_edges(self) -> int:
+        """Number m of edges, parallel ones counted."""
+        return self.rotation.num_edges
+
+    @property
+    def d(self) -> int:
+        """Dimension of space, 2 or 3."""
+        return self.rotation.d
+
+    @property
+    def edges(self) -> IntArray:
+        """(m, 2) node pairs (i, j)."""
+        return self.rotation.edges
+
+    @property
+    def components(self) -> IntArray:
+        """(n,) label of each node's connected component."""
+        return self.rotation.components
+
+    @property
+    def component_sizes(self) -> tuple[int, ...]:
+        """Nodes in each component, in the order of the labels."""
+        return self.rotation.component_sizes
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether there is one component."""
+        return self.rotation.is_connected

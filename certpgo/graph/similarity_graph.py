@@ -13,6 +13,7 @@ from certpgo.graph.edges import induced
 from certpgo.graph.estimate import check_scales
 from certpgo.graph.phrases import counted
 from certpgo.graph.pose_graph import PoseGraph
+from certpgo.graph.ranges import Ranges
 from certpgo.graph.rotation_graph import RotationGraph
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_flags, frozen_floats
 
@@ -64,8 +65,6 @@ class SimilarityGraph(PoseGraph):
         super().__post_init__()
         if self.arms is not None or self.rotation.is_general:
             raise GraphError("similarities have isotropic weights, without arms and couplings")
-        if self.information is not None:
-            raise GraphError("similarities have isotropic weights, no information matrices")
         m, n = self.num_edges, self.num_nodes
         scales = frozen_floats(self.scales if np.size(self.scales) else np.ones(m))
         check_scales("edge", scales, m)
@@ -144,8 +143,18 @@ class SimilarityGraph(PoseGraph):
         points = None if self.points is None else self.points[nodes]
         return self._among(self.rotation.subgraph(nodes), chosen, points, self.free[nodes])
 
+    def _check_besides(self) -> None:
+        if self.information is not None:
+            raise GraphError("similarities have isotropic weights, no information matrices")
+        if self.ranges is not None:
+            raise GraphError("distances are not for nodes of unknown scale")
+
     def _with(
-        self, rotation: RotationGraph, chosen: IntArray | BoolArray, points: BoolArray | None
+        self,
+        rotation: RotationGraph,
+        chosen: IntArray | BoolArray,
+        points: BoolArray | None,
+        ranges: Ranges | None,
     ) -> SimilarityGraph:
         return self._among(rotation, chosen, points, self.free)
 

@@ -51,9 +51,10 @@ def streamed(
     >>> [nodes for _, nodes in streamed(winding_cycle(4, 0.3, 0)[0].graph)]
     [[0, 1], [1, 2], [2, 3], [0, 3]]
     """
-    if isinstance(measured, Instance) and measured.ranges is not None:
-        raise InputError(f"{measured.name}: distances between nodes cannot be streamed")
     graph = measured.graph if isinstance(measured, Instance) else measured
+    if graph.ranges is not None:
+        said = f"{measured.name}: " if isinstance(measured, Instance) else ""
+        raise InputError(f"{said}distances between nodes cannot be streamed")
     order = arrivals(measured)
     for first in range(0, len(order), size):
         edges = order[first : first + size]

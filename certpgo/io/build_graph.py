@@ -81,7 +81,8 @@ def _instance(dialect: Dialect, path: Path, options: ReadOptions, content: Recor
         kind = options.weights_are
         notices.append(f"the numbers of a measurement's precision are read as its {kind}")
     ranges = _ranges(graph.num_nodes, rows.get("range"))
-    if ranges is not None:
+    if isinstance(graph, PoseGraph) and ranges is not None:
+        graph = graph.with_ranges(ranges)
         notices.append(counted(ranges.num_edges, "range{s}"))
     instance = Instance(
         name=uncompressed_name(path).stem,
@@ -95,7 +96,6 @@ def _instance(dialect: Dialect, path: Path, options: ReadOptions, content: Recor
         names=nodes.names,
         world=world,
         origin=origin,
-        ranges=ranges,
         apart=nodes.apart,
         moved_by=nodes.moved_by,
         times_ns=nodes.times_ns,

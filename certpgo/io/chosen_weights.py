@@ -64,10 +64,10 @@ class ChosenWeights:
             return instance
         if self.mahalanobis:
             return _with_mahalanobis(instance)
-        graph, ranges = self._overridden(instance.graph), instance.ranges
-        if ranges is not None and self.unit:
-            ranges = replace(ranges, weights=np.ones(ranges.num_edges))
-        return replace(instance, graph=graph, ranges=ranges)
+        graph = self._overridden(instance.graph)
+        if isinstance(graph, PoseGraph) and (ranges := graph.ranges) and self.unit:
+            graph = graph.with_ranges(replace(ranges, weights=np.ones(ranges.num_edges)))
+        return replace(instance, graph=graph)
 
     def _overridden(self, graph: Graph) -> Graph:
         kappa, tau = (1.0, 1.0) if self.unit else (self.kappa, self.tau)

@@ -100,8 +100,8 @@ def _refuse_arms(path: Path, whole: Instance, form: Format) -> None:
 def _refuse_ranges(path: Path, whole: Instance) -> None:
     """Refuse what only formats with ranges hold."""
     graph, holding = whole.graph, "only .npz and .pyfg files hold"
-    if whole.ranges is not None:
-        raise InputError(f"{path}: {holding} ranges, and there are {whole.ranges.num_edges}")
+    if (ranges := whole.graph.ranges) is not None:
+        raise InputError(f"{path}: {holding} ranges, and there are {ranges.num_edges}")
     seen = np.unique(graph.edges[whole.measurements.are(Kind.SIGHTING), 1])
     unseen = int(graph.is_point.sum() - graph.is_point[seen].sum())
     if unseen:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 
@@ -64,9 +65,8 @@ def own_cost(measured: Graph | Instance) -> str:
 def costs_of(instance: Instance) -> tuple[str, ...]:
     """The costs that an instance can be certified under, that of `own_cost` first."""
     require(instance, Instance, "an Instance")
-    own = own_cost(instance)
-    others = COSTS if instance.ranges is None else ()
-    known = (CHORDAL, *(cost for cost in others if _takes(instance.graph, cost)))
+    own, graph = own_cost(instance), instance.graph
+    known = (CHORDAL, *(cost for cost in COSTS if _takes(graph, cost)))
     return own, *(cost for cost in known if cost != own)
 
 
@@ -79,6 +79,8 @@ def _takes(graph: Graph, cost: str) -> bool:
 
 def _unknown_to(cost: str, graph: PoseGraph) -> str:
     """What is measured that the cost of another program does not know; or empty."""
+    if graph.ranges is not None:
+        return "with distances there is only the cost F (--cost chordal)"
     if not graph.rotation.kappa.any():
         return f"--cost {cost} needs relative poses, not positions alone"
     if COSTS[cost].decoupled:  # minorants have no arms of their own: their sum with others is exact
@@ -110,13 +112,11 @@ def problem_under(
     """
     if cost is not None:
         require(cost, str, "the name of a cost")
-    if isinstance(posed, Instance) and posed.ranges is not None:
-        raise InputError(
-            f"{posed.source or posed.name}: graphs with distances are for certpgo solve and "
-            "certify alone, in the cost F"
-        )
+    said = f"{posed.source or posed.name}: " if isinstance(posed, Instance) else ""
+    if getattr(_graph_of(posed), "ranges", None) is not None:
+        for_these = "for certpgo solve and certify alone, in the cost F"
+        raise InputError(f"{said}graphs with distances are {for_these}")
     if isinstance(_graph_of(posed), SimilarityGraph):
-        said = f"{posed.source or posed.name}: " if isinstance(posed, Instance) else ""
         raise InputError(f"{said}{SCALED}")
     if isinstance(posed, PoseProblem | RotationProblem | InformationProblem):
         own = posed.cost_name if isinstance(posed, InformationProblem) else CHORDAL
@@ -140,8 +140,9 @@ def certifiable(
         return posed
     if isinstance(_graph_of(posed), SimilarityGraph):
         return similarity_problem(posed, cost)
-    if isinstance(posed, Instance) and posed.ranges is not None:
-        return range_problem(posed, cost)
+    graph = _graph_of(posed)
+    if isinstance(graph, PoseGraph) and graph.ranges is not None:
+        return range_problem(cast("PoseGraph | Instance", posed), cost)
     return problem_under(posed, cost)
 
 
@@ -160,8 +161,6 @@ def similarity_problem(
         No scale is unknown; it has distances too; or a cost of another program.
     """
     source = f"{posed.source or posed.name}: " if isinstance(posed, Instance) else ""
-    if isinstance(posed, Instance) and posed.ranges is not None:
-        raise InputError(f"{source}distances are not for nodes of unknown scale")
     if cost not in (None, CHORDAL):
         said = "with nodes of unknown scale the cost is F (--cost chordal) or, of certpgo solve "
         said += "--scales-within, that of logarithms"
@@ -176,21 +175,24 @@ def similarity_problem(
     return SimilarityProblem(graph)
 
 
-def range_problem(instance: Instance, cost: str | None = None) -> RangeProblem:
-    """The problem of an instance with distances.
+def range_problem(measured: Graph | Instance, cost: str | None = None) -> RangeProblem:
+    """The problem of measurements with distances.
 
     Raises
     ------
     InputError
         It has none, or measures rotations alone; or a cost of another program.
     """
-    source = instance.source or instance.name
-    if instance.ranges is None or not isinstance(instance.graph, PoseGraph):
-        raise InputError(f"{source}: no distances between poses")
+    instance = measured if isinstance(measured, Instance) else None
+    graph = measured.graph if isinstance(measured, Instance) else measured
+    source = f"{instance.source or instance.name}: " if instance else ""
+    if graph.ranges is None:
+        raise InputError(f"{source}no distances between poses")
     if cost not in (None, CHORDAL):
-        raise InputError(f"{source}: with distances there is only the cost F (--cost chordal)")
-    require_held(instance.graph, instance.named)
-    return RangeProblem(instance.graph, instance.ranges)
+        raise InputError(f"{source}with distances there is only the cost F (--cost chordal)")
+    if instance is not None:
+        require_held(graph, instance.named)
+    return RangeProblem(graph)
 
 
 def information_problem(measured: Graph | Instance, cost: str) -> InformationProblem:

@@ -80,6 +80,8 @@ class PoseProblem(Objective):
         require_graph(self, PoseGraph, "a RotationGraph has no translations: RotationProblem(g)")
         if isinstance(self.graph, SimilarityGraph) and not self.takes_scales:
             raise InputError(SCALED)
+        if self.graph.ranges is not None:
+            raise InputError("F has no distances: RangeProblem(graph), or graph.with_ranges(None)")
         require_connected(self.graph)
         if self.graph.is_partial:
             require_determined(self.graph)

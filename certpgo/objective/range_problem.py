@@ -56,24 +56,21 @@ class RangeProblem(Brief):
 
     Attributes
     ----------
-    measured : the measurements of F; nodes may have distances alone
-    ranges : the distances
+    measured : the measurements, with distances; nodes may have distances alone
     engine : factorization engine, see `certpgo.linalg.factor.engines`
 
     Raises
     ------
     GraphError
-        Measurements and distances do not connect the graph, or leave a rotation free.
+        There are no distances, or these and the other measurements do not connect the graph, or
+        leave a rotation free.
     """
 
     measured: PoseGraph
-    ranges: Ranges
     engine: str = field(default_factory=default_engine)
 
     def __post_init__(self) -> None:
-        if self.ranges.num_nodes != self.measured.num_nodes:
-            raise GraphError("the distances are of another graph")
-        if not len(self.poses) or not self.ranges.num_edges:
+        if not len(self.poses) or self.measured.ranges is None or not self.ranges.num_edges:
             lack = "distances" if len(self.poses) else "poses"
             raise GraphError(f"there are no {lack} in the graph")
         if self.measured.rotation.is_general or self.measured.arms is not None:
@@ -84,6 +81,11 @@ class RangeProblem(Brief):
             node = int(np.argmax(joined > 0))
             raise GraphError(f"no measurement or distance joins node {node} to the others")
         require_held(self.measured)
+
+    @property
+    def ranges(self) -> Ranges:
+        """The distances."""
+        return cast("Ranges", self.measured.ranges)
 
     @property
     def n(self) -> int:
@@ -113,7 +115,7 @@ class RangeProblem(Brief):
     @cached_property
     def alone(self) -> PoseProblem:
         """The problem of the measurements without the distances."""
-        return SignedProblem(self.measured, self.engine)
+        return SignedProblem(self.measured.with_ranges(None), self.engine)
 
     @cached_property
     def whole(self) -> SignedProblem:
@@ -132,11 +134,7 @@ class RangeProblem(Brief):
 
     def scaled(self, factor: float) -> RangeProblem:
         """The same measurements with all weights times ``factor``."""
-        ranges = Ranges(
-            self.n, self.ranges.edges, self.ranges.distances, factor * self.ranges.weights
-        )
-        whole = self.measured.reweighted(np.full(self.measured.num_edges, factor))
-        return RangeProblem(whole, ranges, self.engine)
+        return RangeProblem(self.measured.scaled(factor), self.engine)
 
     @cached_property
     def scale(self) -> float:

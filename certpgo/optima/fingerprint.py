@@ -70,7 +70,7 @@ def fingerprint(graph: Graph | Instance, cost: str = CHORDAL) -> Fingerprint | N
     False
     """
     measured = graph.graph if isinstance(graph, Instance) else graph
-    ranges = graph.ranges if isinstance(graph, Instance) else None
+    ranges = measured.ranges
     stated = None if measured.information is None else _upper(measured.information)
     if cost == CHORDAL:
         weights = _weights(measured)

@@ -105,7 +105,7 @@ def sizes_of(graph: Graph | Instance) -> Sizes:
     5
     """
     measured = graph.graph if isinstance(graph, Instance) else graph
-    ranges = graph.ranges if isinstance(graph, Instance) else None
+    ranges = (graph.graph if isinstance(graph, Instance) else graph).ranges
     points, priors = int(measured.is_point.sum()), int(measured.from_world.sum())
     return Sizes(
         measured.d,

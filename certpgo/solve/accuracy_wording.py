@@ -42,7 +42,7 @@ def fixed(instance: Instance) -> Iterable[tuple[str, str]]:
 def redundancy(instance: Instance) -> Iterable[tuple[str, str]]:
     """That no measurement checks another, if so."""
     graph = instance.graph
-    if instance.ranges is None and graph.num_edges < graph.num_nodes:
+    if instance.graph.ranges is None and graph.num_edges < graph.num_nodes:
         yield (
             "redundancy",
             "none: a tree fits any measurements, so the verdict says nothing of them",

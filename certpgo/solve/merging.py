@@ -19,7 +19,7 @@ import numpy as np
 from scipy import special
 
 from certpgo.errors import GraphError, InputError, require
-from certpgo.graph import Estimate, Graph, Instance
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph
 from certpgo.graph.concatenate import joined, joined_ranges
 from certpgo.graph.display import Speaking
 from certpgo.graph.graph import require_one_unit
@@ -32,9 +32,8 @@ from certpgo.io.accept_paths import AnyPath, as_instance, measured
 from certpgo.io.frames import frame_node
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.chi_squared import FALSE_ALARMS, numbers_measured
-from certpgo.objective.choose_cost import CHORDAL, certifiable, problem_under, range_problem
+from certpgo.objective.choose_cost import CHORDAL, certifiable, problem_under
 from certpgo.objective.information_problem import InformationProblem
-from certpgo.objective.problem import problem_of
 from certpgo.objective.range_problem import RangeProblem
 from certpgo.optimize.levenberg_marquardt import descend
 from certpgo.optimize.monitor import Monitor
@@ -199,7 +198,7 @@ def merge(
         refuse_held(one)
     names = _labelled(instances, offset)
     whole, across = _joined(instances, names, joints)
-    problem = problem_of(whole.graph) if whole.ranges is None else range_problem(whole)
+    problem = certifiable(whole, CHORDAL)
     if robust and problem.is_lifted:
         raise InputError("robust fits are of poses: maps with distances are merged without")
 
@@ -322,14 +321,16 @@ def _joined(
     nodes = [np.array([place[label] for label in own]) for own in labelled]
     edges = [own[graph.edges] for own, graph in zip(nodes, graphs, strict=True)]
     whole = joined(graphs, len(labels), _points(graphs, nodes, labels), edges)
-    ranges = joined_ranges([part.ranges for part in parts], len(labels), nodes)
+    if isinstance(whole, PoseGraph):
+        ranges = [part.graph.ranges for part in parts]
+        whole = whole.with_ranges(joined_ranges(ranges, len(labels), nodes))
     merged = Instance.labelled(f"{len(maps)} maps", whole, labels, origin=origin)
     read = {part.options.get(READ_AS, "tangent") for part in parts if len(part.options)}
     options = {READ_AS: read.pop()} if len(read) == 1 else {}
-    merged = replace(merged, ranges=ranges, options=options)
+    merged = replace(merged, options=options)
     # Rows are of all graphs in order, then of their distances.
     own_rows = [part.graph.num_edges for part in parts]
-    own_rows += [0 if part.ranges is None else part.ranges.num_edges for part in parts]
+    own_rows += [0 if (of := part.graph.ranges) is None else of.num_edges for part in parts]
     source = np.repeat(np.tile(np.arange(len(parts)), 2), own_rows)
     return merged, np.flatnonzero(source == len(maps))
 

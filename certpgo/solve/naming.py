@@ -24,14 +24,14 @@ def labels_of(measurements: object, nodes: Sequence[Label] | None) -> Sequence[L
     own: Sequence[Label]
     graph, world = measurements, None
     if isinstance(measurements, Instance):
-        if measurements.ranges is not None:
-            raise InputError("a session takes no distances between nodes")
         refuse_held(measurements)
         graph, world, own = measurements.graph, measurements.world, measurements.labels
     elif isinstance(measurements, PoseGraph | RotationGraph):
         own = range(measurements.num_nodes)
     if not isinstance(graph, PoseGraph | RotationGraph):
         raise InputError(f"a session takes graphs and instances, not {kind_of(measurements)}")
+    if graph.ranges is not None:
+        raise InputError("a session takes no distances between nodes")
     require_one_unit(graph, "a session does")
     if nodes is not None and (isinstance(nodes, str) or not isinstance(nodes, Iterable)):
         raise InputError(f"the names of the nodes expected, not {kind_of(nodes)}")

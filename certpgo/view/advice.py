@@ -107,7 +107,7 @@ def advice(
         searched=searched,
         stopped=obstacle.ended_early,
         disagreeing=disagreeing,
-        has_ranges=instance.ranges is not None,
+        has_ranges=instance.graph.ranges is not None,
         has_scales=isinstance(instance.graph, SimilarityGraph),
         judged_by=cost,
         judging=tuple(judging),
@@ -130,7 +130,7 @@ def advice(
 
 def cost_options(instance: Instance, cost: str) -> tuple[str, ...]:
     """The options with which a graph is judged by a cost: none where it is the graph's own."""
-    is_usual = instance.ranges is not None or cost == own_cost(instance)
+    is_usual = instance.graph.ranges is not None or cost == own_cost(instance)
     return () if is_usual else ("--cost", cost)
 
 

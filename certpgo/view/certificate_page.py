@@ -236,8 +236,8 @@ def _head(instance: Instance, origin: Origin) -> Iterable[tuple[str, str]]:
     graph = instance.graph
     nodes, edges = counted(graph.num_nodes, "node{s}"), counted(graph.num_measurements, "edge{s}")
     size = [nodes, edges, f"{graph.d}D"]
-    if instance.ranges is not None:  # numbered after the edges
-        size.insert(2, counted(instance.ranges.num_edges, "distance{s}"))
+    if instance.graph.ranges is not None:  # numbered after the edges
+        size.insert(2, counted(instance.graph.ranges.num_edges, "distance{s}"))
     yield "graph", f"{origin.graph} ({', '.join(size)})"
     if of_kinds := kinds_in_words(instance):
         yield "among these", ", ".join(of_kinds)

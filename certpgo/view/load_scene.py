@@ -275,8 +275,9 @@ def start(instance: Instance) -> tuple[str, Estimate]:
         )
     if isinstance(instance.graph, SimilarityGraph):
         return "start", next(starts(SimilarityProblem(instance.graph))).estimate
-    problem = problem_of(instance.graph)
-    if isinstance(instance.graph, PoseGraph) and instance.graph.is_partial:
+    graph = instance.graph
+    problem = problem_of(graph.with_ranges(None) if isinstance(graph, PoseGraph) else graph)
+    if isinstance(graph, PoseGraph) and graph.is_partial:
         return "start", start_of(problem).estimate
     return "dead reckoning", SpanningTree(tree="odometry").solve(problem).estimate
 
@@ -321,7 +322,7 @@ def _truth(
 
 def _flags(given: ArrayLike | None, answered: IntArray | None, instance: Instance) -> BoolArray:
     """(m,) rejected measurements: as given, or of the answer, or known outliers; no distances."""
-    m, ranges = instance.graph.num_edges, instance.ranges
+    m, ranges = instance.graph.num_edges, instance.graph.ranges
     flags = np.zeros(m + (0 if ranges is None else ranges.num_edges), dtype=bool)
     if given is None:
         if answered is not None:

@@ -40,7 +40,7 @@ def residuals(instance: Instance, estimate: Estimate) -> tuple[Measure, ...]:
 
     Unlike those of a problem, they need no connected graph.
     """
-    graph, ranges = instance.graph, instance.ranges
+    graph, ranges = instance.graph, instance.graph.ranges
     R, (i, j) = estimate.rotations, graph.edges.T
     rotation = graph.rotation
     angles = np.degrees(so.angle(np.swapaxes(R[j], 1, 2) @ R[i] @ rotation.rotations))
@@ -65,7 +65,7 @@ def residuals(instance: Instance, estimate: Estimate) -> tuple[Measure, ...]:
 
 def weights(instance: Instance) -> tuple[Measure, ...]:
     """The weights of edges and of distances, where they differ."""
-    graph, ranges = instance.graph, instance.ranges
+    graph, ranges = instance.graph, instance.graph.ranges
     rotation = graph.rotation
     listed = [("rotation weight", rotation.kappa)]
     if isinstance(graph, PoseGraph):

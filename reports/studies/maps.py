@@ -46,7 +46,9 @@ def rows(name: str) -> str:
         warnings.simplefilter("ignore")
         instance = datasets.load(name)
     problem = (
-        range_problem(instance) if instance.ranges is not None else PoseProblem(instance.graph)
+        range_problem(instance)
+        if instance.graph.ranges is not None
+        else PoseProblem(instance.graph)
     )
     begin = time.perf_counter()
     theirs = by_gtsam(instance, problem)
@@ -90,11 +92,11 @@ def by_gtsam(instance: Instance, problem: PoseProblem | RangeProblem) -> Estimat
             noise = gtsam.noiseModel.Diagonal.Precisions(np.concatenate(order))
             between = gtsam.BetweenFactorPose2 if d == 2 else gtsam.BetweenFactorPose3
             factors.add(between(i, j, _pose_of(rotation.rotations[e], t), noise))
-    if instance.ranges is not None:
+    if instance.graph.ranges is not None:
         for (i, j), distance, weight in zip(
-            instance.ranges.edges.tolist(),
-            instance.ranges.distances,
-            instance.ranges.weights,
+            instance.graph.ranges.edges.tolist(),
+            instance.graph.ranges.distances,
+            instance.graph.ranges.weights,
             strict=True,
         ):
             noise = gtsam.noiseModel.Isotropic.Precision(1, weight)

@@ -75,19 +75,19 @@ def test_distances_join_nodes_and_check_measurements():
     points = np.arange(5) == 4
     graph = PoseGraph(rotation, np.tile([1.0, 0.0], (3, 1)), np.ones(3), points=points)
     ranges = Ranges(5, [[0, 4], [2, 4]], [2.0, 2.0], [1.0, 1.0])
-    chain = Instance("chain", graph, np.arange(5), ranges=ranges)
+    chain = Instance("chain", graph.with_ranges(ranges), np.arange(5))
     found = structure(chain)
     assert found.measurements == {"between": 3, "range": 2}
     assert (found.component_sizes, found.bridges) == ((5,), 1)
     assert bridges(chain.measurements).tolist() == [[2, 3]]
-    assert structure(replace(chain, ranges=None)).component_sizes == (4, 1)
+    assert structure(replace(chain, graph=chain.graph.with_ranges(None))).component_sizes == (4, 1)
     (one,) = connected_parts(chain, "refuse")
     assert one is chain
-    apart = replace(chain, graph=graph.with_edges([0, 2]))  # 0-1-4-2-3
+    apart = replace(chain, graph=chain.graph.with_edges([0, 2]))  # 0-1-4-2-3
     assert structure(apart).component_sizes == (5,)
-    near = replace(apart, ranges=Ranges(5, [[2, 4]], [2.0], [1.0]))
+    near = replace(apart, graph=apart.graph.with_ranges(Ranges(5, [[2, 4]], [2.0], [1.0])))
     assert [part.ids.tolist() for part in connected_parts(near, "each")] == [[2, 3, 4], [0, 1]]
-    assert connected_parts(near, "largest")[0].ranges.edges.tolist() == [[0, 2]]
+    assert connected_parts(near, "largest")[0].graph.ranges.edges.tolist() == [[0, 2]]
 
 
 def test_kinds_follow_from_weights_points_and_the_world():
@@ -108,7 +108,7 @@ def test_kinds_follow_from_weights_points_and_the_world():
         "RANGE",
     ]
     ranges = Ranges(4, [[1, 2]], [1.0], [1.0])
-    whole = Instance("all", graph, np.arange(4), world=3, ranges=ranges)
+    whole = Instance("all", graph.with_ranges(ranges), np.arange(4), world=3)
     assert [Kind(kind).name for kind in whole.measurements.kinds] == kinds
     assert whole.kinds == (1, 1, 4)
     # The same from flags of a graph alone, but for distances, which it has not.

@@ -231,7 +231,7 @@ def test_distances_sightings_and_priors_are_kept():
     ends = np.vstack([truth, np.zeros(3)])
     apart = np.linalg.norm(ends[pairs[:, 1]] - ends[pairs[:, 0]], axis=1)
     ranges = certpgo.Ranges(n + 1, pairs, apart + 0.05, np.full(3, 100.0))
-    whole = Instance("whole", graph, np.arange(n + 1), world=n, ranges=ranges)
+    whole = Instance("whole", graph.with_ranges(ranges), np.arange(n + 1), world=n)
     all_kept, some = certpgo.sparsify(whole, 1.0), certpgo.sparsify(whole, 0.5)
     assert all_kept.cost == pytest.approx(certpgo.solve(whole).cost, rel=1e-9)
     assert all_kept.kept.tolist() == list(range(graph.num_edges))

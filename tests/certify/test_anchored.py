@@ -230,7 +230,7 @@ def test_a_bound_does_not_depend_on_where_the_estimate_is(far):
 def test_gaps_of_long_chains_are_within_rtol_of_a_small_cost(name, dataset):
     instance = dataset(name)
     answer = certpgo.solve(instance.graph, cost="chordal")
-    judged = certpgo.certify(instance.graph, answer)
+    judged = certpgo.certify(instance.graph, answer, cost="chordal")
     for proven in (answer.certificate, judged):
         assert (proven.verdict.value, proven.tier.value) == ("CERTIFIED", "standard")
         assert proven.gap <= 5e-6 * proven.cost_upper

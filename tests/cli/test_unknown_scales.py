@@ -232,7 +232,12 @@ def test_functions_refuse_too():
         lambda: library.RobustSession().add(graph),
         lambda: library.merge([graph, graph], graph, offset=100),
         lambda: library.solve(instance).covariance(1),
-        lambda: library.solve(replace(instance, ranges=library.Ranges(8, [[0, 1]], [1.0], [1.0]))),
+        lambda: library.solve(
+            replace(
+                instance,
+                graph=instance.graph.with_ranges(library.Ranges(8, [[0, 1]], [1.0], [1.0])),
+            )
+        ),
     ):
         with pytest.raises(InputError, match=r"scale|similarities"):
             call()

@@ -123,7 +123,7 @@ def test_points_and_distances_are_counted():
     expected = 6 * (m - n + 1) + 3 * 3 - 3
     assert goodness_of_fit(PoseProblem(with_point), estimate).freedom == expected
     ranges = Ranges(n, np.array([[0, 8], [1, 7]]), np.array([3.0, 4.0]), np.full(2, 100.0))
-    instance = Instance("ranged", graph, np.arange(n), ranges=ranges)
+    instance = Instance("ranged", graph.with_ranges(ranges), np.arange(n))
     problem = range_problem(instance)
     found = goodness_of_fit(problem, truth)
     assert found.freedom == 6 * (m - n + 1) + 2

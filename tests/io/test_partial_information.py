@@ -121,7 +121,7 @@ def test_chosen_weights_of_poses_leave_those_of_distances(file):
         ({"unit_weights": True}, 1),
     ):
         instance = io.read(file(text, "ranges.pyfg"), quiet=True, **chosen)
-        assert instance.ranges.weights.tolist() == [weight]
+        assert instance.graph.ranges.weights.tolist() == [weight]
 
 
 def test_flat_landmarks(file):

@@ -62,7 +62,7 @@ def read(path, **options):
 @pytest.mark.parametrize("name", SAMPLES)
 def test_counts(dataset, name):
     instance = dataset(name)
-    graph, ranges = instance.graph, instance.ranges
+    graph, ranges = instance.graph, instance.graph.ranges
     sightings = int(graph.points[graph.edges[:, 1]].sum())
     priors = 0 if instance.world is None else int((graph.edges[:, 0] == instance.world).sum())
     if name == "marine":
@@ -89,7 +89,7 @@ def test_positions_of_points(dataset):
     np.testing.assert_allclose(variances, [0.1, 0.2, 0.3, 0.4, 0.7])
     assert (graph.rotation.kappa[of_world] > 0.0).tolist() == [True] + [False] * 56
     assert instance.names[-1] == "world"
-    np.testing.assert_allclose(instance.ranges.weights, 100.0, rtol=1e-15)
+    np.testing.assert_allclose(instance.graph.ranges.weights, 100.0, rtol=1e-15)
     assert any("57 priors" in n and "56 of them positions alone" in n for n in instance.notices)
 
 
@@ -109,7 +109,7 @@ def test_in_the_plane(pyfg):
     assert (instance.world, instance.graph.information.residual) == (3, None)
     there = instance.in_world(instance.initial)
     np.testing.assert_allclose(there.translations, [[0, 0], [1, 0], [1, 2]], atol=1e-13)
-    ranges = instance.ranges
+    ranges = instance.graph.ranges
     assert ranges.edges.tolist() == [[2, 0], [0, 1]]
     assert (ranges.distances.tolist(), ranges.weights.tolist()) == ([2.25, 1.0], [16.0, 4.0])
     assert {"1 point, 1 sighting", "2 ranges"} <= set(instance.notices)
@@ -135,7 +135,7 @@ def test_choices(pyfg):
     path = pyfg(PLANE)
     unit = read(path, unit_weights=True)
     assert set(unit.graph.rotation.kappa.tolist()) == {0.0, 1.0}
-    assert set(unit.graph.tau.tolist()) == set(unit.ranges.weights.tolist()) == {1.0}
+    assert set(unit.graph.tau.tolist()) == set(unit.graph.ranges.weights.tolist()) == {1.0}
     assert unit.graph.information is None
     alone = read(path, priors=False)
     assert (alone.world, alone.names) == (None, ("A0", "B7", "L0"))
@@ -144,7 +144,7 @@ def test_choices(pyfg):
     assert poses.names == ("A0", "B7", "world")
     assert poses.graph.points is None
     assert poses.graph.edges.tolist() == [[0, 1], [2, 0]]
-    assert poses.ranges.edges.tolist() == [[0, 1]]
+    assert poses.graph.ranges.edges.tolist() == [[0, 1]]
     assert "1 range to points skipped" in poses.notices
     assert "1 prior of points skipped" in poses.notices
     assert read(path, weights_are="covariance").graph.tau[0] == 100.0
@@ -177,7 +177,7 @@ def test_lines_that_are_skipped_are_not_read(pyfg):
 
 def test_unit_weights_take_what_is_no_covariance(pyfg):
     text = PLANE.replace("0.0025\n", "-1\n").replace("2.25 0.0625", "2.25 0")
-    assert read(pyfg(text), unit_weights=True).ranges.weights.tolist() == [1.0, 1.0]
+    assert read(pyfg(text), unit_weights=True).graph.ranges.weights.tolist() == [1.0, 1.0]
 
 
 def test_the_world_has_a_name_of_its_own(pyfg):
@@ -285,13 +285,13 @@ def assert_agree(a, b, rtol=1e-13):
         (a.graph.tau, b.graph.tau),
         (a.graph.rotation.kappa, b.graph.rotation.kappa),
         (a.graph.translations, b.graph.translations),
-        (a.ranges.weights, b.ranges.weights),
+        (a.graph.ranges.weights, b.graph.ranges.weights),
         (a.graph.information_matrices, b.graph.information_matrices),
     ):
         np.testing.assert_allclose(p, q, rtol=rtol, atol=rtol * np.abs(q).max())
     np.testing.assert_allclose(a.graph.rotation.rotations, b.graph.rotation.rotations, atol=1e-14)
-    np.testing.assert_array_equal(a.ranges.edges, b.ranges.edges)
-    np.testing.assert_array_equal(a.ranges.distances, b.ranges.distances)
+    np.testing.assert_array_equal(a.graph.ranges.edges, b.graph.ranges.edges)
+    np.testing.assert_array_equal(a.graph.ranges.distances, b.graph.ranges.distances)
     np.testing.assert_allclose(a.initial.rotations, b.initial.rotations, atol=1e-14)
     np.testing.assert_allclose(a.initial.translations, b.initial.translations, atol=1e-9)
 
@@ -369,12 +369,12 @@ def test_what_cannot_be_written(pyfg, tmp_path, file):
     with pytest.raises(InputError, match=r"only .npz and .pyfg files hold ranges, and there are 2"):
         io.write(tmp_path / "graph.g2o", instance)
     with pytest.warns(InputNotice) as said:
-        io.write(tmp_path / "graph.g2o", replace(instance, ranges=None))
+        io.write(tmp_path / "graph.g2o", replace(instance, graph=instance.graph.with_ranges(None)))
     assert "g2o files hold no timestamps" in str(said[0].message)
     assert "g2o files hold no such names as 'A0'" in str(said[1].message)
     unseen = read(pyfg(PLANE.replace("EDGE_SE2_XY", "# ")))
     with pytest.raises(InputError, match="points that no pose sees, and there are 1 point"):
-        io.write(tmp_path / "graph.g2o", replace(unseen, ranges=None))
+        io.write(tmp_path / "graph.g2o", replace(unseen, graph=unseen.graph.with_ranges(None)))
     out = tmp_path / "graph.pyfg"
     for name in ("a b", "12", "", "a#b", "a\x7f", "\ud800"):
         with pytest.raises(InputError, match="names without blanks that are no numbers"):

@@ -152,7 +152,7 @@ def test_distances_have_no_direction():
     for pairs in ([[0, 2], [1, 3]], [[3, 1], [2, 0]]):
         lengths = [1.0, 2.0] if pairs[0] == [0, 2] else [2.0, 1.0]
         ranges = certpgo.Ranges(4, np.array(pairs), np.array(lengths), np.ones(2))
-        instance = certpgo.Instance("ranged", graph, np.arange(4), ranges=ranges)
+        instance = certpgo.Instance("ranged", graph.with_ranges(ranges), np.arange(4))
         found.add(fingerprint(instance))
     assert len(found) == 1
     assert found != {fingerprint(graph)}

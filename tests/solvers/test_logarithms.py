@@ -10,7 +10,14 @@ from hypothesis import strategies as st
 from strategies import dimensions, rng_of, seeds
 
 import certpgo
-from certpgo import Estimate, InputError, RotationGraph, SimilarityGraph, fit_logarithms
+from certpgo import (
+    Estimate,
+    GraphError,
+    InputError,
+    RotationGraph,
+    SimilarityGraph,
+    fit_logarithms,
+)
 from certpgo.graph.ranges import Ranges
 from certpgo.io.datasets.monocular import random_maps
 from certpgo.linalg import rotations as so
@@ -127,13 +134,13 @@ def test_an_instance_keeps_its_ids():
     assert fit_logarithms(instance).estimate.keys.ids.tolist() == list(range(0, 80, 10))
 
 
-@pytest.mark.parametrize("search", [certpgo.solve, certpgo.reweigh, fit_logarithms])
-def test_distances_are_refused_not_dropped(search):
+def test_distances_are_refused_not_dropped():
     graph, _ = maps(0, 3)
     ranges = Ranges(8, [[0, 1]], np.ones(1), np.ones(1))
-    instance = certpgo.Instance("map", graph, np.arange(8), ranges=ranges)
-    with pytest.raises(InputError, match="map: distances are not for nodes of unknown scale"):
-        search(instance)
+    with pytest.raises(GraphError, match="distances are not for nodes of unknown scale"):
+        graph.with_ranges(ranges)
+    with pytest.raises(GraphError, match="distances are not for nodes of unknown scale"):
+        replace(graph, ranges=ranges)
 
 
 def test_other_graphs_and_factors_are_refused():

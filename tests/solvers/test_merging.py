@@ -48,11 +48,11 @@ def test_distances_within_and_between_maps_have_the_optimum_of_the_whole():
     apart = np.linalg.norm(at[pairs[:, 1]] - at[pairs[:, 0]], axis=1)
     apart += np.array([0.1, -0.1, 0.0, 0.05])
     ranges = Ranges(n, pairs, apart, np.array([9.0, 4.0, 25.0, 16.0]))
-    whole = Instance("whole", graph, np.arange(n), ranges=ranges)
+    whole = Instance("whole", graph.with_ranges(ranges), np.arange(n))
     (first, second), joints = cut(graph, 2)
-    own = Instance("first", first, np.arange(half), ranges=ranges.between(np.arange(half)))
+    own = Instance("first", first.with_ranges(ranges.between(np.arange(half))), np.arange(half))
     other = ranges.between(np.arange(half, n))
-    theirs = Instance("second", second, np.arange(n - half), ranges=other)
+    theirs = Instance("second", second.with_ranges(other), np.arange(n - half))
     place = {label: k for k, label in enumerate(joints.ids.tolist())}
     across = [(k % half + 100 * (k >= half)) for k in pairs[1:3].ravel().tolist()]
     new = [k for k in across if k not in place]
@@ -61,9 +61,10 @@ def test_distances_within_and_between_maps_have_the_optimum_of_the_whole():
     rotation = replace(joints.graph.rotation, num_nodes=len(place))
     between = Instance(
         "between",
-        replace(joints.graph, rotation=rotation),
+        replace(joints.graph, rotation=rotation).with_ranges(
+            Ranges(len(place), edges, apart[1:3], ranges.weights[1:3])
+        ),
         np.array(list(place)),
-        ranges=Ranges(len(place), edges, apart[1:3], ranges.weights[1:3]),
     )
     merged, direct = certpgo.merge([own, theirs], between, offset=100), certpgo.solve(whole)
     assert merged.answer.cost == pytest.approx(direct.cost, rel=1e-8)
@@ -77,7 +78,10 @@ def test_distances_within_and_between_maps_have_the_optimum_of_the_whole():
     assert merged.raised >= merged.terms.sum() - 1e-6
     assert len(merged.disagreeing) == 0
     far = replace(
-        between, ranges=replace(between.ranges, distances=apart[1:3] + np.array([5.0, 0.0]))
+        between,
+        graph=between.graph.with_ranges(
+            replace(between.graph.ranges, distances=apart[1:3] + np.array([5.0, 0.0]))
+        ),
     )
     wrong = certpgo.merge([own, theirs], far, offset=100)
     assert m + 2 in wrong.disagreeing
@@ -141,23 +145,10 @@ def test_maps_that_cannot_be_merged_are_refused(graph):
         certpgo.merge(maps, joints, offset=3)
     with pytest.raises(InputError, match="is in none of the maps"):
         certpgo.merge(maps, joints, offset=1000)
-    ranges = Ranges(graph.num_nodes, np.array([[0, 1]]), np.ones(1), np.ones(1))
-    far = Instance("far", graph, np.arange(graph.num_nodes), ranges=ranges)
+    n = maps[0].num_nodes
+    far = maps[0].with_ranges(Ranges(n, np.array([[0, 1]]), np.ones(1), np.ones(1)))
     with pytest.raises(InputError, match="maps with distances are merged without"):
-        certpgo.merge(
-            [
-                replace(
-                    far,
-                    graph=maps[0],
-                    ids=np.arange(maps[0].num_nodes),
-                    ranges=replace(ranges, num_nodes=maps[0].num_nodes),
-                ),
-                maps[1],
-            ],
-            joints,
-            offset=100,
-            robust=True,
-        )
+        certpgo.merge([far, maps[1]], joints, offset=100, robust=True)
     names = tuple(f"x{k}" for k in range(maps[0].num_nodes))
     named = Instance("named", maps[0], np.arange(maps[0].num_nodes), names=names)
     with pytest.raises(InputError, match="node x0 of map 0 has a name: an offset is for ids"):

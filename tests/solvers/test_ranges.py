@@ -46,7 +46,11 @@ def measured(seed, d, *, noise=0.1, poses=5, points=3):
     )
     distances = np.abs(apart + noise * rng.standard_normal(len(pairs)))
     weights = rng.uniform(0.5, 4.0, len(pairs))
-    return RangeProblem(graph, Ranges(graph.num_nodes, pairs, distances, weights)), truth, rng
+    return (
+        RangeProblem(graph.with_ranges(Ranges(graph.num_nodes, pairs, distances, weights))),
+        truth,
+        rng,
+    )
 
 
 def anywhere(rng, problem, rises):
@@ -174,7 +178,7 @@ class Real(RangeProblem):
 
     @property
     def whole(self):
-        oriented = RangeProblem(self.measured, self.ranges).whole
+        oriented = RangeProblem(self.measured).whole
         return self.__dict__.setdefault("real", SignedProblem(oriented.graph, oriented.engine))
 
 
@@ -182,7 +186,7 @@ class Real(RangeProblem):
 @few
 def test_the_oriented_relaxation_is_at_least_as_tight_as_the_real_one(seed):
     problem, _, _ = measured(seed, 2, noise=1.0)
-    real = Real(problem.measured, problem.ranges)
+    real = Real(problem.measured)
     ours, theirs = solve(problem), solve(real)
     assert ours.certificate.lower_bound >= (1.0 - 1e-5) * theirs.certificate.lower_bound
     assert ours.cost <= (1.0 + 1e-6) * theirs.cost
@@ -231,7 +235,9 @@ def test_laws(seed):
     back = Ranges(
         problem.n, np.stack([j, i], axis=1), problem.ranges.distances, problem.ranges.weights
     )
-    assert RangeProblem(problem.measured, back).cost(answer.estimate) == pytest.approx(answer.cost)
+    assert RangeProblem(problem.measured.with_ranges(back)).cost(answer.estimate) == pytest.approx(
+        answer.cost
+    )
     assert problem.enclosure(answer.estimate)[1] >= problem.cost(answer.estimate)
 
 
@@ -255,11 +261,11 @@ def test_distances_that_fit_exactly_or_are_tiny_cost_no_bound():
     alone = solve(graph)
     for distance in (2.0, 1e-15, 1e-20, 1e-300):
         ranges = Ranges(n, [[poses[0], n - 1]], [distance], [3.0])
-        answer = solve(RangeProblem(more, ranges))
+        answer = solve(RangeProblem(more.with_ranges(ranges)))
         assert answer.verdict.value == "CERTIFIED"
         assert answer.cost == pytest.approx(alone.cost, rel=1e-6)
     with pytest.raises(InputError, match="beyond the range of doubles"):
-        solve(RangeProblem(more, Ranges(n, [[poses[0], n - 1]], [1e160], [3.0])))
+        solve(RangeProblem(more.with_ranges(Ranges(n, [[poses[0], n - 1]], [1e160], [3.0]))))
 
 
 @given(seeds, dimensions)
@@ -285,7 +291,7 @@ def in_lengths_of(problem, unit):
         graph.rotation, unit * graph.translations, graph.tau / unit**2, points=graph.points
     )
     distances, weights = unit * ranges.distances, ranges.weights / unit**2
-    return RangeProblem(measured, Ranges(problem.n, ranges.edges, distances, weights))
+    return RangeProblem(measured.with_ranges(Ranges(problem.n, ranges.edges, distances, weights)))
 
 
 @pytest.mark.parametrize("unit", [1e-10, 1e10])
@@ -305,7 +311,7 @@ def pair(distances, d=2):
     rotation = RotationGraph(2, [[0, 1]], np.eye(d)[None], np.zeros(1))
     graph = PoseGraph(rotation, np.eye(d)[:1], np.ones(1), points=[False, True])
     pairs = [[0, 1], [1, 0], [0, 1]][: len(distances)]
-    return RangeProblem(graph, Ranges(2, pairs, distances, np.ones(len(distances))))
+    return RangeProblem(graph.with_ranges(Ranges(2, pairs, distances, np.ones(len(distances)))))
 
 
 @pytest.mark.parametrize("unit", [1e-12, 1.0, 1e12])
@@ -328,7 +334,7 @@ def test_repeated_distances_need_not_agree(d):
     rotation = RotationGraph(4, [[0, 1], [0, 2]], np.tile(np.eye(d), (2, 1, 1)), [0.0, 0.0])
     graph = PoseGraph(rotation, np.eye(d)[:2], np.ones(2), points=[False, True, True, True])
     pairs, distances = [[1, 3], [3, 1], [2, 3], [2, 3]], [2.9, 3.1, 3.3, 3.5]
-    answer = solve(RangeProblem(graph, Ranges(4, pairs, distances, np.ones(4))))
+    answer = solve(RangeProblem(graph.with_ranges(Ranges(4, pairs, distances, np.ones(4)))))
     assert answer.cost == pytest.approx(0.04, rel=1e-6)
     assert answer.verdict.value == "CERTIFIED"
 
@@ -339,7 +345,7 @@ def test_tangents_that_leave_positions_free_are_made_firm():
     graph = PoseGraph(rotation, [[8.9, -2.6]], [1.0], points=[True, True, False, True])
     pairs = [[1, 0], [1, 3], [0, 1], [1, 2], [0, 3], [2, 0], [2, 1]]
     distances = [1.4, 5.9, 2.4, 6.8, 1.1, 3.3, 3.3]
-    answer = solve(RangeProblem(graph, Ranges(4, pairs, distances, np.ones(7))))
+    answer = solve(RangeProblem(graph.with_ranges(Ranges(4, pairs, distances, np.ones(7)))))
     assert answer.verdict.value == "CERTIFIED"
     assert answer.cost == pytest.approx(answer.certificate.lower_bound, rel=1e-6)
 
@@ -440,9 +446,7 @@ def test_a_descent_that_fails_is_not_the_last(monkeypatch):
 def test_the_values_of_the_file_are_a_start(clock):
     problem, truth, _ = measured(2, 3, noise=0.5, poses=12, points=4)
     nodes = np.arange(problem.n)
-    instance = certpgo.Instance(
-        "kept", problem.measured, nodes, ranges=problem.ranges, initial=truth
-    )
+    instance = certpgo.Instance("kept", problem.measured, nodes, initial=truth)
     at_once = solve(instance, monitor=lambda step: True)
     assert at_once.cost <= problem.cost(truth)
     assert at_once.start == "the initial values of the file"
@@ -540,23 +544,23 @@ def test_what_is_refused():
         Ranges(n, [[0, 1]], [1.0], [0.0])
     with pytest.raises(GraphError, match="nodes are numbered"):
         Ranges(n, [[0, n]], [1.0], [1.0])
-    with pytest.raises(GraphError, match="the distances are of another graph"):
-        RangeProblem(problem.measured, Ranges(n + 1, [[0, 1]], [1.0], [1.0]))
+    with pytest.raises(GraphError, match="ranges are of 9 nodes, the graph has 8"):
+        problem.measured.with_ranges(Ranges(n + 1, [[0, 1]], [1.0], [1.0]))
     with pytest.raises(InputError, match="proof tier is not for graphs with measured distances"):
         solve(problem, tier="proof")
     rotation = RotationGraph(3, [[0, 1]], np.eye(2)[None], np.ones(1))
     pair = PoseGraph(rotation, np.ones((1, 2)), np.ones(1))
     with pytest.raises(GraphError, match="no measurement determines the rotation of node 2"):
-        RangeProblem(pair, Ranges(3, [[1, 2]], [1.0], [1.0]))
+        RangeProblem(pair.with_ranges(Ranges(3, [[1, 2]], [1.0], [1.0])))
     with pytest.raises(GraphError, match="no measurement or distance joins node 2"):
-        RangeProblem(pair, Ranges(3, [[0, 1]], [1.0], [1.0]))
+        RangeProblem(pair.with_ranges(Ranges(3, [[0, 1]], [1.0], [1.0])))
     points = PoseGraph(RotationGraph(2, [[0, 1]], np.eye(2)[None], [0.0]), [[0.0, 0.0]], [1.0])
     points = replace(points, points=np.ones(2, dtype=bool))
     with pytest.raises(GraphError, match="no poses"):
-        RangeProblem(points, Ranges(2, [[0, 1]], [1.0], [1.0]))
+        RangeProblem(points.with_ranges(Ranges(2, [[0, 1]], [1.0], [1.0])))
     with pytest.raises(GraphError, match="no distances"):
-        RangeProblem(pair, Ranges(3, np.empty((0, 2), dtype=int), [], []))
-    instance = certpgo.Instance("lonely", problem.measured, np.arange(n), ranges=problem.ranges)
+        RangeProblem(pair.with_ranges(Ranges(3, np.empty((0, 2), dtype=int), [], [])))
+    instance = certpgo.Instance("lonely", problem.measured, np.arange(n))
     with pytest.raises(InputError, match="only the cost F"):
         solve(instance, cost="g2o")
     assert solve(instance).cost == pytest.approx(solve(problem).cost)
@@ -564,8 +568,6 @@ def test_what_is_refused():
 
 def test_robust_fits_refuse_distances():
     problem, _, _ = measured(3, 2)
-    instance = certpgo.Instance(
-        "distances", problem.measured, np.arange(problem.n), ranges=problem.ranges
-    )
+    instance = certpgo.Instance("distances", problem.measured, np.arange(problem.n))
     with pytest.raises(InputError, match="distances are for certpgo solve and certify alone"):
         certpgo.solve_robustly(instance)

@@ -305,7 +305,10 @@ def test_more_time_is_advised_only_where_the_search_was_stopped(solved, verdict)
 def test_rejecting_is_advised_where_it_can_be_done(solved):
     judged = replace(solved[2].certificate, verdict=Verdict.BOUNDED, basin_is_global=False)
     ranges = Ranges(27, np.array([[0, 26]]), np.ones(1), np.ones(1))
-    for instance, found in ((solved[0], True), (replace(solved[0], ranges=ranges), False)):
+    for instance, found in (
+        (solved[0], True),
+        (replace(solved[0], graph=solved[0].graph.with_ranges(ranges)), False),
+    ):
         steps = advice_on(judged, instance, "g.pyfg", cost="chordal", disagreeing=True)
         assert any("--robust" in command for _, command in steps) is found
 
@@ -332,7 +335,7 @@ def test_what_cannot_be_closed_is_not_searched_further(solved):
     assert "this gap cannot be closed" in judged.reason
     assert "searches further" not in str(judged)
     ranges = Ranges(27, np.array([[0, 26]]), np.ones(1), np.ones(1))
-    about = replace(solved[0], ranges=ranges), "g.pyfg"
+    about = replace(solved[0], graph=solved[0].graph.with_ranges(ranges)), "g.pyfg"
     for searched in (True, False):
         [(sentence, command)] = advice_on(judged, *about, cost="chordal", searched=searched)
         assert ("more time would not raise the bound" in sentence, command) == (True, "")

@@ -289,7 +289,7 @@ def test_distances_are_drawn_with_their_errors(grid):
     ranges = Ranges(
         27, np.array([[0, 26], [1, 20]]), lengths + np.array([0.25, 0.5]), np.array([1.0, 2.0])
     )
-    instance = replace(plain, ranges=ranges)
+    instance = replace(plain, graph=plain.graph.with_ranges(ranges))
     drawn = scene(instance, certifiable(instance), truth)
     assert drawn["edges"][-2:] == [[0, 26], [1, 20]]
     assert drawn["kinds"][-3:] == [0, 3, 3]

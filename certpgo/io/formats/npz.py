@@ -140,7 +140,7 @@ def _instance(arrays: _Arrays, source: str) -> Instance:
     n = int(arrays["num_nodes"])
     rotation = RotationGraph(n, arrays["edges"], arrays["rotations"], arrays["kappa"])
     graph: Graph = rotation
-    information = _information(arrays)
+    information, ranges = _information(arrays), _ranges(arrays, n)
     if "tau" in arrays:
         if "translations" not in arrays:
             raise InputError("the array 'translations' is missing")
@@ -153,9 +153,10 @@ def _instance(arrays: _Arrays, source: str) -> Instance:
         if len(unscaled) == 1:
             raise InputError("the arrays 'scales' and 'free' belong together")
         kind = SimilarityGraph if unscaled else PoseGraph
-        graph = kind(rotation, t, tau, information=information, **more, **unscaled)
-    elif information is not None:
-        raise InputError("information matrices are of poses; this graph measures rotations")
+        graph = kind(rotation, t, tau, information=information, ranges=ranges, **more, **unscaled)
+    elif information is not None or ranges is not None:
+        what = "distances" if information is None else "information matrices"
+        raise InputError(f"{what} are of poses; this graph measures rotations")
     fixed = arrays["fixed"]
     if ((fixed < 0) | (fixed >= n)).any():
         raise InputError(f"fixed nodes are numbered 0 to {n - 1}")
@@ -172,7 +173,6 @@ def _instance(arrays: _Arrays, source: str) -> Instance:
         names=tuple(arrays["names"].tolist()) if "names" in arrays else (),
         world=int(arrays["world"]) if "world" in arrays else None,
         origin=arrays.get("origin"),
-        ranges=_ranges(arrays, n),
         apart=arrays.get("apart"),
         moved_by=int(arrays.get("moved_by", 0)),
         times_ns=arrays.get("times_ns"),
@@ -276,10 +276,10 @@ def _write_graph(path: Path, instance: Instance) -> None:
         arrays["information"] = information.distinct
         arrays["information_index"] = information.index
         arrays["information_residual"] = information.residual or ""
-    if instance.ranges is not None:
-        arrays["range_edges"] = instance.ranges.edges
-        arrays["range_distances"] = instance.ranges.distances
-        arrays["range_weights"] = instance.ranges.weights
+    if (ranges := graph.ranges) is not None:
+        arrays["range_edges"] = ranges.edges
+        arrays["range_distances"] = ranges.distances
+        arrays["range_weights"] = ranges.weights
     arrays |= _named("initial_", instance.initial) | _named("truth_", instance.truth)
     _save(path, "graph", arrays)
 

@@ -139,11 +139,11 @@ def _write_graph(path: Path, instance: Instance) -> None:
 
 
 def _ranges(instance: Instance, names: Sequence[str]) -> Iterator[str]:
-    if instance.ranges is None:
+    if (ranges := instance.graph.ranges) is None:
         return
-    variances = (1.0 / instance.ranges.weights).tolist()
-    distances = instance.ranges.distances.tolist()
-    for (i, j), *numbers in zip(instance.ranges.edges.tolist(), distances, variances, strict=True):
+    variances = (1.0 / ranges.weights).tolist()
+    distances = ranges.distances.tolist()
+    for (i, j), *numbers in zip(ranges.edges.tolist(), distances, variances, strict=True):
         if instance.world in (i, j):
             raise InputError("pyfg has no ranges from the world")
         distance, variance = numbers

@@ -127,10 +127,9 @@ class Measurements:
         stated = Information.of(self.information, "g2o")
         return Instance(
             "drawn",
-            self.graph.with_information(stated),
+            self.graph.with_information(stated).with_ranges(ranges),
             self.ids,
             world=self.n - 1 if self.world else None,
-            ranges=ranges,
         )
 
     @property
