@@ -56,6 +56,8 @@ def posing(
         if elsewhere := len(choice.numbers) - len(edges):
             said = counted(elsewhere, "rejected measurement{s}")
             notice(f"{part.name}: {said} of {len(choice.numbers)} not between its nodes")
+        if elsewhere and not len(edges):
+            return [(part, certifiable(part, cost))]
         prices = prices if priced else None
         return [(part, rejecting(certifiable(part, cost), edges, quantile, prices=prices))]
 

@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 from certpgo.errors import GraphError, InputError, require
 from certpgo.graph.concatenate import joined
 from certpgo.graph.edges import broadcast, check_weights, components_of
-from certpgo.graph.graph import has_matrix_weights, require_one_unit
+from certpgo.graph.estimate import Estimate
+from certpgo.graph.graph import Graph, has_matrix_weights, require_one_unit
 from certpgo.graph.pose_graph import PoseGraph
 from certpgo.graph.rotation_graph import RotationGraph
 from certpgo.linalg import rotations as so
@@ -231,6 +232,16 @@ def _numbers(nodes: ArrayLike) -> IntArray:
     if numbers.dtype.kind not in "iu" or numbers.ndim != 1:
         raise InputError("nodes are given by their numbers")
     return numbers
+
+
+def with_world_placed(graph: Graph, estimate: Estimate) -> Estimate:
+    """An estimate whose world is where the graph assumes it to be, if nothing measures that."""
+    if not isinstance(graph, PoseGraph) or graph.assumed is None or estimate.translations is None:
+        return estimate
+    e = int(np.argmax(graph.assumed))
+    (world, node), t = graph.edges[e], estimate.translations.copy()
+    t[world] = t[node] - estimate.rotations[world] @ graph.translations[e]
+    return estimate.with_translations(t)
 
 
 def _unit(directions: FloatArray) -> FloatArray:

@@ -117,7 +117,9 @@ def in_unit_of(nodes: Nodes, unit: int) -> tuple[Nodes, str]:
 
 def poses_from_lines(dialect: Dialect, path: Path) -> LabelledPoses:
     """The poses and points on the vertex lines of a file."""
-    content, _ = read_lines([path], dialect, ReadOptions(ignore_information=True))
+    content, _ = read_lines(
+        [path], dialect, ReadOptions(ignore_information=True, ignore_variances=True)
+    )
     if dialect.named:
         nodes, values = named_nodes(path, content)
         keys = None, nodes.times_ns, nodes.names, nodes.points

@@ -18,6 +18,7 @@ from certpgo.graph.held import displaced
 from certpgo.graph.keys import Keys, in_seconds
 from certpgo.graph.phrases import counted
 from certpgo.graph.points import with_points
+from certpgo.graph.priors import with_world_placed
 from certpgo.graph.trees import compose, spanning_tree
 from certpgo.io.format import (
     LabelledPoses,
@@ -145,7 +146,8 @@ def read_part(
             nodes, estimate = known_poses(poses, instance, found)
             if instance.world is not None:
                 nodes = np.append(nodes, instance.world)
-                estimate = restricted(instance, nodes, instance.name).with_world(estimate)
+                part = restricted(instance, nodes, instance.name)
+                estimate = with_world_placed(part.graph, part.with_world(estimate))
     whole = () if len(found.missing) else (instance, estimate)
     warn_of(path, _said(found, *whole))
     return nodes, estimate
@@ -240,7 +242,9 @@ def matched_truth(
     if form.read_poses is not None:
         poses = form.read_poses(path)
     elif form.read_graph is not None:
-        poses = _integrated(form.read_graph(path, ReadOptions(ignore_information=True)))
+        poses = _integrated(
+            form.read_graph(path, ReadOptions(ignore_information=True, ignore_variances=True))
+        )
     else:
         raise FormatError(path, None, f"{form.name} files hold {form.holds}, no truth")
     with _located(path):
@@ -327,7 +331,7 @@ def _of_nodes(instance: Instance, poses: LabelledPoses, found: Match) -> Estimat
     if len(nodes) < n and isinstance(graph, PoseGraph):
         estimate = with_points(graph, estimate, nodes).subset(np.arange(n))
     keys = keys_of(poses, instance, found, np.arange(n))
-    return instance.with_world(estimate.keyed(keys))
+    return with_world_placed(graph, instance.with_world(estimate.keyed(keys)))
 
 
 def _refuse_foreign(found: Match, poses: LabelledPoses) -> None:

@@ -75,7 +75,8 @@ def read_rejected(path: str | Path, instance: Instance) -> Rejected:
         except (KeyError, TypeError, ValueError):
             raise FormatError(path, line, f"expected integers {', '.join(COLUMNS)}") from None
         if pairs.get(edge) != [i, j]:
-            raise FormatError(path, line, f"edge {edge} of {instance.name} is not from {i} to {j}")
+            said = f"not from {i} to {j}" if edge in pairs else "not one of its measurements"
+            raise FormatError(path, line, f"edge {edge} of {instance.name} is {said}")
         found.append(edge)
         if PRICE in row:
             prices.append(_positive(path, line, row[PRICE]))

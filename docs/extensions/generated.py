@@ -17,7 +17,7 @@ from sphinx.application import Sphinx
 from sphinx.errors import ExtensionError
 from sphinx.util.fileutil import copy_asset_file
 
-from extensions import commands, methods
+from extensions import combinations, commands, methods
 
 DOCS = Path(__file__).parents[1]
 ROOT = DOCS.parent
@@ -56,6 +56,7 @@ def write_pages() -> None:
     sync(DOCS / "results", {p.name: p.read_bytes() for p in found})
     sync(DOCS / "reference" / "cli", encoded(commands.pages()))
     sync(DOCS / "reference" / "methods", encoded(methods.pages()))
+    sync(DOCS / "reference" / "combinations", encoded(combinations.pages()))
 
 
 def encoded(pages: Mapping[str, str]) -> dict[str, bytes]:

@@ -353,6 +353,18 @@ def test_rejections_of_what_an_estimate_lacks_do_not_count_and_are_counted(certp
     assert "1 rejected measurement of 2 not between its nodes" in flat(done.err)
 
 
+def test_without_any_rejected_measurement_a_part_is_judged_as_it_is(certpgo, tmp_path):
+    graph, poses, csv = loop_files(tmp_path, (1, 2, 3))
+    csv.write_text("edge,i,j,price\n0,8,9,40\n")
+    done = certpgo("certify", graph, poses, "--cost", "chordal", "--rejected", csv, "--json")
+    assert done.json["certificate"]["rejected"] == 0
+    # The wrong one misses by 4 m and 1.5 radians: 100 (16 + 8 sin^2(.75)).
+    assert done.json["cost"] == pytest.approx(1600 + 800 * np.sin(0.75) ** 2)
+    csv.write_text("edge,i,j,price\n7,8,9,40\n")
+    done = certpgo("certify", graph, poses, "--cost", "chordal", "--rejected", csv)
+    assert "edge 7 of loop is not one of its measurements" in flat(done.err)
+
+
 def test_tables_and_json_name_measurements_of_a_component_by_their_number_in_the_file(
     certpgo, tmp_path
 ):

@@ -124,6 +124,39 @@ def test_chosen_weights_of_poses_leave_those_of_distances(file):
         assert instance.graph.ranges.weights.tolist() == [weight]
 
 
+@pytest.mark.parametrize("shift", [0.0, 100.0])
+def test_attitudes_alone_do_not_place_an_estimate(file, shift):
+    """Wherever the map is: 3 * 8 * 200 sin^2(half of 2 degrees)."""
+    half = np.radians(6.0) / 2
+    turn = f"0 0 {float(np.sin(half))!r} {float(np.cos(half))!r}"
+    prior = f"EDGE_SE3_PRIOR {{}} 0 0 0 0 {{}} {TURN}\n".format
+    text = "PARAMS_SE3OFFSET 0 0 0 0 0 0 0 1\n" + edge(0, 1, f"1 0 0 {TO}", FULL)
+    instance = io.read(file(text + prior(0, TO) + prior(1, turn)), quiet=True)
+    first = np.radians(1.0)
+    turned = [
+        f"0 0 {float(np.sin(a / 2))!r} {float(np.cos(a / 2))!r}" for a in (2 * first, 4 * first)
+    ]
+    x, y = float(shift + np.cos(2 * first)), float(np.sin(2 * first))
+    values = (
+        f"VERTEX_SE3:QUAT 0 {shift} 0 0 {turned[0]}\nVERTEX_SE3:QUAT 1 {x!r} {y!r} 0 {turned[1]}\n"
+    )
+    estimate = io.read_estimate(file(values, "given.g2o"), instance)
+    certificate = certpgo.certify(instance, estimate, cost="chordal")
+    assert certificate.cost_upper == pytest.approx(4800 * np.sin(first) ** 2, rel=1e-9)
+    assert certificate.verdict.value == "CERTIFIED"
+
+
+def test_what_is_not_measured_has_no_covariance(file, tmp_path):
+    """Full information on x, z and turns: an eigenvalue is zero up to its rounding."""
+    M = np.random.default_rng(3).standard_normal((6, 6))
+    M = M @ M.T
+    M[1], M[:, 1] = 0.0, 0.0
+    numbers = " ".join(map(repr, M[np.triu_indices(6)].tolist()))
+    instance = read(file, (0, 1, f"1 0 0 {TO}", numbers), (0, 1, f"1 0 0 {TO}", FULL))
+    with pytest.raises(InputError, match="pyfg holds covariances"):
+        certpgo.write(tmp_path / "out.pyfg", instance)
+
+
 def test_flat_landmarks(file):
     """Points without a height are seen by poses that have one."""
     seen = "EDGE_SE3_TRACKXYZ {} 9 0 {} 0 30 0 0 20 0 0\n"

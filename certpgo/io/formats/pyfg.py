@@ -196,7 +196,8 @@ def _full(instance: Instance, information: Information) -> list[str]:
     texts, d = [], instance.graph.d
     for k, whole in enumerate(information.distinct):
         matrix = whole if whole[d:].any() else whole[:d, :d]
-        if not np.linalg.eigvalsh(matrix)[0] > 0.0:
+        # Of a row of zeros an eigenvalue is zero up to its rounding, which may be above.
+        if not (matrix.diagonal().all() and np.linalg.eigvalsh(matrix)[0] > 0.0):
             i, j = instance.ids[instance.graph.edges[np.argmax(information.index == k)]]
             raise InputError(
                 f"edge {i} to {j}: pyfg holds covariances, and the information is not positive "

@@ -41,7 +41,7 @@ def _pairs(
     marginals: Marginals, cost: Cost, dense: Array, a: int, b: int, i: int
 ) -> Iterator[tuple[str, Array, Array]]:
     """What the package says, and the truth."""
-    own, both = _rows(cost.of, a), np.concatenate([_rows(cost.of, node) for node in (a, b)])
+    own, both = rows_of(cost.of, a), np.concatenate([rows_of(cost.of, node) for node in (a, b)])
     true, size = dense[np.ix_(own, own)], len(own)
     yield f"covariance of {a}", marginals.covariance(a), true
     yield f"covariances[{a}]", marginals.covariances[a][:size, :size], true
@@ -53,7 +53,7 @@ def _pairs(
 def inverse(cost: Cost, x: Poses, anchor: int) -> tuple[Array, float]:
     """The inverse of J^T J without the anchor, zero there; and its condition, scaled."""
     J = cost.jacobian(x, body=True)
-    free = np.setdiff1d(np.arange(cost.rows), _rows(cost.of, anchor))
+    free = np.setdiff1d(np.arange(cost.rows), rows_of(cost.of, anchor))
     H = J[:, free].T @ J[:, free]
     scale = np.sqrt(np.outer(np.diagonal(H), np.diagonal(H)))
     dense = np.zeros((cost.rows, cost.rows))
@@ -63,12 +63,12 @@ def inverse(cost: Cost, x: Poses, anchor: int) -> tuple[Array, float]:
 
 def relative(cost: Cost, x: Poses, i: int, j: int) -> Array:
     """Of node j where node i is the anchor; of a point in the frame of i."""
-    dense, rows = inverse(cost, x, i)[0], _rows(cost.of, j)
+    dense, rows = inverse(cost, x, i)[0], rows_of(cost.of, j)
     found = dense[np.ix_(rows, rows)]
     return x[0][i].T @ found @ x[0][i] if cost.of.points[j] else found
 
 
-def _rows(of: Measurements, node: int) -> Array:
+def rows_of(of: Measurements, node: int) -> Array:
     """Where a node moves: translation, then rotation."""
     d, q = of.d, of.d * (of.d - 1) // 2
     steps = node * d + np.arange(d)

@@ -34,6 +34,7 @@ class Measurements:
     apart : id of the first point, where points are numbered apart from poses in files; else 0
     moved : (m,) whether the step is measured; None for all
     held : nodes that stay where they are
+    far : how far positions are from the origin of their file, metres
     edges : (m, 2) from a pose or the world, to a pose or a point
     turns, steps : (m, d, d) and (m, d) measured
     turned : (m,) whether the rotation is measured
@@ -58,6 +59,7 @@ class Measurements:
     apart: int = 0
     moved: Array | None = None
     held: tuple[int, ...] = ()
+    far: float = 0.0
 
     @property
     def n(self) -> int:
@@ -116,7 +118,8 @@ class Measurements:
         """With the isotropic weights."""
         rotation = RotationGraph(self.n, self.edges, self.turns, self.kappa)
         points = self.points if self.points.any() else None
-        return PoseGraph(rotation, self.steps, self.tau, points=points)
+        of_world = self.edges[:, 0] == self.n - 1 if self.world else None
+        return PoseGraph(rotation, self.steps, self.tau, points=points, absolute=of_world)
 
     @property
     def instance(self) -> Instance:

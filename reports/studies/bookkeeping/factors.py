@@ -23,7 +23,7 @@ FACTORS = {
     "file": ("g2o", "npz", "pyfg", "arrays"),
     "files": ("one", "two", "reversed", "also"),
     "ids": ("plain", "gaps", "huge"),
-    "command": ("solve", "certify"),
+    "command": ("solve", "certify", "follow", "outliers", "info", "compare"),
     "outliers": ("none", "robust"),
     "rejected": ("none", "listed"),
     "estimate": ("whole", "part"),
@@ -56,6 +56,11 @@ def _priors(*, but: str = "") -> list[dict[str, str | tuple[str, ...]]]:
     """Levels with priors of each kind."""
     levels = {"positions": ("near", "far"), "attitudes": "some", "full_priors": "some"}
     return [{name: level} for name, level in levels.items() if name != but]
+
+
+def _but(*levels: str) -> tuple[str, ...]:
+    """All commands but these."""
+    return tuple(level for level in FACTORS["command"] if level not in levels)
 
 
 _PARTIAL, _HELD, _WEIGHTS = ("turns", "steps", "axes"), ("one", "several"), ("chosen", "ones")
@@ -105,10 +110,18 @@ UNASKED = (
     _cannot(file="npz", distances="some", positions="far"),
     _cannot(file="npz", distances="some", attitudes="some"),
     # Commands.
-    _cannot(command="solve", estimate="part"),
-    _cannot(command="solve", rejected="listed"),
-    _cannot(command="certify", outliers="robust"),
-    _cannot(command="certify", covariances="asked"),
+    _cannot(command=_but("certify"), estimate="part"),
+    _cannot(command=_but("certify"), rejected="listed"),
+    _cannot(command=_but("solve", "follow"), outliers="robust"),
+    _cannot(command=_but("solve"), covariances="asked"),
+    _cannot(command=_but("solve", "certify"), proof=("tier", *_PROOFS)),
+    _cannot(command=_but("solve", "certify", "compare"), truth="given"),
+    _cannot(command=_but("solve", "certify", "compare"), times="given"),
+    _cannot(command=_but("solve", "certify", "follow"), limit="short"),
+    _cannot(command=_but("solve"), law=("names", "unit", "frame")),
+    _cannot(command=_but("solve", "certify"), file="arrays"),
+    _cannot(command="info", cost=("chordal", *_OTHERS)),
+    _cannot(command="info", weights=_WEIGHTS),
     _cannot(outliers="robust", noise="much"),
     _cannot(limit="short", law=("names", "unit", "frame")),
     _cannot(weights=_WEIGHTS, law="unit"),
@@ -240,10 +253,9 @@ REFUSED = (
         partial_edges=_PARTIAL,
     ),
     _is_refused(
-        "the checker cannot read it: .* information that is not positive definite",
+        "information that is not positive definite|takes attitudes with positions",
         "The checker reads definite matrices.",
         proof=_PROOFS,
-        weights=("file", "quaternion"),
         attitudes="some",
     ),
     _is_refused(
@@ -265,6 +277,43 @@ REFUSED = (
         "Measurements are rejected without distances alone.",
         rejected="listed",
         distances="some",
+    ),
+    # Commands.
+    _is_refused(
+        "which this command does not take|is not for graphs with distances",
+        "Distances are for `solve`, `certify` and `info`.",
+        command=("follow", "outliers", "compare"),
+        distances="some",
+    ),
+    _is_refused(
+        "--timestamps needs --truth",
+        "`compare` writes no estimates: times are those of the truth.",
+        command="compare",
+        times="given",
+        truth="none",
+    ),
+    _is_refused(
+        "--robust is for --cost chordal",
+        "A stream rejects measurements under F.",
+        command="follow",
+        outliers="robust",
+        cost=_OTHERS,
+    ),
+    _is_refused(
+        "are held where the file fixes them, which measurements from elsewhere do not know",
+        "A stream may measure what is held.",
+        command="follow",
+        held="several",
+    ),
+    *(
+        _is_refused(
+            "are held where the file fixes them, which measurements from elsewhere do not know",
+            "A stream may measure what is held.",
+            command="follow",
+            held="one",
+            **prior,
+        )
+        for prior in _priors()
     ),
     # Files.
     _is_refused(
@@ -294,11 +343,9 @@ REFUSED = (
 )
 #: What is not right yet, and is asked again when it is.
 OPEN = (
-    _cannot(positions="far", attitudes="some"),
-    _cannot(positions="none", full_priors="none", attitudes="some"),
-    _cannot(estimate="part", rejected="listed"),
-    _cannot(held="several", rejected="listed"),
-    *(_cannot(held="one", rejected="listed", **prior) for prior in _priors()),
+    # Counts and W of streams, which have constraints among the measurements.
+    _cannot(command="follow", held="several"),
+    *(_cannot(command="follow", held="one", **prior) for prior in _priors()),
     # Information of some axes, turned into the frame of a held pose.
     _cannot(held="several", partial_edges="axes"),
     *(_cannot(held="one", partial_edges="axes", **prior) for prior in _priors()),

@@ -65,7 +65,7 @@ class Cost:
     def rounding(self, poses: Poses) -> float:
         """What rounding may change in it, and in that of poses to the last digit as near."""
         t, (i, j) = np.linalg.norm(poses[1], axis=1), self.of.edges.T
-        reach = t[i] + t[j] + np.linalg.norm(self.of.steps, axis=1)
+        reach = t[i] + t[j] + np.linalg.norm(self.of.steps, axis=1) + self.of.far
         sizes = self._sizes * np.stack([reach, np.full_like(reach, 4.0)], axis=1)
         a, b = self.of.pairs.T
         more = np.sqrt(self.of.precisions) * (t[a] + t[b] + self.of.distances)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +12,15 @@ import numpy as np
 
 import certpgo
 from certpgo import CertPGOError, Estimate
-from reports.studies.bookkeeping import scenes
+from reports.studies.bookkeeping import outputs, scenes
 from reports.studies.bookkeeping.asking import Told, read_poses, told
 from reports.studies.bookkeeping.covering import Rule
-from reports.studies.bookkeeping.drawing import Array, turns
+from reports.studies.bookkeeping.drawing import Array, Measurements, turns
 from reports.studies.bookkeeping.judging import (
     ATOL,
+    ROUNDINGS,
     RTOL,
+    SAME,
     Claim,
     Findings,
     judge,
@@ -32,7 +33,11 @@ from reports.studies.bookkeeping.scenes import Scene
 #: Relative difference of costs between a graph and the same one in other words.
 ALIKE = 1e-6
 #: How far held nodes may be from where they are held, over the extent of positions.
-HELD = 1e-7
+HELD = 1e-5
+#: What is compared.
+METHODS = "certified,newton,spanning_tree"
+#: Price of a rejected measurement.
+PRICE = 20.0
 #: Limit of a search.
 SECONDS = 0.3
 
@@ -87,7 +92,7 @@ class Asking:
             self.told = _refusing(error)
             return self
         begin: list[str | Path] = [row["command"]]
-        if row["files"] == "also" or (row["command"] == "certify" and len(paths) > 1):
+        if row["files"] == "also" or row["command"] != "solve":
             begin += [paths[0]]
             rest: list[str | Path] = []
             for path in paths[1:]:
@@ -97,19 +102,22 @@ class Asking:
             rest = []
         if row["command"] == "certify":
             begin.append(self._estimate())
-        else:
+        elif row["command"] in ("solve", "follow"):
             rest += ["-o", self.out]
+        elif row["command"] == "compare":
+            rest += ["--methods", METHODS, "-o", self.folder / "compared"]
         rest += scene.options
         if row["cost"] != "own":
             rest += ["--cost", row["cost"]]
         if row["outliers"] == "robust":
             rest.append("--robust")
         if row["rejected"] == "listed":
-            rest += ["--rejected", self._listed()]
-        if row["truth"] == "given":
-            rest += ["--truth", self._poses("truth", self._moved(), self._known)]
+            listed = self._listed()
+            rest += ["--rejected", listed] if self.rejected else []
         if row["times"] == "given":
-            pass
+            rest += ["--timestamps", self._times()]
+        if row["truth"] == "given":
+            rest += ["--truth", self._truth()]
         self.proof = self.folder / "proof.cert"
         if row["proof"] == "tier":
             rest += ["--tier", "proof"]
@@ -119,7 +127,7 @@ class Asking:
             rest += ["--covariances", self.folder / "covariances.csv"]
         if row["limit"] == "short":
             rest += ["--time-limit", repr(float(10.0 ** self.rng.uniform(-3.0, -1.5)))]
-        else:
+        elif row["command"] not in ("info", "compare"):
             rest += ["--time-limit", repr(SECONDS if row["law"] == "none" else 5.0 * SECONDS)]
         self.paths = paths
         self.arguments = [*begin, *rest, "--json"]
@@ -137,21 +145,40 @@ class Asking:
         path.write_text(text)
         return path
 
-    def _moved(self) -> Poses:
-        """The truth in another frame."""
-        return self.scene.of.R, self.scene.of.t
+    def _times(self) -> Path:
+        """The nodes' times, a line each."""
+        path = self.folder / "times.txt"
+        path.write_text("".join(f"{self._time(k)}\n" for k in self._known.tolist()))
+        return path
+
+    def _time(self, node: int) -> str:
+        return f"{1_700_000_000 + 3 * node}.{250_000_000 + node:09d}"
+
+    def _truth(self) -> Path:
+        """The truth of poses in another frame, by id or by time, and in another order."""
+        of = self.scene.of
+        Q, s = turns(self.rng, 1, of.d)[0], self.rng.standard_normal(of.d)
+        poses = Q @ of.R, of.t @ Q.T + s
+        nodes = self.rng.permutation(self._known[~of.points[self._known]])
+        if self.row["times"] == "none":
+            return self._poses("truth", poses, np.sort(nodes))
+        path = self.folder / "truth.tum"
+        times = [self._time(k) for k in np.sort(nodes).tolist()]
+        chosen = poses[0][np.sort(nodes)], poses[1][np.sort(nodes)]
+        path.write_text(outputs.stamped(times, chosen, of))
+        return path
 
     def _estimate(self) -> Path:
         """The file that is to be certified."""
         of, scene = self.scene.of, self.scene
         kind = float(self.rng.random())
-        poses = (of.R, of.t)
         cost = Cost(scene.judged(scene.cost), scene.cost)
+        poses = (of.R, cost.of.t)
         if kind < 0.6:
             _, poses = cost.descent(poses)
         elif kind < 0.8 and not scene.constrained:
             n = int((~of.points).sum()) - of.world
-            R, t = of.R.copy(), of.t.copy()
+            R, t = of.R.copy(), poses[1].copy()
             R[:n] = turns(self.rng, n, of.d)
             t[: of.n - of.world] += self.rng.standard_normal((of.n - of.world, of.d))
             poses = R, t
@@ -163,19 +190,32 @@ class Asking:
             nodes = nodes[nodes != last]
             self.nodes = np.delete(np.arange(of.n), last)
         self.given = poses
-        return self._poses("given", poses, nodes)
+        return self._poses("given", (poses[0], poses[1] + scene.origin), nodes)
 
     def _listed(self) -> Path:
         """The table of rejected measurements."""
-        chosen = list(self.scene.wrong) or [self.scene.of.m - 1]
-        self.rejected = chosen
+        known = self.scene.judged_rows(self.nodes)
+        chosen = [e for e in self.scene.wrong if e in known] or self._without(known)
+        numbers = self.scene.numbers.tolist()
+        self.rejected = [numbers.index(e) for e in chosen]
         path = self.folder / "rejected.csv"
         lines = ["edge,i,j,price"]
         for e in chosen:
             i, j = map(self.scene.called, self.scene.of.edges[e].tolist())
-            lines.append(f"{e},{i},{j},20.0")
+            lines.append(f"{numbers.index(e)},{i},{j},{PRICE}")
         path.write_text("\n".join(lines) + "\n")
         return path
+
+    def _without(self, known: list[int]) -> list[int]:
+        """One of these without which the others determine the nodes, if there is one."""
+        of = self.scene.of
+        whole = [e for e in known if of.turned[e] and (of.moved is None or of.moved[e])]
+        for e in whole:
+            rest = of.subset(np.array([k for k in known if k != e], dtype=int))
+            held = scenes.determined(rest, self.nodes, self.scene.constrained)
+            if held:
+                return [e]
+        return []
 
     def judge(self, found: Findings) -> None:
         """Judge the answer."""
@@ -192,6 +232,15 @@ class Asking:
             found.false.append(f"exit {said.code}: {said.complaint[-300:]}")
             return
         document = said.json
+        judges: dict[str, Callable[[Findings, Any], None]] = {
+            "follow": self._judge_followed,
+            "outliers": self._judge_outliers,
+            "info": self._judge_info,
+            "compare": self._judge_compared,
+        }
+        if name in judges:
+            judges[name](found, document)
+            return
         verdict = document["verdict"]
         self.limited = document.get("solution", {}).get("status") == "time limit"
         codes = {"CERTIFIED": 0, "BOUNDED": 3, "REFUTED": 4, "UNDECIDED": 5}
@@ -200,27 +249,162 @@ class Asking:
         cost = self.cost
         poses = self.given
         if name == "solve":
-            poses = read_poses(self.out, self.scene.of)
-            found.require(poses is not None, f"{self.out.name}: nodes are missing")
-            if poses is None:
+            read = read_poses(self.out, self.scene.of)
+            found.require(read is not None, f"{self.out.name}: nodes are missing")
+            if read is None:
                 return
+            poses = self.scene.near(read)
         self._judge_name(found, document, cost)
         if document["certificate"]["broken"]:  # a search that was stopped moves what is held
             found.said["held poses are not held"] += 1
             return
         self._judge_held(found, poses)
-        if self.row["rejected"] != "none":
+        part = (poses[0][self.nodes], poses[1][self.nodes])
+        self._judge_outputs(found, document, cost, part)
+        if self.row["rejected"] != "none" and self.rejected:
+            self._judge_listed(found, document, cost, part)
             return
         if name == "solve" and self.row["outliers"] == "robust":
             self._judge_robust(found, document, poses)
             return
-        part = (poses[0][self.nodes], poses[1][self.nodes])
-        claim = _claim(name, document, part)
-        if self.scene.constrained:  # W counts constraints, too
-            claim = replace(
-                claim, tolerance=min(claim.tolerance, RTOL * claim.upper + ATOL * scale(cost))
-            )
-        judge(found, cost, [claim])
+        best = judge(found, cost, [self._claim(name, document, cost, part)])
+        self._judge_proof(found, cost, best)
+        if self.row["covariances"] == "asked":
+            self._judge_covariances(found, cost, poses)
+
+    def _claim(self, name: str, document: dict[str, Any], cost: Cost, poses: Poses) -> Claim:
+        """What is claimed. W counts constraints, and positions from an origin near them."""
+        c, tolerance = document["certificate"], document["certificate"]["tolerance"]
+        if self.scene.constrained or self.row["positions"] == "far":
+            tolerance = min(tolerance, RTOL * c["cost_upper"] + ATOL * scale(cost))
+        bound, verdict = document["lower_bound"], document["verdict"]
+        return Claim(name, poses, c["cost_upper"], bound, tolerance, verdict)
+
+    def _judge_outputs(
+        self, found: Findings, document: dict[str, Any], cost: Cost, part: Poses
+    ) -> None:
+        of = cost.of
+        if self.row["truth"] == "given" and cost.name != "rotations":
+            inside = np.flatnonzero(~of.points[: of.n - of.world])
+            outputs.judge_truth(found, document["accuracy"], part[1][inside], of.t[inside])
+
+    def _judge_proof(self, found: Findings, cost: Cost, best: float | None) -> None:
+        if self.row["proof"] in ("file", "integers") and self.proof.exists():
+            exact = self.row["proof"] == "integers"
+            outputs.judge_proof(found, self.paths[0], self.proof, cost, best, exact=exact)
+
+    def _judge_covariances(self, found: Findings, cost: Cost, poses: Poses) -> None:
+        of, scene = cost.of, self.scene
+        anchors = scene.constrained or ((of.n - 1,) if of.world else (int(np.argmin(of.ids)),))
+        path = self.folder / "covariances.csv"
+        ids = [scene.called(k) for k in range(of.n - of.world)]
+        outputs.judge_covariances(found, path, cost, poses, anchors, ids)
+
+    def _judge_listed(
+        self, found: Findings, document: dict[str, Any], cost: Cost, part: Poses
+    ) -> None:
+        """What is certified beside a list of rejected measurements with their prices."""
+        c = document["certificate"]
+        said = {**document, "tolerance": c["tolerance"], "cost": c["cost_upper"]}
+        chosen = self._indices(cost.of, self.rejected)
+        self._judge_proof(found, cost, None)
+        if cost.name in ("chordal", "rotations"):
+            prices = np.full(len(chosen), PRICE)
+            outputs.judge_rejection(found, "rejected", cost, chosen, prices, part, said)
+            return
+        best, _ = cost.best([part, (cost.of.R, cost.of.t)])  # without rejecting any
+        slack = 4.0 * cost.rounding(part)
+        lower = document["lower_bound"]
+        found.require(lower <= best + slack, f"rejected: bound {lower!r} above {best!r}")
+
+    def _indices(self, of: Measurements, chosen: list[int]) -> list[int]:
+        """Which of the judged measurements are these of the scene."""
+        rows, numbers = self.scene.judged_rows(self.nodes), self.scene.numbers
+        return [rows.index(numbers[e]) for e in chosen if numbers[e] in rows]
+
+    def _judge_followed(self, found: Findings, document: dict[str, Any]) -> None:
+        """The last line of a stream is about all measurements."""
+        of, cost = self.scene.of, self.cost
+        read = read_poses(self.out, of)
+        found.require(read is not None, f"{self.out.name}: nodes are missing")
+        if read is None or self.row["outliers"] == "robust":  # which are kept is not said
+            return
+        self._judge_name(found, document, cost)
+        sizes = document["nodes"], document["edges"]
+        own = of.n, int(self.scene.counts.sum())
+        found.require(sizes == own, f"follow: {sizes} nodes and edges, not {own}")
+        bound, verdict = document["lower_bound"], document["verdict"]
+        upper, tolerance = document["cost"], document["tolerance"]
+        poses = self.scene.near(read)
+        judge(found, cost, [Claim("follow", poses, upper, bound, tolerance, verdict)])
+
+    def _judge_outliers(self, found: Findings, document: dict[str, Any]) -> None:
+        """Those that disagree, with the truncated cost against all choices."""
+        whole, listed = self.cost, document["rejected"]
+        if not listed:
+            found.said["outliers: none"] += 1
+            return
+        prices = np.array([one["price"] for one in listed])
+        chosen = self._indices(whole.of, [one["edge"] for one in listed])
+        own = [list(map(self.scene.called, whole.of.edges[e].tolist())) for e in chosen]
+        said = [[one["i"], one["j"]] for one in listed]
+        found.require(own == said, f"outliers {said}, but these measurements are {own}")
+        if len(listed) > outputs.MOST:
+            return
+        poses = (whole.of.R, whole.of.t)
+        kept = Cost(whole.of.subset(np.delete(np.arange(whole.of.m), chosen)), whole.name)
+        best = outputs.least(whole, chosen, prices, [poses, kept.descent(poses)[1]])
+        slack = SAME * best + ROUNDINGS * whole.rounding(poses)
+        lower, upper = document["lower_bound"], document["cost"]
+        found.said[f"outliers: {document['verdict']}"] += 1
+        found.require(lower <= best + slack, f"outliers: bound {lower!r} above {best!r}")
+        below = f"outliers: cost {upper!r} below the least, {best!r}"
+        found.require(upper >= best - slack, below)
+        if document["verdict"] == "CERTIFIED":
+            most = RTOL * upper + ATOL * scale(whole) + slack
+            found.require(upper - best <= most, f"outliers: CERTIFIED {upper!r}, not {best!r}")
+
+    def _judge_info(self, found: Findings, document: dict[str, Any]) -> None:
+        """Counts of nodes and measurements."""
+        of = self.scene.of
+        moved = np.ones(of.m, dtype=bool) if of.moved is None else of.moved
+        prior = of.edges[:, 0] == (of.n - 1 if of.world else -1)
+        seen = of.points[of.edges[:, 1]]
+        counts = self.scene.counts
+        own = {
+            "nodes": of.n,
+            "points": int(of.points.sum()),
+            "sightings": int((seen & counts).sum()),
+            "priors": int((prior & counts).sum()),
+        }
+        said = {name: document[name] for name in own}
+        found.require(said == own, f"info: {said}, not {own}")
+        kinds = {
+            "between": ~prior & ~seen & of.turned & moved,
+            "rotation": ~prior & ~seen & of.turned & ~moved,
+            "translation": ~prior & ~seen & ~of.turned,
+            "sighting": seen,
+            "prior": prior & of.turned & moved,
+            "position": prior & ~of.turned,
+            "attitude": prior & ~moved,
+        }
+        true = {name: int((flags & counts).sum()) for name, flags in kinds.items()}
+        listed = {n: k for n, k in document["measurements"].items() if n not in ("held", "range")}
+        true = {name: count for name, count in true.items() if count}
+        found.require(listed == true, f"info: {listed}, not {true}")
+
+    def _judge_compared(self, found: Findings, document: list[dict[str, Any]]) -> None:
+        """Costs and bounds of each method."""
+        cost = self.cost
+        for record in document:
+            name = f"compare {record['method']}"
+            if record["error"]:
+                found.said[f"{name} refused"] += 1
+                continue
+            upper = record["certified_cost"]
+            most = RTOL * upper + ATOL * scale(cost)
+            claim = Claim(name, None, upper, record["lower_bound"], most, record["verdict"])
+            judge(found, cost, [claim])
 
     @property
     def cost(self) -> Cost:
@@ -246,7 +430,8 @@ class Asking:
         if poses is None or len(held) < 2:
             return
         of = self.scene.of
-        true, own = (_from_first(x, held) for x in ((of.R, of.t), poses))
+        there = self.scene.near((of.R, of.t))
+        true, own = (_from_first(x, held) for x in (there, poses))
         size = float(np.abs(of.t[held]).max(initial=1.0))
         if self.row["relative poses"] != "whole":
             size = np.inf
@@ -254,23 +439,25 @@ class Asking:
         found.require(off <= HELD, f"held nodes are off by {off:.3g}")
 
     def _judge_robust(self, found: Findings, document: dict[str, Any], poses: Poses) -> None:
-        """The kept measurements are solved, and the wrong one is not among them."""
-        of, scene = self.scene.judged(self.scene.cost), self.scene
+        """The kept measurements are solved, and the choice is the best of all."""
+        scene = self.scene
+        of, whole = scene.judged(scene.cost), self.cost
         rejected = [one["edge"] for one in document["solution"]["rejected"]]
         pairs = [one["ids"] for one in document["solution"]["rejected"]]
-        if scene.constrained:
-            return
-        own = [list(map(scene.called, of.edges[e].tolist())) for e in rejected]
+        edges = scene.of.edges[scene.numbers].tolist()
+        own = [list(map(scene.called, edges[e])) for e in rejected]
         found.require(own == pairs, f"rejected {pairs}, but measurements {rejected} are {own}")
-        kept = of.subset(np.delete(np.arange(of.m), rejected))
-        judge(found, Cost(kept, scene.cost), [_claim("kept", document, poses)])
-
-
-def _claim(name: str, document: dict[str, Any], poses: Poses | None) -> Claim:
-    c = document["certificate"]
-    return Claim(
-        name, poses, c["cost_upper"], document["lower_bound"], c["tolerance"], document["verdict"]
-    )
+        chosen = self._indices(of, rejected)
+        kept = Cost(of.subset(np.delete(np.arange(of.m), chosen)), scene.cost)
+        best = judge(found, kept, [self._claim("kept", document, kept, poses)])
+        self._judge_proof(found, kept, best if not rejected else None)
+        if self.row["covariances"] == "asked":
+            self._judge_covariances(found, kept, poses)
+        said = document["solution"]["rejection"]
+        if rejected and said is not None:
+            prices, c = np.array(said["prices"]), document["certificate"]
+            said = {**said, "tolerance": RTOL * said["cost"] + c["atol"] * c["scale"]}
+            outputs.judge_rejection(found, "robust", whole, chosen, prices, poses, said)
 
 
 def _in_world(poses: Poses) -> Poses:
@@ -310,7 +497,7 @@ def _answered(found: Findings, scene: Scene) -> None:
         known = cost if len(kept) == scene.of.m else Cost(cost.of.subset(kept), cost.name)
         judge(found, known, [Claim.of("arrays", answer.certificate, answer.estimate)])
         return
-    _, poses = cost.descent((scene.of.R, scene.of.t))
+    _, poses = cost.descent((cost.of.R, cost.of.t))
     given = Estimate(*poses)
     if row["rejected"] == "listed":
         return

@@ -42,12 +42,14 @@ class Scene:
     of : the measurements, in the order in which the package numbers them
     first : (m,) which of them are in the first of two files
     wrong : those that are far from right
+    origin : (d,) where positions are judged from: differences of large numbers say little
     """
 
     row: Mapping[str, str]
     of: Measurements
     first: Array
     wrong: tuple[int, ...]
+    origin: Array
 
     @cached_property
     def options(self) -> list[str]:
@@ -74,7 +76,8 @@ class Scene:
         if row["relative poses"] != "whole":
             return "rotations"
         chordal = row["distances"] != "none" or row["file"] == "pyfg"
-        chordal |= row["outliers"] != "none" or row["rejected"] != "none"
+        robust = row["outliers"] != "none" or row["rejected"] != "none"
+        chordal |= robust and (row["proof"] in ("file", "integers") or row["command"] == "follow")
         return "chordal" if chordal or not self.has_matrices else "g2o"
 
     @property
@@ -99,13 +102,37 @@ class Scene:
         elif row["weights"] == "quaternion" and cost in ("chordal", "rotations"):
             half = np.r_[np.ones(d), np.full(p - d, 0.5)]
             omega = omega * half[:, None] * half
-        inside = np.isin(of.edges, self.constrained).all(axis=1)
-        found = replace(of, information=omega).subset(~inside)
+        prior = of.edges[:, :1] == (of.n - 1 if of.world else -1)
+        prior = prior & (True if of.moved is None else of.moved[:, None])
+        steps, (_, t) = of.steps - prior * self.origin, self.near((of.R, of.t))
+        found = replace(of, information=omega, steps=steps, t=t).subset(self.counts)
         distances = of.pairs, of.distances, of.precisions
         if row["weights"] == "ones":
             distances = of.pairs, of.distances, np.ones(len(of.pairs))
         names = ("pairs", "distances", "precisions")
-        return replace(found, held=self.constrained, **dict(zip(names, distances, strict=True)))
+        far = float(np.linalg.norm(self.origin))
+        given = dict(zip(names, distances, strict=True))
+        return replace(found, held=self.constrained, far=far, **given)
+
+    def near(self, poses: Poses) -> Poses:
+        """Poses seen from there."""
+        known = np.arange(self.of.n)[:, None] < self.of.n - self.of.world
+        return poses[0], poses[1] - known * self.origin
+
+    @property
+    def counts(self) -> Array:
+        """(m,) which measurements are not between held nodes."""
+        return ~np.isin(self.of.edges, self.constrained).all(axis=1)
+
+    @property
+    def numbers(self) -> Array:
+        """The measurement of each number: a file that the package wrote lacks what was left out."""
+        return np.flatnonzero(self.counts | (self.row["file"] != "npz"))
+
+    def judged_rows(self, nodes: Array) -> list[int]:
+        """The measurements that are judged where an estimate has these nodes."""
+        inside = self.counts & np.isin(self.of.edges, nodes).all(axis=1)
+        return np.flatnonzero(inside).tolist()
 
     @property
     def constrained(self) -> tuple[int, ...]:
@@ -289,7 +316,8 @@ def drawn(row: Mapping[str, str], rng: np.random.Generator) -> Scene:
     order = sorted(range(of.m), key=lambda e: (*_rank(of, e), late[e], apart[e]))
     distances = {"pairs": of.pairs, "distances": of.distances, "precisions": of.precisions}
     of = replace(of.subset(np.array(order)), **distances)
-    return Scene(row, of, first[order], tuple(order.index(e) for e in wrong))
+    origin = np.array(FAR[:d]) * (row["positions"] == "far")
+    return Scene(row, of, first[order], tuple(order.index(e) for e in wrong), origin)
 
 
 def _pairs(
@@ -340,7 +368,9 @@ def _numbers(
     size = n + k + world
     if row["ids"] == "plain":
         return np.arange(size)
-    return np.unique(rng.integers(0, 3 * size if row["ids"] == "gaps" else 2**50, 40 * size))[:size]
+    most = 3 * size if row["ids"] == "gaps" else 2**50
+    found = np.unique(rng.integers(0, most, 40 * size))[:size]
+    return np.r_[found[:-1], found[-2] + 1] if world else found  # the world's is the next one
 
 
 def _measured_far(rng: np.random.Generator, of: Measurements, sigma: float) -> Measurements:
@@ -395,6 +425,19 @@ def _first_file(rng: np.random.Generator, of: Measurements) -> Array:
     return found
 
 
+def determined(of: Measurements, nodes: Array, held: tuple[int, ...]) -> bool:
+    """Whether whole measurements, sightings and what is held join all of these nodes."""
+    whole = of.turned & (True if of.moved is None else of.moved)
+    joins = of.edges[whole | of.points[of.edges[:, 1]]].tolist()
+    joins += [(held[0], node) for node in held[1:]]
+    joined, wanted = {int(nodes[0])}, set(nodes.tolist())
+    while True:
+        more = {k for i, j in joins for k in (i, j) if {i, j} & joined} - joined
+        if not more:
+            return wanted <= joined
+        joined |= more
+
+
 def renamed(scene: Scene, rng: np.random.Generator) -> Scene:
     """The same with other names of poses and points, in another order of lines."""
     of = scene.of
@@ -424,7 +467,7 @@ def scaled(scene: Scene) -> Scene:
         distances=of.distances * UNIT,
         precisions=of.precisions / UNIT**2,
     )
-    return replace(scene, of=moved)
+    return replace(scene, of=moved, origin=UNIT * scene.origin)
 
 
 def turned(scene: Scene, rng: np.random.Generator) -> Scene:
@@ -434,14 +477,14 @@ def turned(scene: Scene, rng: np.random.Generator) -> Scene:
     R, t = of.R.copy(), of.t.copy()
     poses = ~of.points[:known]
     R[:known][poses] = Q @ R[:known][poses]
-    t[:known] = t[:known] @ Q.T + s
+    t[:known] = (t[:known] - scene.origin) @ Q.T + s + scene.origin
     changed_turns, steps = of.turns.copy(), of.steps.copy()
     if of.world:
         prior = of.edges[:, 0] == of.n - 1
         whole = prior & of.turned
         changed_turns[whole] = Q @ changed_turns[whole]
         placed = prior & (of.moved if of.moved is not None else True)
-        steps[placed] = steps[placed] @ Q.T + s
+        steps[placed] = (steps[placed] - scene.origin) @ Q.T + s + scene.origin
     omega = of.information.copy()
     if of.world:
         # A pose's residual is in its own measured frame, a position's in the world's.
