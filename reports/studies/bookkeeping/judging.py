@@ -9,13 +9,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from certpgo import Certificate, CertPGOError, Estimate
+from certpgo import Certificate, CertPGOError, Estimate, Standing
 from reports.studies.bookkeeping.oracle import Cost, Poses
 
 #: Relative difference of the same cost in two programs.
 SAME = 1e-9
-#: CERTIFIED means a gap of at most RTOL F + ATOL W.
-RTOL, ATOL = 1e-5, 1e-12
+#: CERTIFIED means a gap of at most RTOL F + min(ATOL W, SHARE F), or an exact fit.
+RTOL, ATOL, SHARE = 1e-5, 1e-12, 1e-3
 #: Roundings that a bound may be above, and that costs may differ by.
 ROUNDINGS = 4.0
 
@@ -52,6 +52,7 @@ class Claim:
     upper, lower : cost, rounded up, and bound
     tolerance : gap up to which it is optimal
     verdict : in words
+    is_exact : whether all residuals are said to be rounding
     """
 
     name: str
@@ -60,13 +61,21 @@ class Claim:
     lower: float
     tolerance: float
     verdict: str
+    is_exact: bool = False
 
     @classmethod
     def of(cls, name: str, certificate: Certificate, estimate: Estimate | Poses | None) -> Claim:
         """What a certificate claims about an estimate."""
         c = certificate
         x = poses_of(estimate) if isinstance(estimate, Estimate) else estimate
-        return cls(name, x, c.cost_upper, c.lower_bound, c.tolerance, c.verdict.value)
+        numbers = c.cost_upper, c.lower_bound, c.tolerance
+        return cls(name, x, *numbers, c.verdict.value, c.is_exact_fit)
+
+
+def standing(name: str, s: Standing, estimate: Poses | None) -> Claim:
+    """What a session claims about its estimate; of an exact fit the whole cost is tolerated."""
+    numbers = s.cost, s.lower_bound, s.tolerance
+    return Claim(name, estimate, *numbers, s.verdict.value, s.tolerance >= s.cost)
 
 
 def poses_of(estimate: Estimate) -> Poses:
@@ -100,20 +109,28 @@ def judge(
             own = cost.value(claim.estimate)
             off = SAME * own + ROUNDINGS * cost.rounding(claim.estimate)
             # Costs are rounded up by what is small beside the tolerance.
-            fits = -off <= claim.upper - own <= off + 0.1 * claim.tolerance
+            fits = -off <= claim.upper - own <= off + 0.1 * max(claim.tolerance, ATOL * scale(cost))
             found.require(fits, f"{name}: cost {claim.upper!r}, but it is {own!r}")
         found.require(own >= best - slack, f"{name}: cost {own!r} below the least, {best!r}")
         if claim.verdict == "CERTIFIED":
-            most = RTOL * claim.upper + ATOL * scale(cost)
+            most = tolerance(cost, claim.upper)
+            if claim.is_exact:
+                most = max(most, cost.exact(claim.estimate or where))
+            else:
+                found.require(
+                    claim.tolerance <= most * (1.0 + SAME),
+                    f"{name}: the tolerance is {claim.tolerance!r}, not {most!r}",
+                )
             found.require(
-                claim.tolerance <= most * (1.0 + SAME),
-                f"{name}: the tolerance is {claim.tolerance!r}, not {most!r}",
-            )
-            found.require(
-                own - best <= claim.tolerance + slack,
+                own - best <= min(claim.tolerance, most) + slack,
                 f"{name}: CERTIFIED {own!r} within {claim.tolerance:.3g}, but {best!r} is attained",
             )
     return best
+
+
+def tolerance(cost: Cost, upper: float) -> float:
+    """Up to which gap an estimate of that cost is certified."""
+    return RTOL * upper + min(ATOL * scale(cost), SHARE * upper)
 
 
 def scale(cost: Cost) -> float:

@@ -24,6 +24,8 @@ Poses = tuple[Array, Array]
 STEP = 1e-6
 #: Rounding errors of a residual, over the size of what it is a difference of.
 ROUNDING = 32.0 * np.finfo(float).eps
+#: The same of what is called an exact fit.
+EXACT = 2.0**-36
 #: Relative decrease at which descents end.
 SAME = 1e-13
 
@@ -64,14 +66,22 @@ class Cost:
 
     def rounding(self, poses: Poses) -> float:
         """What rounding may change in it, and in that of poses to the last digit as near."""
+        delta = ROUNDING * self._reach(poses)
+        value = self.value(poses)
+        return float((delta * (2.0 * np.sqrt(value) + delta)).sum() + 1e-13 * value)
+
+    def exact(self, poses: Poses) -> float:
+        """What it costs at most where all residuals are called rounding."""
+        return float(((EXACT * self._reach(poses)) ** 2).sum())
+
+    def _reach(self, poses: Poses) -> Array:
+        """Weighed sizes of what residuals are differences of."""
         t, (i, j) = np.linalg.norm(poses[1], axis=1), self.of.edges.T
         reach = t[i] + t[j] + np.linalg.norm(self.of.steps, axis=1) + self.of.far
         sizes = self._sizes * np.stack([reach, np.full_like(reach, 4.0)], axis=1)
         a, b = self.of.pairs.T
         more = np.sqrt(self.of.precisions) * (t[a] + t[b] + self.of.distances)
-        delta = ROUNDING * np.concatenate([sizes.ravel(), more])
-        value = self.value(poses)
-        return float((delta * (2.0 * np.sqrt(value) + delta)).sum() + 1e-13 * value)
+        return np.concatenate([sizes.ravel(), more])
 
     def descent(self, poses: Poses) -> tuple[float, Poses]:
         """The end of SciPy's Levenberg-Marquardt, and the cost there."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from certpgo import RobustSession, Session, solve_robustly
 from reports.studies.bookkeeping.drawing import Array, Measurements, draw, rotations
-from reports.studies.bookkeeping.judging import SAME, Claim, Findings, judge, poses_of
+from reports.studies.bookkeeping.judging import SAME, Claim, Findings, judge, poses_of, standing
 from reports.studies.bookkeeping.oracle import Cost
 from reports.studies.bookkeeping.sessions import LIMIT, growing, of_known, part_of, poses_in
 
@@ -77,9 +77,7 @@ def _judge_standing(
     cost = of_known(Cost(of), fed)
     inside = replace(cost, of=cost.of.subset(np.array(kept)))
     s = session.standing
-    claim = Claim(
-        name, poses_in(session, cost.of), s.cost, s.lower_bound, s.tolerance, s.verdict.value
-    )
+    claim = standing(name, s, poses_in(session, cost.of))
     found.require(claim.estimate is not None, f"{name}: other nodes than were given")
     judge(found, inside, [claim])
 

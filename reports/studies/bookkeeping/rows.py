@@ -19,7 +19,6 @@ from reports.studies.bookkeeping.drawing import Array, Measurements, turns
 from reports.studies.bookkeeping.judging import (
     ATOL,
     ROUNDINGS,
-    RTOL,
     SAME,
     Claim,
     Findings,
@@ -27,6 +26,7 @@ from reports.studies.bookkeeping.judging import (
     poses_of,
     scale,
 )
+from reports.studies.bookkeeping.judging import tolerance as most_of
 from reports.studies.bookkeeping.oracle import Cost, Poses
 from reports.studies.bookkeeping.scenes import Scene
 
@@ -276,9 +276,10 @@ class Asking:
         """What is claimed. W counts constraints, and positions from an origin near them."""
         c, tolerance = document["certificate"], document["certificate"]["tolerance"]
         if self.scene.constrained or self.row["positions"] == "far":
-            tolerance = min(tolerance, RTOL * c["cost_upper"] + ATOL * scale(cost))
+            tolerance = min(tolerance, most_of(cost, c["cost_upper"]))
         bound, verdict = document["lower_bound"], document["verdict"]
-        return Claim(name, poses, c["cost_upper"], bound, tolerance, verdict)
+        upper, exact = c["cost_upper"], c["is_exact_fit"]
+        return Claim(name, poses, upper, bound, tolerance, verdict, exact)
 
     def _judge_outputs(
         self, found: Findings, document: dict[str, Any], cost: Cost, part: Poses
@@ -336,7 +337,8 @@ class Asking:
         bound, verdict = document["lower_bound"], document["verdict"]
         upper, tolerance = document["cost"], document["tolerance"]
         poses = self.scene.near(read)
-        judge(found, cost, [Claim("follow", poses, upper, bound, tolerance, verdict)])
+        exact = tolerance >= upper
+        judge(found, cost, [Claim("follow", poses, upper, bound, tolerance, verdict, exact)])
 
     def _judge_outliers(self, found: Findings, document: dict[str, Any]) -> None:
         """Those that disagree, with the truncated cost against all choices."""
@@ -361,7 +363,7 @@ class Asking:
         below = f"outliers: cost {upper!r} below the least, {best!r}"
         found.require(upper >= best - slack, below)
         if document["verdict"] == "CERTIFIED":
-            most = RTOL * upper + ATOL * scale(whole) + slack
+            most = most_of(whole, upper) + slack
             found.require(upper - best <= most, f"outliers: CERTIFIED {upper!r}, not {best!r}")
 
     def _judge_info(self, found: Findings, document: dict[str, Any]) -> None:
@@ -402,8 +404,9 @@ class Asking:
                 found.said[f"{name} refused"] += 1
                 continue
             upper = record["certified_cost"]
-            most = RTOL * upper + ATOL * scale(cost)
-            claim = Claim(name, None, upper, record["lower_bound"], most, record["verdict"])
+            exact = record["verdict"] == "CERTIFIED" and upper <= ATOL * scale(cost)
+            bound, most = record["lower_bound"], most_of(cost, upper)
+            claim = Claim(name, None, upper, bound, most, record["verdict"], exact)
             judge(found, cost, [claim])
 
     @property
@@ -455,8 +458,8 @@ class Asking:
             self._judge_covariances(found, kept, poses)
         said = document["solution"]["rejection"]
         if rejected and said is not None:
-            prices, c = np.array(said["prices"]), document["certificate"]
-            said = {**said, "tolerance": RTOL * said["cost"] + c["atol"] * c["scale"]}
+            prices = np.array(said["prices"])
+            said = {**said, "tolerance": most_of(whole, said["cost"])}
             outputs.judge_rejection(found, "robust", whole, chosen, prices, poses, said)
 
 
@@ -521,7 +524,10 @@ def _judge_law(rng: np.random.Generator, found: Findings, scene: Scene, answer: 
         again.judge(found)
         if found.false:
             return
-        slack = ALIKE * answer.value + 8.0 * answer.cost.rounding((scene.of.R, scene.of.t))
+        rounding = 8.0 * answer.cost.rounding((scene.of.R, scene.of.t))
+        if max(answer.value, again.value) <= rounding:
+            return
+        slack = ALIKE * answer.value + rounding
         said = f"{law}: {answer.verdict} {answer.value!r}, then {again.verdict} {again.value!r}"
         same = abs(answer.value - again.value) <= slack and answer.verdict == again.verdict
         found.require(same or answer.limited or again.limited, said)

@@ -9,7 +9,7 @@ import numpy as np
 
 from certpgo import CertPGOError, Instance, Session, solve
 from reports.studies.bookkeeping.drawing import Array, Measurements, draw
-from reports.studies.bookkeeping.judging import Claim, Findings, judge
+from reports.studies.bookkeeping.judging import Claim, Findings, judge, standing
 from reports.studies.bookkeeping.oracle import Cost, Poses
 
 #: Seconds for an answer, of those that climb.
@@ -84,8 +84,7 @@ def judge_session(found: Findings, session: Session, cost: Cost, name: str) -> N
         f"{name}: {s.nodes} nodes and {s.edges} measurements, but {of.n} and {of.m} were given",
     )
     x = poses_in(session, of)
-    claim = Claim(name, x, s.cost, s.lower_bound, s.tolerance, s.verdict.value)
-    judge(found, cost, [claim])
+    judge(found, cost, [standing(name, s, x)])
 
 
 def of_known(cost: Cost, fed: Sequence[int]) -> Cost:

@@ -165,8 +165,8 @@ def _judge_said(found: Findings, of: Measurements, said: dict[str, Any], path: P
     if path.exists():
         estimate = poses_of(certpgo.read_estimate(path, of.read()))
     upper, lower = c["cost_upper"], said["lower_bound"]
-    tolerance = c["rtol"] * upper + c["atol"] * c["scale"]
-    judge(found, cost, [Claim("JSON", estimate, upper, lower, tolerance, said["verdict"])])
+    tolerance, exact = c["tolerance"], c["is_exact_fit"]
+    judge(found, cost, [Claim("JSON", estimate, upper, lower, tolerance, said["verdict"], exact)])
 
 
 def run(arguments: list[str], folder: Path, waits: list[float]) -> tuple[int, str, str]:
