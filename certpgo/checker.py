@@ -408,7 +408,7 @@ _STATED = {
 }
 _UNUSED = re.compile(
     "ids|name|names|fixed|options|notices|world|origin|assumed|absolute|apart|moved_by|times_ns"
-    "|stated|information|information_index|information_residual"
+    "|stated|numbers|outliers|camera|information|information_index|information_residual"
     "|(initial|truth)_(rotations|translations|scales)"
 )
 

@@ -465,9 +465,9 @@ _STATED = {
 }
 _UNUSED = {
     *("ids", "name", "names", "fixed", "options", "notices", "world", "origin", "assumed"),
-    *("absolute", "apart", "moved_by", "times_ns", "stated", "information", "information_index"),
-    *("information_residual", "initial_rotations", "initial_translations", "initial_scales"),
-    *("truth_rotations", "truth_translations", "truth_scales"),
+    *("absolute", "apart", "moved_by", "times_ns", "stated", "numbers", "outliers", "camera"),
+    *("information", "information_index", "information_residual"),
+    *(f"{of}_{x}" for of in ("initial", "truth") for x in ("rotations", "translations", "scales")),
 }
 
 
