@@ -57,7 +57,7 @@ CALLED = {False: "a g2o or 1DSfM file", True: "a g2o or .npz file"}
 
 
 def refuse_unreadable(source: Path, instance: Instance, cost: str) -> None:
-    """Refuse, before any work, landmarks, priors or held nodes that a proof cannot be about.
+    """Refuse, before any work, what a proof cannot be about.
 
     Parameters
     ----------
@@ -67,10 +67,14 @@ def refuse_unreadable(source: Path, instance: Instance, cost: str) -> None:
     Raises
     ------
     InputError
-        The checker cannot read them, or rotations alone have priors.
+        The checker cannot read the file, or rotations alone have priors.
     """
     _refuse_priors_of_rotations(instance)
-    if _map_of(instance) or {"fixed", "also"} & {*instance.options}:
+    graph, chosen = instance.graph, {"fixed", "also", "weights_are"} & {*instance.options}
+    unusual = isinstance(graph, PoseGraph) and graph.is_partial
+    unusual |= graph.information is not None and bool(graph.information.is_partial.any())
+    # Other files are read by both alike, and only once that is needed.
+    if unusual or chosen or _map_of(instance):
         _claim(source, instance, None if cost == costs.CHORDAL else cost)
 
 

@@ -149,6 +149,24 @@ def test_what_cannot_be_proven_is_said_before_the_work(certpgo, square, tmp_path
     assert not out.exists()
 
 
+@pytest.mark.parametrize(
+    ("options", "last", "said"),
+    [
+        (["--weights-are", "covariance"], "100", "numbers of information, not of covariance"),
+        (["--cost", "chordal"], "0", "the checker cannot read it"),
+    ],
+)
+def test_files_that_the_checker_does_not_read_are_refused_before_the_work(
+    certpgo, tmp_path, options, last, said
+):
+    path, out = tmp_path / "turns.g2o", tmp_path / "turns.cert"
+    lines = [(0, 1, 1, "100"), (1, 2, 1, "100"), (0, 2, 2, last)]
+    path.write_text("".join("EDGE_SE2 {} {} {} 0 0 9 0 0 9 0 {}\n".format(*one) for one in lines))
+    done = certpgo("solve", path, *options, "--proof", out, "--json")
+    assert (done.code, done.out, out.exists()) == (1, "", False)
+    assert said in done.err
+
+
 def test_a_proof_is_about_one_answer(certpgo, square, tmp_path):
     out = tmp_path / "out.cert"
     done = certpgo("certify", square, square, "--csv", tmp_path / "all.csv", "--proof", out)

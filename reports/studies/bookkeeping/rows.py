@@ -55,6 +55,7 @@ def judge_row(
         said = answer.told.refusal
         if rule is not None and said is not None:
             _judge_refusal(found, said, rule)
+            found.require(not answer.told.out, f"refused after {answer.told.out[:80]!r}")
             return
         answer.judge(found)
         if row["law"] != "none" and not found.false:
@@ -391,7 +392,8 @@ class Asking:
             "attitude": prior & ~moved,
         }
         true = {name: int((flags & counts).sum()) for name, flags in kinds.items()}
-        listed = {n: k for n, k in document["measurements"].items() if n not in ("held", "range")}
+        apart = ("held", "assumed", "range")
+        listed = {n: k for n, k in document["measurements"].items() if n not in apart}
         true = {name: count for name, count in true.items() if count}
         found.require(listed == true, f"info: {listed}, not {true}")
 
