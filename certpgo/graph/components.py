@@ -21,7 +21,15 @@ def rotations_alone(instance: Instance) -> Instance:
     if not isinstance(instance.graph, PoseGraph):
         return instance
     truth = None if instance.truth is None else instance.truth.with_translations(None)
-    return replace(instance, graph=instance.graph.rotation, truth=truth, initial=None)
+    numbers, graph = instance.numbers, instance.graph.rotation
+    if numbers is not None:  # those of distances come last
+        numbers = numbers[: graph.num_edges]
+    alone = replace(instance, graph=graph, truth=truth, initial=None, numbers=numbers)
+    released = instance.released
+    if released is None:
+        return alone
+    values = released.initial and released.initial.with_translations(None)  # where nodes are held
+    return replace(alone, released=replace(rotations_alone(released), initial=values))
 
 
 def connected_parts(instance: Instance, components: Components) -> list[Instance]:

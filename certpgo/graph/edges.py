@@ -6,13 +6,14 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.sparse import csgraph
 
 from certpgo.checker import FAR
 from certpgo.errors import GraphError, InputError
 from certpgo.linalg import compiled
 from certpgo.linalg import rotations as so
-from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_floats
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, chosen_rows, frozen_floats
 from certpgo.linalg.blocks import adjacency
 
 Keep = Literal["all", "first", "last"]
@@ -134,6 +135,11 @@ def simple_edges(n: int, edges: IntArray, keep: Keep) -> IntArray:
     if keep == "first":
         return np.sort(np.unique(pair, return_index=True)[1])
     raise GraphError(f"keep must be 'all', 'first' or 'last', not {keep!r}")
+
+
+def chosen_nodes(nodes: ArrayLike, n: int) -> IntArray:
+    """The numbers of some of n nodes, given by these or as flags."""
+    return np.asarray(np.arange(n)[chosen_rows(nodes, n, "nodes")])
 
 
 def induced(n: int, edges: IntArray, nodes: IntArray) -> tuple[IntArray, IntArray]:

@@ -83,7 +83,7 @@ def with_held(instance: Instance, *, hold: bool = True) -> Instance:
     graph, between = _on_one(instance, there, root, held)
     within, stated = int((~between).sum()), instance.graph.edges[between]
     graph = _with_exact(instance, graph, there, root, others)
-    added = graph.num_edges - len(stated)
+    added, known = graph.num_edges - len(stated), instance.outliers
     said = f"{counted(len(fixed), 'node{s}')} held where the file fixes them ({named}): "
     said += f"relative poses of these are constraints {release}"
     if within:
@@ -94,7 +94,7 @@ def with_held(instance: Instance, *, hold: bool = True) -> Instance:
         released=source,
         stated=np.concatenate([stated, graph.edges[len(stated) :]]),
         numbers=np.append(instance.known_numbers[between], np.full(added, -1)),
-        outliers=None,
+        outliers=None if known is None else np.append(known[between], np.zeros(added, dtype=bool)),
         options={**instance.options, "fixed": HELD},
         notices=(*instance.notices, said),
     )

@@ -128,6 +128,14 @@ class Information(Brief):
         d = 2 if self.distinct.shape[1] == 3 else 3
         return Information.isotropic(kappa, tau, d, self.residual, self.about)
 
+    def about_tangents(self) -> Information:
+        """The same noise in matrices about tangents, of which kappa is what it is."""
+        d = 2 if self.distinct.shape[1] == 3 else 3
+        if d == 2 or self.about == "tangent":
+            return replace(self, about="tangent")
+        unit = np.repeat([1.0, 0.5], d)  # a quaternion's vector part is half of a tangent vector
+        return replace(self, distinct=self.distinct * np.outer(unit, unit), about="tangent")
+
     def subset(self, chosen: IntArray | BoolArray) -> Information:
         """The matrices of some edges, given by index or mask (m,)."""
         index = self.index[chosen]

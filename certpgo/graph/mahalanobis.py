@@ -15,7 +15,7 @@ from certpgo.graph.pose_graph import PoseGraph
 _MARGIN = 2.0**-20
 
 
-def mahalanobis(graph: PoseGraph, information: Information, scale: float = 1.0) -> Mahalanobis:
+def mahalanobis(graph: PoseGraph, information: Information) -> Mahalanobis:
     """The graph whose rotational terms are the Mahalanobis distances of the information.
 
     A term tr(E K E^T), E = R_j - R_i R_ij, is 4 sin^2(theta/2) n^T O n for a residual angle theta
@@ -26,18 +26,17 @@ def mahalanobis(graph: PoseGraph, information: Information, scale: float = 1.0) 
     Parameters
     ----------
     graph : the measurements, with kappa and tau, which is kept
-    information : of its edges
-    scale : of the rotational part, to make it refer to the tangent space
+    information : of its edges, about tangents
     """
     omega, d = information.distinct[:, graph.d :, graph.d :], graph.d
     if d == 2:
-        return Mahalanobis(graph.with_weights(0.5 * scale * omega[information.index, 0, 0]), 0)
+        return Mahalanobis(graph.with_weights(0.5 * omega[information.index, 0, 0]), 0)
     values, axes = np.linalg.eigh(omega)
     # The smallest eigenvalue of K is then the margin.
     most = values[:, 0] + values[:, 1] - 2.0 * np.minimum(_MARGIN * values[:, 1], values[:, 0] / 4)
     clipped = values[:, 2] > most
     values[:, 2] = np.minimum(values[:, 2], most)
-    K = 0.5 * scale * (values.sum(axis=1)[:, None] - 2.0 * values)
+    K = 0.5 * (values.sum(axis=1)[:, None] - 2.0 * values)
     weights = symmetric((axes * K[:, None, :]) @ np.swapaxes(axes, 1, 2))[information.index]
     rotation = graph.rotation.with_matrix_weights(weights)
     general = replace(graph, rotation=rotation, information=None)

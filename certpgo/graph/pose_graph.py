@@ -17,6 +17,7 @@ from certpgo.graph.edges import (
     broadcast,
     check_matrices,
     check_weights,
+    chosen_nodes,
     edge_name,
     induced,
     simple_edges,
@@ -217,7 +218,14 @@ class PoseGraph(Speaking, OfRotations):
         # Arms move the measured points at both ends; those that the graph has are replaced.
         moved = arms if self.arms is None else arms - self.arms
         turned = (rotation.rotations @ moved[:, :, None])[:, :, 0]
-        return PoseGraph(rotation, self.translations + turned, tau, arms, self.points)
+        return replace(
+            self,
+            rotation=rotation,
+            translations=self.translations + turned,
+            tau=tau,
+            arms=arms,
+            information=None,
+        )
 
     @property
     def size_in_words(self) -> str:
@@ -336,6 +344,7 @@ class PoseGraph(Speaking, OfRotations):
 
     def subgraph(self, nodes: IntArray) -> PoseGraph:
         """The graph induced on ``nodes``, renumbered in that order."""
+        nodes = chosen_nodes(nodes, self.num_nodes)
         rotation = self.rotation.subgraph(nodes)
         _, chosen = induced(self.num_nodes, self.edges, nodes)
         points = None if self.points is None else self.points[nodes]

@@ -9,7 +9,7 @@ import numpy as np
 
 from certpgo.errors import GraphError, require
 from certpgo.graph.display import Brief
-from certpgo.graph.edges import check_edges, check_weights, edge_name
+from certpgo.graph.edges import check_edges, check_weights, edge_name, induced
 from certpgo.linalg.arrays import FloatArray, IntArray, frozen_floats, frozen_indices
 
 
@@ -72,9 +72,8 @@ class Ranges(Brief):
         return replace(self, weights=factor * self.weights)
 
     def between(self, nodes: IntArray) -> Ranges | None:
-        """Those between some nodes (k,), ascending, which are numbered 0 ... k-1; None if none."""
-        inside = np.asarray(np.isin(self.edges, nodes).all(axis=1))
-        if not inside.any():
+        """Those between some nodes (k,), numbered 0 ... k-1 in that order; None without any."""
+        edges, inside = induced(self.num_nodes, self.edges, nodes)
+        if not len(inside):
             return None
-        edges = np.searchsorted(nodes, self.edges[inside])
         return Ranges(len(nodes), edges, self.distances[inside], self.weights[inside])

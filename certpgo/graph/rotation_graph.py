@@ -19,6 +19,7 @@ from certpgo.graph.edges import (
     check_edges,
     check_matrices,
     check_weights,
+    chosen_nodes,
     edge_name,
     induced,
     polar_factors,
@@ -271,7 +272,7 @@ class RotationGraph(Speaking, Pairs):
 
     def subgraph(self, nodes: IntArray) -> RotationGraph:
         """The graph induced on ``nodes``, renumbered in that order."""
-        nodes = chosen_rows(nodes, self.num_nodes, "nodes")
+        nodes = chosen_nodes(nodes, self.num_nodes)
         edges, chosen = induced(self.num_nodes, self.edges, nodes)
         return self._with(len(nodes), edges, chosen)
 

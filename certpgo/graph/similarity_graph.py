@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from certpgo.errors import GraphError, InputError
-from certpgo.graph.edges import induced
+from certpgo.graph.edges import chosen_nodes, induced
 from certpgo.graph.estimate import check_scales
 from certpgo.graph.phrases import counted
 from certpgo.graph.pose_graph import PoseGraph
@@ -139,6 +139,7 @@ class SimilarityGraph(PoseGraph):
 
     def subgraph(self, nodes: IntArray) -> SimilarityGraph:
         """The graph induced on ``nodes``, renumbered in that order."""
+        nodes = chosen_nodes(nodes, self.num_nodes)
         _, chosen = induced(self.num_nodes, self.edges, nodes)
         points = None if self.points is None else self.points[nodes]
         return self._among(self.rotation.subgraph(nodes), chosen, points, self.free[nodes])

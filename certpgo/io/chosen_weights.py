@@ -99,8 +99,7 @@ def _with_mahalanobis(instance: Instance) -> Instance:
             f"{instance.source or instance.name}: Mahalanobis weights need poses with "
             "rotational information, about a tangent vector or a quaternion, on every edge"
         )
-    scale = 0.25 if instance.options.get("rotation_information") == "quaternion" else 1.0
-    graph, clipped = mahalanobis_weights(graph, graph.information, scale)
+    graph, clipped = mahalanobis_weights(graph, graph.information.about_tangents())
     notices = instance.notices
     if clipped:
         notices += (counted(clipped, CLIPPED),)

@@ -13,7 +13,6 @@ from certpgo.errors import FormatError, InputError, require_path
 from certpgo.graph import Graph, Instance, PoseGraph
 from certpgo.graph.edges import Keep, simple_edges
 from certpgo.graph.held import with_held
-from certpgo.graph.information import RotationAbout
 from certpgo.io.chosen_weights import ChosenWeights
 from certpgo.io.estimates import matched_truth, truth_in_words, warn_of
 from certpgo.io.format import (
@@ -166,28 +165,30 @@ def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
 
 
 def _with_choices(instance: Instance, keep: Keep, weights: ChosenWeights) -> Instance:
-    instance = weights.apply(instance)
-    graph = instance.graph
-    if keep != "all":
-        instance = instance.with_edges(simple_edges(graph.num_nodes, graph.edges, keep))
     # An .npz file stores its options; only those chosen now replace them.
     options = {"keep": "all", "rotation_information": "tangent", "weights": "file"}
     options |= instance.options
+    instance = weights.apply(replace(instance, graph=_about(instance.graph, options)))
+    graph = instance.graph
+    if keep != "all":
+        instance = instance.with_edges(simple_edges(graph.num_nodes, graph.edges, keep))
     if keep != "all":
         options["keep"] = keep
     if str(weights) != "file":
         options["weights"] = str(weights)
-    return replace(instance, graph=_about(instance.graph, options), options=options)
+    return replace(instance, options=options)
 
 
 def _about(graph: Graph, options: Mapping[str, str]) -> Graph:
-    """The graph whose information says what its kappa was taken to be about."""
+    """The graph whose information says what its kappa was taken to be about.
+
+    An .npz file may say it without the option, of a graph that was not read.
+    """
     if not isinstance(graph, PoseGraph) or graph.information is None:
         return graph
-    about: RotationAbout = "tangent"
-    if options["rotation_information"] == "quaternion":
-        about = "quaternion"
-    return graph.with_information(replace(graph.information, about=about))
+    if options["rotation_information"] != "quaternion":
+        return graph
+    return graph.with_information(replace(graph.information, about="quaternion"))
 
 
 def _with_truth(instance: Instance, path: Path) -> Instance:

@@ -5,9 +5,13 @@ import pytest
 from hypothesis import given
 from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 
-from certpgo.errors import GraphError
+import certpgo
+from certpgo.errors import GraphError, InputError
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
+from certpgo.graph.components import rotations_alone
 from certpgo.graph.graph import require_connected
+from certpgo.graph.information import Information
+from certpgo.graph.ranges import Ranges
 from certpgo.linalg import rotations as so
 
 EDGES = np.array([[0, 1], [1, 2], [2, 0]])
@@ -188,3 +192,51 @@ def test_whole_numbers_of_any_type_are_nodes():
         assert graph.edges.tolist() == edges.tolist()
     with pytest.raises(GraphError, match=r"not 1\.5"):
         Instance("a", graph, np.array([0, 1.5, 2]))
+
+
+@pytest.fixture
+def ranged():
+    """A square of poses with information about quaternions, flags, and three distances."""
+    rng = np.random.default_rng(3)
+    edges = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [0, 2]])
+    graph = PoseGraph(
+        RotationGraph(4, edges, so.random(rng, 5, 3), rng.uniform(1, 2, 5)),
+        rng.normal(size=(5, 3)),
+        rng.uniform(1, 2, 5),
+        absolute=np.arange(5) == 3,
+        ranges=Ranges(4, [[0, 2], [3, 1], [2, 3]], np.array([1.0, 2.0, 3.0]), np.ones(3)),
+    )
+    matrices = rng.normal(size=(5, 6, 6))
+    matrices = matrices @ np.swapaxes(matrices, 1, 2)
+    matrices = 0.5 * (matrices + np.swapaxes(matrices, 1, 2))
+    return graph.with_information(Information.of(matrices, "g2o", "quaternion"))
+
+
+@pytest.mark.parametrize(
+    "nodes", [[3, 2, 0], [-1, 2, -4], np.array([True, False, True, True]), [2, 0, 3]]
+)
+def test_parts_have_the_distances_and_information_of_their_nodes_in_any_order(ranged, nodes):
+    part, number = ranged.subgraph(nodes), np.arange(4)[nodes].tolist()
+    kept = [2, 3, 4]  # those without node 1
+    assert np.array(number)[part.edges].tolist() == ranged.edges[kept].tolist()
+    assert (part.information_matrices == ranged.information_matrices[kept]).all()
+    assert (part.information.residual, part.information.about) == ("g2o", "quaternion")
+    assert np.array(number)[part.ranges.edges].tolist() == [[0, 2], [2, 3]]
+    assert part.ranges.distances.tolist() == [1.0, 3.0]
+    assert part.absolute.tolist() == [False, True, False]
+
+
+def test_matrix_weights_leave_distances_and_flags(ranged):
+    general = ranged.with_matrix_weights(np.tile(np.eye(4), (5, 1, 1)))
+    assert general.information is None
+    assert general.ranges is ranged.ranges
+    assert general.absolute.tolist() == ranged.absolute.tolist()
+    with pytest.raises(InputError, match="isotropic weights"):
+        certpgo.solve(general)
+
+
+def test_rotations_alone_leave_the_numbers_of_distances(ranged):
+    instance = Instance("ranged", ranged, np.arange(4)).with_edges([0, 1, 2, 4])
+    alone = rotations_alone(instance)
+    assert alone.known_numbers.tolist() == [0, 1, 2, 4]
+    assert alone.pairs.tolist() == ranged.edges[[0, 1, 2, 4]].tolist()

@@ -1,6 +1,7 @@
 """Several fixed poses, and priors of sensors that are somewhere on their bodies."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 import certpgo
 from certpgo.errors import InputError
-from certpgo.graph.components import restricted
-from certpgo.graph.held import displaced
+from certpgo.graph.components import connected_parts, restricted, rotations_alone
+from certpgo.graph.held import displaced, with_held
 from certpgo.graph.streaming import streamed
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import information_problem, problem_under
@@ -460,3 +461,31 @@ def test_points_that_a_file_fixes_are_held_where_they_are(tmp_path, d, held):
     assert np.isfinite(answer.covariance(0)).all()
     free = certpgo.solve(certpgo.read(path, quiet=True, fixed=False), cost="chordal")
     assert free.cost < answer.cost
+
+
+def test_parts_of_rotations_alone_are_of_rotations_and_keep_what_is_held(tmp_path):
+    held = Rotation.from_rotvec(np.outer(np.radians([0.0, 10.0, 25.0]), [0, 0, 1])).as_quat()
+    values = [f"VERTEX_SE3:QUAT {k} {k} 0 0 {' '.join(map(str, q))}" for k, q in enumerate(held)]
+    values += [f"VERTEX_SE3:QUAT {k} {k} 0 0 0 0 0 1" for k in (5, 6)]
+    weight = "1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 8 0 0 8 0 8"
+    edges = [f"EDGE_SE3:QUAT {i} {j} 1 9 0 0 0 0 1 {weight}" for i, j in [(0, 1), (1, 2), (5, 6)]]
+    path = tmp_path / "held.g2o"
+    path.write_text("\n".join([*values, "FIX 0 2", *edges]) + "\n")
+    alone = rotations_alone(certpgo.read(path, quiet=True))
+    parts = connected_parts(alone, "each")
+    assert [type(part.graph).__name__ for part in parts] == ["RotationGraph"] * 2
+    assert [part.pairs.tolist() for part in parts] == [[[0, 1], [1, 2], [0, 2]], [[5, 6]]]
+    assert parts[0].known_numbers.tolist() == [0, 1, -1]
+    # Held 25 degrees apart, where the two measurements say 0: each is off by half of that.
+    assert certpgo.solve(parts[0]).cost == pytest.approx(
+        2 * 4.0 * 8.0 * np.sin(np.radians(25.0) / 4) ** 2, rel=1e-9
+    )
+
+
+def test_known_outliers_are_known_where_poses_are_held(tmp_path):
+    instance = certpgo.read(written(tmp_path / "held.g2o", 3, np.random.default_rng(0)))
+    flags = np.arange(instance.graph.num_edges) % 3 == 0
+    known = with_held(replace(instance, fixed=(0, 1, 5), outliers=flags))
+    assert known.held == (0, 1, 5)
+    numbers = known.known_numbers
+    assert known.outliers.tolist() == [k >= 0 and bool(flags[k]) for k in numbers.tolist()]

@@ -16,8 +16,10 @@ from hypothesis import strategies as st
 from certpgo import io
 from certpgo.errors import FormatError, InputError, InputNotice, SpecError
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
+from certpgo.graph.information import Information
 from certpgo.io.datasets import synthetic
 from certpgo.linalg import rotations as so
+from certpgo.objective.choose_cost import own_cost, problem_under
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -460,3 +462,73 @@ def test_full_information_of_another_text_is_written_to_g2o(tmp_path):
         again.graph.information_matrices, whole.graph.information_matrices
     )
     np.testing.assert_array_equal(again.graph.tau, whole.graph.tau)
+
+
+def about_quaternions(tmp_path):
+    """A triangle with full matrices, read as g2o reads them."""
+    rng, lines = np.random.default_rng(5), []
+    for i, j in ((0, 1), (1, 2), (2, 0)):
+        A = rng.normal(size=(6, 6))
+        upper = (A @ A.T + np.eye(6))[np.triu_indices(6)].tolist()
+        x, q = rng.normal(size=3).tolist(), [0.1, -0.2, 0.3, 0.9]
+        lines.append(" ".join(map(str, ["EDGE_SE3:QUAT", i, j, *x, *q, *upper])))
+    path = tmp_path / "triangle.g2o"
+    path.write_text("\n".join(lines) + "\n")
+    return io.read(path, rotation_information="quaternion", quiet=True)
+
+
+@pytest.mark.parametrize("whole", [True, False])
+@pytest.mark.parametrize("suffix", ["g2o", "npz", "pyfg", "json"])
+def test_information_about_quaternions_is_written_with_its_graph(tmp_path, suffix, whole):
+    given, path = about_quaternions(tmp_path), tmp_path / f"copy.{suffix}"
+    io.write(path, given if whole else given.graph)
+    found, before = io.read(path, quiet=True).graph, given.graph
+    estimate = make_estimate(np.random.default_rng(0), 3, 3, True)
+    if suffix in ("g2o", "npz"):  # the default cost stays
+        assert own_cost(found) == own_cost(before) == "g2o"
+        expected = problem_under(before).cost(estimate)
+        assert problem_under(found).cost(estimate) == pytest.approx(expected, rel=1e-12)
+    if suffix == "g2o":
+        found = io.read(path, rotation_information="quaternion", quiet=True).graph
+    assert found.rotation.kappa == pytest.approx(before.rotation.kappa, rel=1e-12)
+    if suffix in ("g2o", "npz"):
+        assert found.information.about == "quaternion"
+        assert np.array_equal(found.information_matrices, before.information_matrices)
+    else:  # about tangents, with a quarter of the rotational information
+        unit = np.repeat([1.0, 0.5], 3)
+        expected = before.information_matrices * np.outer(unit, unit)
+        assert np.allclose(found.information_matrices, expected, rtol=1e-9, atol=1e-12)
+
+
+def test_indefinite_information_about_quaternions_keeps_the_weights_in_g2o(tmp_path):
+    given = about_quaternions(tmp_path)
+    matrices = given.graph.information_matrices.copy()
+    matrices[0, 0, 3] = matrices[0, 3, 0] = 1e3
+    graph = given.graph.with_information(Information.of(matrices, "g2o", "quaternion"))
+    assert own_cost(graph) == "chordal"
+    io.write(tmp_path / "indefinite.g2o", graph)
+    found = io.read(tmp_path / "indefinite.g2o", quiet=True).graph
+    assert found.rotation.kappa == pytest.approx(graph.rotation.kappa, rel=1e-12)
+
+
+def test_mahalanobis_weights_of_an_npz_file_know_what_information_is_about(tmp_path):
+    given, path = about_quaternions(tmp_path), tmp_path / "copy.npz"
+    io.write(path, given.graph)
+    expected = io.read(
+        tmp_path / "triangle.g2o", rotation_information="quaternion", mahalanobis=True, quiet=True
+    )
+    found = io.read(path, mahalanobis=True, quiet=True)
+    assert np.allclose(found.graph.rotation.couplings, expected.graph.rotation.couplings)
+
+
+def test_an_npz_file_says_what_its_information_is_about(tmp_path):
+    path = tmp_path / "copy.npz"
+    io.write(path, about_quaternions(tmp_path))
+    with np.load(path) as stored:
+        arrays = dict(stored)
+    np.savez(path, **arrays | {"information_about": "angles"})
+    with pytest.raises(FormatError, match="'information_about' must be 'tangent' or 'quaternion'"):
+        io.read(path)
+    del arrays["information_about"]  # older files have the option of reading alone
+    np.savez(path, **arrays)
+    assert io.read(path, quiet=True).graph.information.about == "quaternion"

@@ -28,6 +28,7 @@ A point is where its pose sees it, or a sensor on its body. In LANDMARK2 points 
 The information is its upper triangle, row by row, translation before rotation. In g2o's own code
 the rotational part of 3D edges refers to the quaternion's vector part
 (``rotation_information="quaternion"``); in SE-Sync, GTSAM and by default here to the tangent space.
+A graph that was read in g2o's sense is written with the same matrices, to be read so again.
 """
 
 from __future__ import annotations
@@ -129,9 +130,10 @@ def _position(pose: str, d: int) -> str:
 def _weights(instance: Instance) -> tuple[list[str], list[str]]:
     """The upper triangles of the information of all edges, and of their positions alone."""
     graph, d = instance.graph, instance.graph.d
-    about = instance.options.get("rotation_information", "tangent")
-    information = graph.information
-    if information is not None and (d == 2 or about == DIALECT.rotation_information):
+    if (information := graph.information) is not None:
+        # Where the default cost is g2o's, its matrices count; elsewhere F, and so kappa.
+        if information.residual != DIALECT.residual or not information.is_definite.all():
+            information = information.about_tangents()
         return _full(information), _full(information, d)
     if isinstance(graph, PoseGraph):
         kappa, tau = graph.rotation.kappa.tolist(), graph.tau.tolist()

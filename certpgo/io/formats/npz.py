@@ -6,8 +6,9 @@ it, times, ranges, scales and which nodes' are free, initial values, truth, fixe
 options. An estimate: rotations, translations, scales, ids, times, names, and which are points.
 
 Of the information matrices each distinct one is stored once (``information``), with the number of
-each edge's (``information_index``), and the cost whose residuals they weigh
-(``information_residual``).
+each edge's (``information_index``), the cost whose residuals they weigh
+(``information_residual``), and what kappa takes rotational information to be about
+(``information_about``).
 """
 
 from __future__ import annotations
@@ -15,14 +16,14 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from certpgo.errors import CertPGOError, FormatError, InputError, NoMeasurements
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph, SimilarityGraph
-from certpgo.graph.information import Information
+from certpgo.graph.information import Information, RotationAbout
 from certpgo.graph.keys import Keys
 from certpgo.graph.phrases import in_utf8
 from certpgo.graph.ranges import Ranges
@@ -54,6 +55,7 @@ _GRAPH_OPTIONAL = {
     "information": ("f", "cpp"),
     "information_index": ("i", "m"),
     "information_residual": ("U", ""),
+    "information_about": ("U", ""),
     "names": ("U", "n"),
     "assumed": ("b", "m"),
     "absolute": ("b", "m"),
@@ -200,7 +202,12 @@ def _information(arrays: _Arrays) -> Information | None:
     if missing:
         return None
     residual = str(arrays.get("information_residual", "")) or None
-    return Information(arrays["information"], arrays["information_index"], residual)
+    about = str(arrays.get("information_about", "tangent"))
+    if about not in get_args(RotationAbout):
+        said = " or ".join(map(repr, get_args(RotationAbout)))
+        raise InputError(f"the array 'information_about' must be {said}, not {about!r}")
+    kind = cast("RotationAbout", about)
+    return Information(arrays["information"], arrays["information_index"], residual, kind)
 
 
 def _texts(arrays: _Arrays, name: str, container: type[Any]) -> Any:
@@ -276,6 +283,7 @@ def _write_graph(path: Path, instance: Instance) -> None:
         arrays["information"] = information.distinct
         arrays["information_index"] = information.index
         arrays["information_residual"] = information.residual or ""
+        arrays["information_about"] = information.about
     if (ranges := graph.ranges) is not None:
         arrays["range_edges"] = ranges.edges
         arrays["range_distances"] = ranges.distances

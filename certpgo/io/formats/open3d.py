@@ -173,7 +173,7 @@ def _write_graph(path: Path, instance: Instance) -> None:
     if initial is None:
         # Open3D begins where the nodes are.
         initial = tree_initialization(graph) if graph.is_connected else _at_origin(graph)
-    information = _information(instance, graph)[:, _ORDER][:, :, _ORDER]
+    information = _information(graph)[:, _ORDER][:, :, _ORDER]
     edges = [
         {
             "class_name": "PoseGraphEdge",
@@ -200,15 +200,12 @@ def _at_origin(graph: PoseGraph) -> Estimate:
     return Estimate(np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3)))
 
 
-def _information(instance: Instance, graph: PoseGraph) -> FloatArray:
+def _information(graph: PoseGraph) -> FloatArray:
     """(m, 6, 6) matrices, translation before rotation: the source's, or of kappa and tau."""
     if graph.information is None:
         diagonal = np.repeat(np.stack([graph.tau, 2.0 * graph.rotation.kappa], axis=1), 3, axis=1)
         return diagonal[:, :, None] * np.eye(6)
-    about = instance.options.get("rotation_information", "tangent")
-    # A quaternion's vector part is half of a tangent vector.
-    unit = np.repeat([1.0, 0.5 if about == "quaternion" else 1.0], 3)
-    return graph.information_matrices * np.outer(unit, unit)
+    return graph.information.about_tangents().matrices
 
 
 def _columns(R: FloatArray, t: FloatArray) -> list[list[float]]:

@@ -185,9 +185,8 @@ def _names(names: Sequence[str], ids: IntArray, points: BoolArray) -> list[str]:
 
 def _covariances(instance: Instance, graph: PoseGraph) -> list[str]:
     """The upper triangles of the covariances of all edges, row by row."""
-    about = instance.options.get("rotation_information", "tangent")
-    if graph.information is not None and (graph.d == 2 or about == "tangent"):
-        return _full(instance, graph.information)
+    if graph.information is not None:
+        return _full(instance, graph.information.about_tangents())
     weights = zip(graph.rotation.kappa.tolist(), graph.tau.tolist(), strict=True)
     return [_isotropic(graph.d, *pair) for pair in weights]
 
