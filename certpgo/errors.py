@@ -93,7 +93,7 @@ class InputError(CertPGOError, ValueError):
     >>> certpgo.solve(2500)
     Traceback (most recent call last):
         ...
-    certpgo.errors.InputError: solve takes a graph, an instance or a path, not an int
+    certpgo.errors.InputError: solve takes a graph, a problem, an instance or a path, not an int
     """
 
 

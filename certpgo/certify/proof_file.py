@@ -72,6 +72,7 @@ def refuse_unreadable(source: Path, instance: Instance, cost: str) -> None:
     _refuse_priors_of_rotations(instance)
     graph, chosen = instance.graph, {"fixed", "also", "weights_are"} & {*instance.options}
     unusual = isinstance(graph, PoseGraph) and graph.is_partial
+    unusual |= graph.ranges is not None
     unusual |= graph.information is not None and bool(graph.information.is_partial.any())
     # Other files are read by both alike, and only once that is needed.
     if unusual or chosen or _map_of(instance):
@@ -273,10 +274,13 @@ def _claim(
 ) -> tuple[dict[str, Any], checker.Graph]:
     """The subject of the proof (hashes, kind, reading options), and the graph the checker reads."""
     similar = isinstance(instance.graph, SimilarityGraph)
+    if instance.graph.ranges is not None:
+        raise InputError(f"{source}: a proof is not about measured distances")
     # What an archive says of options is how its numbers came about: they are read as they are.
     options = {} if similar and format_of(source).name == "npz" else instance.options
     if (stated := options.get("weights_are", "information")) != "information":
-        raise InputError(f"proof files are about numbers of information, not of {stated}")
+        said = f"a proof is about a file of information matrices, and {source} is read as {stated}"
+        raise InputError(f"{said}: certpgo convert writes a g2o file with information matrices")
     if "also" in options:
         said = "a proof is about one file: certpgo convert with --also writes one of all"
         raise InputError(f"{source}: {said}")

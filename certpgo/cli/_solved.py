@@ -253,7 +253,7 @@ class Solved(Result):
         solution = self.solution
         if self.certificate is None:
             yield "cost", f"{cost_shown(self.certified_cost)}  (chordal cost F)"
-        if solution.kept is not None:
+        if len(solution.rejected):
             yield "cost of all", f"{cost_shown(solution.cost)}  (with those rejected)"
         if self.accuracy is not None:
             yield from wording.accuracy(self.accuracy)

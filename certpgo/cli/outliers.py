@@ -62,8 +62,9 @@ def command(
 ) -> int:
     """List the measurements that disagree with the rest, and prove what accepting each costs.
 
-    They are those that certpgo solve --robust rejects, under the same cost. Ctrl-C during the
-    proofs about each prints what is proven by then.
+    They are those that certpgo solve --robust rejects, under the same cost, and where it takes the
+    noise as other than stated, those at the stated noise too. Ctrl-C during the proofs about each
+    prints what is proven by then.
     """
     from certpgo import solve_robustly
     from certpgo.cli._options import refuse_with_distances
@@ -113,7 +114,8 @@ def command(
         documents.append(_as_json(instance.name, report))
         if not json:
             headline(one.certificate, report.rejection)
-            facts([("graph", instance.name), *report.in_words(one.certificate)])
+            assumed = [("assuming", report.rejection.noise)] if answer.noise else []
+            facts([("graph", instance.name), *assumed, *report.in_words(one.certificate)])
             table("Rejected measurements", _HEADER, map(_row, report.edges), optional=_OPTIONAL)
     if json:
         other = documents[1] if len(documents) > 1 else None

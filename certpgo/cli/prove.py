@@ -56,7 +56,7 @@ def command(
     """Solve graphs, prove how good each answer is, and check the proofs.
 
     A line a graph. Files of estimates are skipped. The exit code is 0 if every answer is CERTIFIED
-    and its proof accepted, 1 if a file cannot be read, else 6.
+    and its proof accepted, 1 if a file cannot be read or no proof can be about it, else 6.
     """
     from certpgo.io.writing import folder_to_write, write_text
 

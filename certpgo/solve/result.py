@@ -84,7 +84,7 @@ class CertifiedSolution(Speaking):
         if (other := self.at_stated_noise) is None:
             return said
         here, there = len(self.solution.rejected), len(other.solution.rejected)
-        said += f", with which hardly more than a tree agrees: {here} rejected"
+        said += f", as hardly more than a tree agrees with that: {here} rejected"
         said += f"; at the stated noise {there} rejected"
         if other.rejection is None:
             return said
@@ -151,8 +151,8 @@ class CertifiedSolution(Speaking):
             yield "noise", self.noise
         yield "graph", self.graph.size_in_words
         if solution.kept is not None:
-            count = self.graph.num_measurements
-            yield "kept", f"{count} measurements; the rest disagreed with them"
+            rest = "; the rest disagreed with them" if len(self.rejected) else ": none is rejected"
+            yield "kept", f"{self.graph.num_measurements} measurements{rest}"
         if self.rejection is not None:
             yield from self.rejection.in_words(self.certificate)
         yield from self.certificate._proven()

@@ -97,7 +97,9 @@ def solve(
     known = (PoseGraph, RotationGraph, Instance)
     problems = (PoseProblem, RotationProblem, InformationProblem, RangeProblem)
     if not isinstance(posed, (*known, *problems)):
-        raise InputError(f"solve takes a graph, an instance or a path, not {kind_of(posed)}")
+        raise InputError(
+            f"solve takes a graph, a problem, an instance or a path, not {kind_of(posed)}"
+        )
     source = posed if isinstance(posed, Instance) else None
     problem = certifiable(posed, cost)
     given = None if start is None else Start(start, GIVEN)

@@ -10,8 +10,8 @@ from typing import NamedTuple
 from certpgo.certify import Certificate, Tier, Verdict
 from certpgo.certify.obstacle import LimitedBy
 from certpgo.graph import Instance, SimilarityGraph
-from certpgo.objective.choose_cost import own_cost
-from certpgo.objective.costs import CHORDAL, COSTS
+from certpgo.objective.choose_cost import certifiable, own_cost
+from certpgo.objective.costs import CHORDAL
 from certpgo.optimize.solution import Status
 
 #: A sentence, and a command or an empty text.
@@ -26,6 +26,7 @@ _REJECT = "If measurements may be wrong, reject those that disagree."
 class _Given(NamedTuple):
     """What commands are about: files, and the options of reading and cost."""
 
+    instance: Instance
     graph: str
     estimate: str
     reading: tuple[str, ...]
@@ -33,21 +34,19 @@ class _Given(NamedTuple):
     searched: bool
     stopped: bool
     disagreeing: bool
-    has_ranges: bool
-    has_scales: bool
     judged_by: str
     judging: tuple[str, ...]
 
     @property
     def provable(self) -> bool:
-        """Whether there are proofs about this cost."""
-        known = self.judged_by == CHORDAL or COSTS[self.judged_by].provable
-        return known and not self.has_ranges
+        """Whether there are proofs about this cost of this graph."""
+        return not certifiable(self.instance, self.judged_by).unprovable
 
     @property
     def is_of_poses(self) -> bool:
         """Whether it has neither distances nor unknown scales, which are not rejected."""
-        return not (self.has_ranges or self.has_scales)
+        graph = self.instance.graph
+        return graph.ranges is None and not isinstance(graph, SimilarityGraph)
 
     @property
     def _named(self) -> str:
@@ -100,6 +99,7 @@ def advice(
     """
     obstacle = certificate.obstacle
     given = _Given(
+        instance,
         graph,
         estimate,
         tuple(reading),
@@ -107,8 +107,6 @@ def advice(
         searched=searched,
         stopped=obstacle.ended_early,
         disagreeing=disagreeing,
-        has_ranges=instance.graph.ranges is not None,
-        has_scales=isinstance(instance.graph, SimilarityGraph),
         judged_by=cost,
         judging=tuple(judging),
     )

@@ -54,9 +54,9 @@ def test_a_missing_file(certpgo, command):
     fails_in_one_line(certpgo(command, "folder/nowhere.g2o"), "folder/nowhere.g2o")
 
 
-@pytest.mark.parametrize("command", ["bounds", "compare", "follow"])
-def test_distances_are_not_left_out(certpgo, tmp_path, command):
-    """The odometry alone is optimal at no cost, which says nothing of the distances."""
+@pytest.fixture
+def beacon(tmp_path):
+    """A step of odometry, and distances of both poses to a point."""
     graph = tmp_path / "beacon.pyfg"
     step = "0.01 0 0 0.01 0 0.0001"
     graph.write_text(
@@ -64,8 +64,22 @@ def test_distances_are_not_left_out(certpgo, tmp_path, command):
         f"EDGE_SE2 1 A0 A1 6 0 0 {step}\n"
         "EDGE_RANGE 0 A0 L0 4.9 0.01\nEDGE_RANGE 1 A1 L0 4.8 0.01\n"
     )
-    done = certpgo(command, graph, "--components", "largest")
+    return graph
+
+
+@pytest.mark.parametrize("command", ["bounds", "compare", "follow"])
+def test_distances_are_not_left_out(certpgo, beacon, command):
+    """The odometry alone is optimal at no cost, which says nothing of the distances."""
+    done = certpgo(command, beacon, "--components", "largest")
     fails_in_one_line(done, "beacon.pyfg: 2 distances, which this command does not take")
+
+
+def test_no_proof_is_about_distances(certpgo, beacon):
+    done = certpgo("prove", beacon)
+    assert (done.code, "beacon.pyfg: a proof is not about measured distances" in done.out) == (
+        1,
+        True,
+    )
 
 
 def test_a_translation_beyond_doubles_names_its_edge(certpgo, tmp_path):

@@ -449,10 +449,13 @@ def test_a_changed_noise_is_said_first_and_the_stated_one_judged_too(certpgo, tm
     said = certpgo("outliers", path, "--cost", cost).out
     assert said.splitlines()[0].startswith(f"noise  taken as {found['noise_scale']:.3g} times")
     assert f"at the stated noise {loops} rejected, truncated cost" in flat(said)
+    assert "assuming noise as stated" in flat(said)
     report = certpgo("solve", path, "--cost", cost, "--robust", "--json").json["solution"]
     assert report["noise_scale"] == found["noise_scale"]
     assert [one["edge"] for one in report["at_stated_noise"]["rejected"]] == list(range(n - 1, m))
-    assert "noise taken as" in flat(certpgo("solve", path, "--cost", cost, "--robust").out)
+    robust = flat(certpgo("solve", path, "--cost", cost, "--robust").out)
+    assert "noise taken as" in robust
+    assert ("with those rejected" in robust) == bool(len(report["rejected"]))
 
 
 def test_a_stream_under_f_says_how_the_noise_of_turns_is_read(certpgo, tmp_path):

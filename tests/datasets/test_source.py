@@ -48,6 +48,8 @@ def test_what_is_neither_is_refused_with_the_nearest_names():
         resolve("smallGrid2")
     with pytest.raises(InputError, match="certpgo list datasets"):
         resolve("qqqq")
+    with pytest.raises(InputError, match="-: no such file or dataset; a pipe is /dev/stdin"):
+        resolve("-")
 
 
 def test_a_dataset_that_is_no_graph_is_refused(dataset_path):

@@ -899,7 +899,7 @@ def test_the_work_stays_small(name, factorizations, products, dataset):
 
 
 def test_what_is_no_graph_is_refused():
-    with pytest.raises(InputError, match="a graph, an instance or a path, not an int"):
+    with pytest.raises(InputError, match="a graph, a problem, an instance or a path, not an int"):
         solve(2500)
 
 

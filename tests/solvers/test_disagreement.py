@@ -203,6 +203,8 @@ def test_a_clean_graph_is_solved_robustly_as_it_is():
     plain, robust = certpgo.solve(graph), certpgo.solve_robustly(graph)
     assert robust.solution.rejected.tolist() == []
     assert robust.cost == pytest.approx(plain.cost, rel=1e-9)
+    said = " ".join(robust.summary().split())
+    assert f"kept {graph.num_measurements} measurements: none is rejected" in said
 
 
 def test_robust_solving_stops_where_it_is_told():

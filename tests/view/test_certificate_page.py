@@ -20,7 +20,7 @@ from certpgo.certify import Tier, Verdict, certify
 from certpgo.certify.curvature import smallest_eigenvalues
 from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.certify.wording import meaning
-from certpgo.graph import Estimate, Instance, RotationGraph
+from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.graph.information import Information
 from certpgo.graph.phrases import rounded_down, rounded_up
 from certpgo.io.datasets import synthetic
@@ -276,6 +276,19 @@ def test_what_to_do_next_depends_on_the_verdict(solved):
     assert [c for _, c in advice(certified, "g.g2o", disagreeing=True)] == [
         "certpgo solve g.g2o --robust"
     ]
+
+
+@pytest.mark.parametrize("has_arms", [True, False])
+def test_the_proof_tier_is_advised_only_where_there_is_one(solved, has_arms):
+    """Held points of a file become arms of sightings, which no proof is about."""
+    judged = replace(solved[2].certificate, verdict=Verdict.BOUNDED, basin_is_global=False)
+    judged = replace(judged, obstacle=Obstacle(LimitedBy.ROUNDING))
+    made = synthetic.grid3d(2, np.random.default_rng(0))
+    graph, m = made.graph, made.graph.num_edges
+    arms = np.full((m, 3), 0.5) if has_arms else None
+    instance = replace(made, graph=PoseGraph(graph.rotation, graph.translations, graph.tau, arms))
+    steps = advice_on(judged, instance, "g.g2o", cost="chordal", searched=True)
+    assert ("certpgo solve g.g2o --tier proof" in dict(steps).values()) != has_arms
 
 
 @pytest.mark.parametrize("verdict", [Verdict.BOUNDED, Verdict.UNDECIDED])

@@ -160,6 +160,8 @@ def resolve(name: str, data: str | Path | None = None) -> Source:
     except SpecError:
         near = [*_near_files(Path(name)), *nearest(name, names("graph"))][:3]
         hint = f"did you mean {' or '.join(near)}?" if near else "see certpgo list datasets"
+        if name == "-":
+            hint = "a pipe is /dev/stdin"
         raise InputError(f"{name}: no such file or dataset; {hint}") from None
 
 
