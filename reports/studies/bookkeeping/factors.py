@@ -343,9 +343,8 @@ REFUSED = (
 )
 #: What is not right yet, and is asked again when it is.
 OPEN = (
-    # Counts and W of streams, which have constraints among the measurements.
-    _cannot(command="follow", held="several"),
-    *(_cannot(command="follow", held="one", **prior) for prior in _priors()),
+    # A stream counts the constraint between held poses and the world as a measurement.
+    *(_cannot(command="follow", held="several", **prior) for prior in _priors()),
     # Information of some axes, turned into the frame of a held pose.
     _cannot(held="several", partial_edges="axes"),
     *(_cannot(held="one", partial_edges="axes", **prior) for prior in _priors()),

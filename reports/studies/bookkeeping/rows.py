@@ -338,7 +338,9 @@ class Asking:
         bound, verdict = document["lower_bound"], document["verdict"]
         upper, tolerance = document["cost"], document["tolerance"]
         poses = self.scene.near(read)
-        exact = tolerance >= upper
+        if self.scene.constrained or self.row["positions"] == "far":
+            tolerance = min(tolerance, most_of(cost, upper))
+        exact = document["tolerance"] >= upper
         judge(found, cost, [Claim("follow", poses, upper, bound, tolerance, verdict, exact)])
 
     def _judge_outliers(self, found: Findings, document: dict[str, Any]) -> None:
