@@ -25,5 +25,5 @@ def pages() -> dict[str, str]:
 
 def _row(rule: Rule) -> str:
     (first, *rest) = (f"{name}: {', '.join(levels)}" for name, levels in rule.levels.items())
-    said = rule.said.split("|")[0].replace(".*", "...")
+    said = rule.said.split("|")[0].replace(".*", "...").replace("(", "")
     return f"| {first} | {'; '.join(rest)} | {rule.why} | `{said}` |\n"

@@ -260,6 +260,8 @@ class Asking:
             found.said["held poses are not held"] += 1
             return
         self._judge_held(found, poses)
+        if self.scene.constrained and self.row["limit"] != "none":
+            return  # or a little, which is not said
         part = (poses[0][self.nodes], poses[1][self.nodes])
         self._judge_outputs(found, document, cost, part)
         if self.row["rejected"] != "none" and self.rejected:
