@@ -124,8 +124,8 @@ UNASKED = (
     _cannot(command="info", weights=_WEIGHTS),
     _cannot(outliers="robust", noise="much"),
     _cannot(limit="short", law=("names", "unit", "frame")),
-    # A choice that was stopped may leave nodes open, which have no covariance.
-    _cannot(outliers="robust", covariances="asked", limit="short"),
+    # Points are numbered as files name them, one after another.
+    _cannot(file="pyfg", files=_SEVERAL, landmarks="some"),
     _cannot(weights=_WEIGHTS, law="unit"),
     _cannot(matrices="none", law="unit"),
 )
