@@ -7,10 +7,7 @@ import sys
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from certpgo import (
-    _former_names,
-    _start,  # noqa: F401 - first: Ctrl-C during the imports below
-)
+from certpgo import _start  # noqa: F401 - first: Ctrl-C during the imports below
 from certpgo.errors import (
     CertPGOError,
     FormatError,
@@ -171,7 +168,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    if name in _ROOMS or _former_names.name_today(name) is not None:
+    if name in _ROOMS:
         return importlib.import_module(f"certpgo.{name}")
     if name not in _HOME:
         raise AttributeError(f"module 'certpgo' has no attribute {name!r}")

@@ -19,7 +19,6 @@ HARNESS_FILES = sorted(HARNESS.rglob("*.py"))
 #: The order of reading: a room imports from rooms of lower rank alone.
 RANKS = {
     "_start": 0,
-    "_former_names": 0,
     "checker": 0,
     "integer_checker": 0,
     "errors": 0,
