@@ -378,3 +378,8 @@ class Instance(Speaking):
         s = estimate.scales
         s = None if s is None else np.append(s, 1.0)
         return Estimate(np.concatenate([estimate.rotations, np.eye(d)[None]]), t, keys, s)
+
+
+def graph_of(measured: Graph | Instance) -> Graph:
+    """The measurements alone."""
+    return measured.graph if isinstance(measured, Instance) else measured

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from certpgo.errors import InputError
-from certpgo.graph.dataset import Instance
+from certpgo.graph.dataset import Instance, graph_of
 from certpgo.graph.graph import Graph, require_one_unit
 from certpgo.graph.labels import Label
 from certpgo.linalg.arrays import IntArray
@@ -18,7 +18,7 @@ def arrivals(measured: Graph | Instance) -> IntArray:
 
     Priors and sightings of landmarks are there with their pose.
     """
-    graph = measured.graph if isinstance(measured, Instance) else measured
+    graph = graph_of(measured)
     order = np.where(graph.is_point, -1, np.arange(graph.num_nodes))
     if isinstance(measured, Instance) and measured.world is not None:
         order[measured.world] = -1
@@ -51,7 +51,7 @@ def streamed(
     >>> [nodes for _, nodes in streamed(winding_cycle(4, 0.3, 0)[0].graph)]
     [[0, 1], [1, 2], [2, 3], [0, 3]]
     """
-    graph = measured.graph if isinstance(measured, Instance) else measured
+    graph = graph_of(measured)
     if graph.ranges is not None:
         said = f"{measured.name}: " if isinstance(measured, Instance) else ""
         raise InputError(f"{said}distances between nodes cannot be streamed")

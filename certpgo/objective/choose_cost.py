@@ -10,6 +10,7 @@ import numpy as np
 
 from certpgo.errors import InputError, SpecError, require
 from certpgo.graph import Graph, Instance, PoseGraph, RotationGraph
+from certpgo.graph.dataset import graph_of
 from certpgo.graph.kinds import Kind
 from certpgo.graph.phrases import counted
 from certpgo.graph.priors import require_determined, require_held
@@ -57,7 +58,7 @@ def own_cost(measured: Graph | Instance) -> str:
     state something, ``"gtsam"`` for such a JSON Robot Log, and ``"chordal"`` otherwise.
     """
     require(measured, Instance | RotationGraph | PoseGraph, "a graph or an instance")
-    graph = measured.graph if isinstance(measured, Instance) else measured
+    graph = graph_of(measured)
     own = None if graph.information is None else graph.information.residual
     return own if own is not None and own in COSTS and _takes(graph, own) else CHORDAL
 
@@ -123,7 +124,7 @@ def problem_under(
         if cost not in (None, own):
             raise InputError(f"cost={cost!r} is a choice for graphs: this problem has {own!r}")
         return posed
-    graph = posed.graph if isinstance(posed, Instance) else posed
+    graph = graph_of(posed)
     if isinstance(posed, Instance) and isinstance(graph, PoseGraph) and graph.is_partial:
         require_determined(graph, posed.named)
     chosen = own_cost(graph) if cost is None else cost
@@ -184,7 +185,7 @@ def range_problem(measured: Graph | Instance, cost: str | None = None) -> RangeP
         It has none, or measures rotations alone; or a cost of another program.
     """
     instance = measured if isinstance(measured, Instance) else None
-    graph = measured.graph if isinstance(measured, Instance) else measured
+    graph = graph_of(measured)
     source = f"{instance.source or instance.name}: " if instance else ""
     if graph.ranges is None:
         raise InputError(f"{source}no distances between poses")
@@ -215,7 +216,7 @@ def information_problem(measured: Graph | Instance, cost: str) -> InformationPro
     if cost not in COSTS:
         raise SpecError.unknown("cost", cost, list(COSTS))
     instance = measured if isinstance(measured, Instance) else None
-    graph = measured.graph if isinstance(measured, Instance) else measured
+    graph = graph_of(measured)
     source = f"{instance.source or instance.name}: " if instance else ""
     if not isinstance(graph, PoseGraph) or graph.information is None:
         needed = f"--cost {cost} needs poses with information matrices on every edge"

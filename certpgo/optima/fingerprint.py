@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from certpgo.graph import Graph, Instance, PoseGraph, SimilarityGraph
+from certpgo.graph.dataset import graph_of
 from certpgo.graph.information import Information
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.costs import CHORDAL
@@ -69,7 +70,7 @@ def fingerprint(graph: Graph | Instance, cost: str = CHORDAL) -> Fingerprint | N
     >>> fingerprint(graph) == fingerprint(graph.with_weights(2.0))
     False
     """
-    measured = graph.graph if isinstance(graph, Instance) else graph
+    measured = graph_of(graph)
     ranges = measured.ranges
     stated = None if measured.information is None else _upper(measured.information)
     if cost == CHORDAL:

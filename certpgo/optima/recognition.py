@@ -8,6 +8,7 @@ from certpgo.certify.tolerances import difference_up
 from certpgo.certify.wording import part
 from certpgo.errors import require
 from certpgo.graph import Graph, Instance, PoseGraph, RotationGraph
+from certpgo.graph.dataset import graph_of
 from certpgo.graph.phrases import bound_shown, cost_shown, gap_shown
 from certpgo.objective.choose_cost import own_cost
 from certpgo.objective.costs import CHORDAL, COSTS
@@ -70,7 +71,7 @@ def known_optimum(
     if cost is None:
         cost = own_cost(graph)
     known = shipped() if register is None else register
-    measured = graph.graph if isinstance(graph, Instance) else graph
+    measured = graph_of(graph)
     if (measured.kind, sizes_of(graph)) not in known.sizes:
         return None
     found = fingerprint(graph, cost)
@@ -104,8 +105,8 @@ def sizes_of(graph: Graph | Instance) -> Sizes:
     >>> sizes_of(winding_cycle(5, 0.1, 0)[0]).poses
     5
     """
-    measured = graph.graph if isinstance(graph, Instance) else graph
-    ranges = (graph.graph if isinstance(graph, Instance) else graph).ranges
+    measured = graph_of(graph)
+    ranges = graph_of(graph).ranges
     points, priors = int(measured.is_point.sum()), int(measured.from_world.sum())
     return Sizes(
         measured.d,

@@ -10,6 +10,7 @@ import numpy as np
 from certpgo.certify import certificate
 from certpgo.errors import GraphError, InputError, SpecError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph
+from certpgo.graph.dataset import graph_of
 from certpgo.graph.graph import require_connected
 from certpgo.graph.priors import require_determined
 from certpgo.graph.scale import Scale
@@ -57,7 +58,7 @@ class Terms:
         InputError
             They have no information matrices, or some that are not positive definite.
         """
-        graph = measured.graph if isinstance(measured, Instance) else measured
+        graph = graph_of(measured)
         if self.cost == CHORDAL:
             return graph.under(CHORDAL) if isinstance(graph, PoseGraph) else graph
         if not isinstance(graph, PoseGraph) or graph.information is None:
