@@ -57,7 +57,7 @@ def fingerprint(graph: Graph | Instance, cost: str = CHORDAL) -> Fingerprint | N
     Parameters
     ----------
     graph : the measurements, or the instance that was read
-    cost : ``"chordal"``, or one of `certpgo.objective.costs`, which need an instance
+    cost : ``"chordal"``, or one of `certpgo.objective.costs`, which need information
 
     Examples
     --------

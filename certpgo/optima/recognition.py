@@ -56,8 +56,7 @@ def known_optimum(
 
     Parameters
     ----------
-    graph : the measurements, or the instance that was read: only that has the information
-        matrices that the costs of other programs need
+    graph : the measurements, or the instance that was read
     cost : by default that which `certpgo.solve` takes
     register : by default the one that the package carries
 

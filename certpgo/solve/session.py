@@ -57,8 +57,7 @@ class Session(Speaking):
     ----------
     settings : see `SolveSettings`
     every : number of new measurements after which `add` refreshes; None for never
-    cost : as for `certpgo.solve`: by default that of the program of the first instance's file, and
-        the chordal F for graphs
+    cost : as for `certpgo.solve`: by default that of the program of the first measurements' file
     options : single settings instead, as for `certpgo.solve`
 
     Raises
