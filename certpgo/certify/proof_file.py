@@ -81,10 +81,8 @@ def refuse_unreadable(source: Path, instance: Instance, cost: str) -> None:
 
 def _refuse_priors_of_rotations(instance: Instance) -> None:
     if not isinstance(instance.graph, PoseGraph) and _map_of(instance):
-        raise InputError(
-            f"{instance.source}: a proof about rotations alone is of a graph without priors "
-            "(--no-priors)"
-        )
+        said = "a proof about rotations alone is of a graph without priors (--no-priors)"
+        raise InputError(f"{instance.source}: {said}")
 
 
 def write_proof(
@@ -322,9 +320,8 @@ def _claim(
             f"the graph has {instance.graph.num_nodes}; write that part to a file of its own"
         )
     if isinstance(instance.graph, SimilarityGraph) and not _is_read(graph, instance.graph):
-        raise InputError(
-            f"{source}: the graph is not that of the file: write it to an .npz file of its own"
-        )
+        said = "the graph is not that of the file: write it to an .npz file of its own"
+        raise InputError(f"{source}: {said}")
     return claim, graph
 
 
@@ -393,10 +390,8 @@ def _arrays(proof: checker.Proof) -> dict[str, Any]:
         "order": proof.order.astype("<i4"),
         "delta": proof.delta.astype("<f4"),
     }
-    if proof.t is not None:
-        arrays["translations"] = proof.t
-    if proof.s is not None:
-        arrays["scales"] = proof.s
+    optional = {"translations": proof.t, "scales": proof.s}
+    arrays |= {name: array for name, array in optional.items() if array is not None}
     if proof.minorants is not None:
         arrays |= proof.minorants._asdict()
     if (cut := proof.rejections) is not None:

@@ -211,12 +211,11 @@ def read_truth(
     FormatError
         With path, line and what was expected there.
     """
-    how = Matching.of(timestamps, max_difference, offset)
-    nodes, estimate, found = matched_truth(
-        Path(path), timed(instance, timestamps), how, format=format, topic=topic
-    )
+    how, path = Matching.of(timestamps, max_difference, offset), Path(path)
+    of = timed(instance, timestamps)
+    nodes, estimate, found = matched_truth(path, of, how, format=format, topic=topic)
     if not found.is_plain:
-        warn_of(Path(path), [truth_in_words(found, instance)])
+        warn_of(path, [truth_in_words(found, instance)])
     return nodes, estimate
 
 
@@ -230,25 +229,19 @@ def truth_in_words(found: Match, instance: Instance) -> str:
 
 
 def matched_truth(
-    path: Path,
-    instance: Instance,
-    how: Matching,
-    *,
-    format: str | None = None,
-    topic: str | None = None,
+    path: Path, of: Instance, how: Matching, *, format: str | None = None, topic: str | None = None
 ) -> tuple[IntArray, Estimate, Match]:
     """As `read_truth`, with the match instead of a warning."""
     form = format_of(path, format, topic)
     if form.read_poses is not None:
         poses = form.read_poses(path)
     elif form.read_graph is not None:
-        poses = _integrated(
-            form.read_graph(path, ReadOptions(ignore_information=True, ignore_variances=True))
-        )
+        bare = ReadOptions(ignore_information=True, ignore_variances=True)
+        poses = _integrated(form.read_graph(path, bare))
     else:
         raise FormatError(path, None, f"{form.name} files hold {form.holds}, no truth")
     with _located(path):
-        return truth_among(poses, instance, how)
+        return truth_among(poses, of, how)
 
 
 def _integrated(instance: Instance) -> LabelledPoses:
