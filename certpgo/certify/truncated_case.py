@@ -12,6 +12,7 @@ estimate in their direction, and min(f, c) >= 0 is all that bounds their terms.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -68,6 +69,17 @@ class TruncatedCase(Case):
     def difference(self, cost: float) -> float:
         """As of any cost, but never more than a small share of a price."""
         return min(super().difference(cost), self._most)
+
+    @cached_property
+    def eased(self) -> TruncatedProblem:  # type: ignore[override]
+        """The problem without stiff bridges, see `Case.eased`.
+
+        Not its surrogate without them: minorants may be below zero, and lower weights would raise
+        these, were it by rounding.
+        """
+        whole = eased(self.problem.whole, cycles=False)
+        same = whole is self.problem.whole
+        return self.problem if same else TruncatedProblem(whole, self.problem.prices)
 
     @property
     def _most(self) -> float:
@@ -180,10 +192,9 @@ class TruncatedCase(Case):
     ) -> RejectionBound | None:
         """The bound with minorants of these weights (k, b, b)."""
         at = self.problem.truncation(point)
-        minorants = self.problem.minorants(point, W, at)
-        below, constant = self.problem.surrogate_of(minorants)
+        below, constant = self.eased.surrogate_of(self.eased.minorants(point, W, at))
         found = bound_below(
-            eased(below, cycles=False),
+            below,
             constant,
             point,
             rounding=self.rigorous,
@@ -193,7 +204,8 @@ class TruncatedCase(Case):
             floor=-constant,
         )
         if found is not None and self.tier is Tier.PROOF:
-            rested = self.at_rest(point, W)
+            rested, minorants = self.at_rest(point, W), self.problem.minorants(point, W, at)
+            below, _ = self.problem.surrogate_of(minorants)
             found = proven_surrogate(below, minorants.constant, rested, found, at_rest=True)
         if found is None:
             return None

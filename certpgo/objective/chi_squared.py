@@ -94,6 +94,8 @@ def _exceeded(turned: int, moved: int, weight: int, share: float) -> float:
     # Each square counts at least once and at most twice.
     least, most = math.sqrt(0.25 * once), math.sqrt(0.5 * once)
     log = math.log(share)
+    if not _log_tail(least) > log > _log_tail(most):  # a share of almost all, to rounding
+        return once
     y = float(optimize.brentq(lambda y: _log_tail(y) - log, least, most, **CLOSE))
     return 4.0 * y * y
 

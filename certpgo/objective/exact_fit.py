@@ -20,6 +20,8 @@ from certpgo.objective.similarity_problem import SimilarityProblem
 #: Residual over the numbers it is the difference of: what solving linear equations of a large map
 #: leaves. From here on, bounds on rounding are small against the square of a residual.
 ROUNDING = 2.0**-36
+#: The same of the coordinates of a position, which are stored to half a unit in the last place.
+STORED = 2.0**-50
 
 
 def fits_exactly(problem: Judged, estimate: Estimate) -> bool:
@@ -42,17 +44,28 @@ def meets(graph: Graph, point: Point) -> bool:
     if not isinstance(graph, PoseGraph):
         return True
     moved = _norms(operators.translation_residuals(graph, point))
-    far = _norms(translations_of(point))
+    far, stored = _distances(point)
     # Positions solve the equations of all: their rounding is relative to the map.
     size = far[i] + far[j] + _norms(operators.steps(graph, point)) + np.sqrt(np.mean(far**2))
-    return bool((moved <= ROUNDING * size)[graph.tau != 0.0].all())
+    most = ROUNDING * size + STORED * (stored[i] + stored[j])
+    return bool((moved <= most)[graph.tau != 0.0].all())
 
 
 def _meets_distances(problem: RangeProblem, estimate: Estimate) -> bool:
     i, j = problem.ranges.edges.T
-    far = _norms(translations_of(estimate))
+    far, stored = _distances(estimate)
     off = np.abs(problem.lengths(estimate) - problem.ranges.distances)
-    return bool((off <= ROUNDING * (far[i] + far[j] + problem.ranges.distances)).all())
+    size = far[i] + far[j] + problem.ranges.distances
+    return bool((off <= ROUNDING * size + STORED * (stored[i] + stored[j])).all())
+
+
+def _distances(point: Point) -> tuple[FloatArray, FloatArray]:
+    """(n,) distances of positions from their mean, and from the origin.
+
+    Where the origin is, says nothing of the map.
+    """
+    t = translations_of(point)
+    return _norms(t - t.mean(axis=0)), _norms(t)
 
 
 def _norms(x: FloatArray) -> FloatArray:

@@ -8,14 +8,17 @@ import pytest
 from strategies import pose_graph
 
 import certpgo
-from certpgo import Estimate, PoseGraph, RotationGraph, Tier, Verdict, certify, solve
+from certpgo import Estimate, PoseGraph, Ranges, RotationGraph, Tier, Verdict, certify, solve
 from certpgo.certify.cases import case_of
 from certpgo.certify.obstacle import LimitedBy
 from certpgo.certify.stiff_edges import BRIDGE, IN_CYCLE, eased
+from certpgo.graph.information import Information
 from certpgo.graph.scale import MOST, Scale
 from certpgo.io.datasets.synthetic import winding_cycle
+from certpgo.objective.choose_cost import information_problem, range_problem
 from certpgo.objective.exact_fit import fits_exactly
 from certpgo.objective.problem import problem_of
+from certpgo.objective.truncated_problem import rejecting
 from reports.studies import stiff_edges as study
 
 DATA = Path(__file__).parents[1] / "data"
@@ -187,6 +190,51 @@ def test_a_cost_that_is_not_rounding_is_no_exact_fit():
     assert found.relative_gap < 1e-3
     assert "EXACT" not in str(found)
     assert found.as_data()["is_exact_fit"] is False
+
+
+@pytest.mark.parametrize("far", [0.0, 5e6])
+def test_an_origin_far_away_makes_no_exact_fit(far):
+    """Errors of 4 micrometres in a loop of 20 m are none of rounding, wherever the origin is."""
+    n, off = 20, 4e-6
+    edges = np.array([(k, (k + 1) % n) for k in range(n)])
+    positions = np.cumsum([*[(2.0, 0.0)] * 10, *[(-2.0, 0.0)] * 10], axis=0)
+    steps = positions[edges[:, 1]] - positions[edges[:, 0]] + [off, 0.0]
+    rotation = RotationGraph(n, edges, np.tile(np.eye(2), (n, 1, 1)), np.full(n, 1e12))
+    problem = problem_of(PoseGraph(rotation, steps, np.ones(n)))
+    at = Estimate(rotation.rotations, positions + far)
+    assert not certify(problem, at, refine=False).is_exact_fit
+    exact = problem_of(PoseGraph(rotation, steps - [off, 0.0], np.ones(n)))
+    assert certify(exact, at, refine=False).is_exact_fit
+
+
+def test_distances_far_from_the_origin_are_no_exact_fit_unless_met():
+    t = 5e6 + np.array([(0.0, 0.0), (3.0, 0.0), (0.0, 4.0)])
+    steps = t[1:] - t[0]
+    rotation = RotationGraph(3, [(0, 1), (0, 2)], np.tile(np.eye(2), (2, 1, 1)), np.ones(2))
+    graph = PoseGraph(rotation, steps, np.ones(2))
+    at = Estimate(np.tile(np.eye(2), (3, 1, 1)), t)
+    for length, fits in ((5.0, True), (5.0 + 4e-6, False)):
+        ranges = Ranges(3, [(1, 2)], [length], [1.0])
+        assert fits_exactly(range_problem(graph.with_ranges(ranges)), at) is fits
+
+
+@pytest.mark.parametrize("seed", [6, 24])
+def test_a_stiff_leaf_raises_no_bound_on_a_truncated_cost(seed):
+    """Where a minorant is above its cost's traces by rounding, a lower weight would raise it."""
+    rng = np.random.default_rng(seed)
+    graph, _, _ = pose_graph(rng, 5, 2, noise=0.01)
+    edges = np.r_[graph.edges, [(0, 5)]]
+    R = np.r_[graph.rotation.rotations, graph.rotation.rotations[:1]]
+    t = np.r_[graph.translations, rng.standard_normal((1, 2))]
+    A = rng.standard_normal((len(edges), 3, 3))
+    W = A @ np.swapaxes(A, 1, 2) + np.eye(3)
+    W[-1] *= 2.0**57
+    weights = np.r_[np.ones(graph.num_edges), 2.0**57]
+    whole = PoseGraph(RotationGraph(6, edges, R, weights), t, weights)
+    information = Information.of(0.5 * (W + np.swapaxes(W, 1, 2)), "gtsam")
+    problem = information_problem(whole.with_information(information), "gtsam")
+    found = certify(rejecting(problem, np.array([2])), solve(problem).estimate)
+    assert 0.0 < found.lower_bound <= found.best_cost
 
 
 @pytest.mark.parametrize("atol", [1e-3, 0.5])

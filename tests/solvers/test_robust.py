@@ -205,6 +205,15 @@ def test_a_pose_in_the_plane_exceeds_its_quantile_with_the_stated_probability(sh
     assert inside + 2.0 * stats.norm.sf(most) == pytest.approx(share, rel=1e-11)
 
 
+def test_nearly_all_poses_in_the_plane_exceed_a_quantile_above_zero():
+    rotation = RotationGraph(2, [(0, 1)], np.eye(2)[None], 1.0)
+    problem = problem_of(PoseGraph(rotation, np.zeros((1, 2)), 1.0))
+    shares = 1.0 - 2.0 ** -np.arange(45.0, 54.0)
+    found = np.array([exceeded_by(problem, share)[0] for share in shares])
+    assert (found > 0.0).all()
+    assert (np.diff(found) < 0.0).all()
+
+
 def test_quantiles_of_directions_are_of_two_angles():
     instance = synthetic.helix(3, rng_of(0))
     up = instance.truth.rotations[:2, 2, :]
