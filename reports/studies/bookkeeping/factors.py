@@ -139,7 +139,7 @@ REFUSED = (
         cost=_OTHERS,
     ),
     _is_refused(
-        "needs poses with information matrices on every edge; these are rotations alone",
+        "needs poses with information matrices on every edge(; these are rotations alone|, as)",
         "The costs of g2o and GTSAM are of poses.",
         relative_poses="rotations alone",
         cost=_OTHERS,
@@ -220,7 +220,7 @@ REFUSED = (
         cost=_OTHERS,
     ),
     _is_refused(
-        "proof files are about numbers of information, not of covariance",
+        "is read as covariance: certpgo convert writes a g2o file with information matrices",
         "The checker reads information.",
         proof=_PROOFS,
         weights="covariance",
@@ -345,7 +345,8 @@ REFUSED = (
 )
 #: What is not right yet, and is asked again when it is.
 OPEN = (
-    # A stream counts the constraint between held poses and the world as a measurement.
+    # A stream counts constraints of rotations, and one of the world, as measurements.
+    _cannot(command="follow", held="several", relative_poses="rotations alone"),
     *(_cannot(command="follow", held="several", **prior) for prior in _priors()),
     # Information of some axes, turned into the frame of a held pose.
     _cannot(held="several", partial_edges="axes"),

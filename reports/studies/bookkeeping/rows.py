@@ -535,7 +535,7 @@ def _judge_law(rng: np.random.Generator, found: Findings, scene: Scene, answer: 
         if found.false:
             return
         rounding = 8.0 * answer.cost.rounding((scene.of.R, scene.of.t))
-        if max(answer.value, again.value) <= rounding:
+        if max(answer.value, again.value) <= rounding + answer.cost.exact((scene.of.R, scene.of.t)):
             return
         slack = ALIKE * answer.value + rounding
         said = f"{law}: {answer.verdict} {answer.value!r}, then {again.verdict} {again.value!r}"
