@@ -152,7 +152,7 @@ def test_what_cannot_be_proven_is_said_before_the_work(certpgo, square, tmp_path
 @pytest.mark.parametrize(
     ("options", "last", "said"),
     [
-        (["--weights-are", "covariance"], "100", "numbers of information, not of covariance"),
+        (["--weights-are", "covariance"], "100", "is about a file of information matrices"),
         (["--cost", "chordal"], "0", "the checker cannot read it"),
     ],
 )
