@@ -51,16 +51,20 @@ __all__ = [
 ]
 
 
-def own_cost(measured: Graph | Instance) -> str:
+def own_cost(measured: Graph | Instance, *, more: bool = False) -> str:
     """The cost that the program of a graph's file minimises, if it can be certified.
 
     That is ``"g2o"`` for a g2o file whose information matrices are all positive definite where they
     state something, ``"gtsam"`` for such a JSON Robot Log, and ``"chordal"`` otherwise.
+
+    Parameters
+    ----------
+    more : whether others are to come, so that these may be positions alone
     """
     require(measured, Instance | RotationGraph | PoseGraph, "a graph or an instance")
     graph = graph_of(measured)
     own = None if graph.information is None else graph.information.residual
-    return own if own is not None and own in COSTS and _takes(graph, own) else CHORDAL
+    return own if own is not None and own in COSTS and _takes(graph, own, more=more) else CHORDAL
 
 
 def costs_of(instance: Instance) -> tuple[str, ...]:
@@ -71,18 +75,18 @@ def costs_of(instance: Instance) -> tuple[str, ...]:
     return own, *(cost for cost in known if cost != own)
 
 
-def _takes(graph: Graph, cost: str) -> bool:
+def _takes(graph: Graph, cost: str, *, more: bool = False) -> bool:
     """Whether a graph has poses and definite information matrices alone, and the cost takes it."""
     if not isinstance(graph, PoseGraph):
         return False
-    return bool(graph.is_definite.all()) and not _unknown_to(cost, graph)
+    return bool(graph.is_definite.all()) and not _unknown_to(cost, graph, more=more)
 
 
-def _unknown_to(cost: str, graph: PoseGraph) -> str:
+def _unknown_to(cost: str, graph: PoseGraph, *, more: bool = False) -> str:
     """What is measured that the cost of another program does not know; or empty."""
     if graph.ranges is not None:
         return "with distances there is only the cost F (--cost chordal)"
-    if not graph.rotation.kappa.any():
+    if not more and not graph.rotation.kappa.any():
         return f"--cost {cost} needs relative poses, not positions alone"
     if COSTS[cost].decoupled:  # minorants have no arms of their own: their sum with others is exact
         return ""

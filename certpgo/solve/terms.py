@@ -45,7 +45,7 @@ class Terms:
             There is no such cost.
         """
         if cost is None:
-            return cls(CHORDAL if first is None else own_cost(first))
+            return cls(CHORDAL if first is None else own_cost(first, more=True))
         if cost not in (CHORDAL, *COSTS):
             raise SpecError.unknown("cost", cost, [CHORDAL, *COSTS])
         return cls(cost)
@@ -91,7 +91,8 @@ class Terms:
         if own is None:
             return chordal_problem(graph, named)
         if not own.graph.rotation.kappa.any():
-            raise GraphError(f"cost={self.cost!r} needs relative poses, not positions alone")
+            needed = "needs relative poses, not positions alone, which cost='chordal' takes"
+            raise GraphError(f"cost={self.cost!r} {needed}")
         _require_determined(graph, named)
         return InformationProblem(own)
 

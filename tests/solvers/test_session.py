@@ -262,6 +262,28 @@ def test_a_file_is_followed_under_the_cost_of_its_program(dataset):
     assert session.certificate.verdict is Verdict.CERTIFIED
 
 
+def test_a_position_that_comes_first_does_not_change_the_cost(tmp_path):
+    weight = "4 0 0 0 0 0 4 0 0 0 0 9 0 0 0 8 1 0 8 0 8"
+    lines = [
+        f"EDGE_SE3:QUAT {i} {j} 1 0.2 0 0 0 {q} 1 {weight}"
+        for i, j, q in ((0, 1, 0.5), (1, 2, 0.6), (0, 2, 1.0), (2, 0, -1.5))
+    ]
+    lines += [f"EDGE_SE3_XYZPRIOR {k} 0 {k} {k * k} 0 1 0 0 2 0 3" for k in range(3)]
+    path = tmp_path / "first.g2o"
+    path.write_text("\n".join(["PARAMS_SE3OFFSET 0 0 0 0 0 0 0 1", *lines]) + "\n")
+    whole = certpgo.read(path, quiet=True)
+    session = Session()
+    for part, names in streamed(whole):  # the first is where node 0 is
+        session.add(part, names)
+    certificate, expected = session.certificate, certpgo.solve(whole).certificate
+    assert (
+        certificate.objective
+        == expected.objective
+        != certpgo.solve(whole, cost="chordal").certificate.objective
+    )
+    assert session.standing.cost == pytest.approx(expected.cost_upper, rel=1e-6)
+
+
 def test_measurements_without_what_the_cost_needs_are_refused(graph):
     session, instance = Session(), stated(np.random.default_rng(0))
     session.add(instance)
