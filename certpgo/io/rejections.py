@@ -26,7 +26,7 @@ class Rejected:
 
     Attributes
     ----------
-    numbers : (k,) in the source, see `certpgo.Instance.numbers`
+    numbers : (k,) in the source, see `certpgo.Instance`
     prices : (k,) what each costs at most; None where the list has none
     of_cost : the name of the cost that they are of; "" where the list does not say it, of F
     """

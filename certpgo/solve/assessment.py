@@ -51,7 +51,7 @@ class CostlyEdge:
 
     Attributes
     ----------
-    edge : its number in the source, from 0, see `certpgo.Instance.numbers`
+    edge : its number in the source, from 0, see `certpgo.Instance`
     ids : ids of its nodes
     cost : its term of F at the estimate as given
     share : ``cost`` over F

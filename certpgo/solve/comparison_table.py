@@ -23,7 +23,7 @@ NOTES = (
     _ON_COSTS.format(
         cost="F is the weighted squared error that is minimised",
         name="F",
-        tolerance="1e-5 F plus 1e-12 of the total weight",
+        tolerance="1e-5 F plus 1e-12 of the total weight, the latter at most 1e-3 F",
     ),
     "GTSAM gets the weights of F: its own error then differs from F by terms of fourth order in "
     "the residuals.",
@@ -38,7 +38,8 @@ _OWN_NOTES = (
     _ON_COSTS.format(
         cost="The cost is that of each table's title, whatever a method minimises",
         name="the cost",
-        tolerance="1e-5 of the cost plus 1e-12 of the total weight",
+        tolerance="1e-5 of the cost plus 1e-12 of the total weight, the latter at most 1e-3 of the "
+        "cost",
     ),
     *NOTES[2:],
 )

@@ -41,7 +41,7 @@ class RejectedEdge:
 
     Attributes
     ----------
-    edge : its number, see `certpgo.Instance.numbers`; of a graph its index
+    edge : its number, see `certpgo.Instance`; of a graph its index
     i, j : ids of its nodes
     degrees, metres : its residuals at the estimate; None for what it does not measure
     cost, price : its term there, and what leaving it out costs

@@ -162,7 +162,7 @@ print(certificate.reason)
 #
 # | verdict | means |
 # |---|---|
-# | CERTIFIED | $F$ is proven to be within $10^{-5} F + 10^{-12} W$ of $F^*$ |
+# | CERTIFIED | $F$ is proven to be within $10^{-5} F + \min(10^{-12} W, 10^{-3} F)$ of $F^*$ |
 # | BOUNDED | a gap is proven, but it is larger |
 # | REFUTED | local descent from this one does not reach a known better one, or was given up |
 # | UNDECIDED | no useful bound was found |
