@@ -8,7 +8,7 @@ import pytest
 
 from certpgo import read, solve
 from certpgo.certify import certify
-from certpgo.certify.tolerances import ATOL, RTOL
+from certpgo.certify.tolerances import ATOL, NEGLIGIBLE, RTOL
 from certpgo.cli.certify import command
 from certpgo.errors import InputError
 from certpgo.io.datasets.synthetic import winding_cycle
@@ -118,4 +118,8 @@ def test_graphs_without_the_cost_are_refused(uneven):
 def test_the_tolerances_that_are_printed_are_those_of_verdicts():
     defaults = inspect.signature(command).parameters
     assert (defaults["rtol"].default, defaults["atol"].default) == (RTOL, ATOL)
-    assert [float(number) for number in re.findall(r"\d+e-\d+", NOTES[0])] == [RTOL, ATOL]
+    assert [float(number) for number in re.findall(r"\d+e-\d+", NOTES[0])] == [
+        RTOL,
+        ATOL,
+        NEGLIGIBLE,
+    ]
