@@ -209,9 +209,11 @@ class Instance(Speaking):
 
     @property
     def is_measured(self) -> BoolArray:
-        """(m,) which edges are measurements, and hold no nodes, the last ones, or the world."""
+        """(m,) which edges are measurements, and hold no nodes or the world."""
         flags = self.graph.is_measured.copy()
-        flags[len(flags) - max(len(set(self.held)) - 1, 0) :] = False
+        if self.numbers is not None:
+            return np.asarray(flags & (self.numbers[: len(flags)] >= 0))
+        flags[len(flags) - max(len(set(self.held)) - 1, 0) :] = False  # as they were appended
         return flags
 
     @property

@@ -489,3 +489,15 @@ def test_known_outliers_are_known_where_poses_are_held(tmp_path):
     assert known.held == (0, 1, 5)
     numbers = known.known_numbers
     assert known.outliers.tolist() == [k >= 0 and bool(flags[k]) for k in numbers.tolist()]
+
+
+def test_constraints_are_known_in_any_order_of_edges(tmp_path):
+    path = written(tmp_path / "g.g2o", 2, np.random.default_rng(1), fixed=(0, 5))
+    held = certpgo.read(path, quiet=True)
+    back = np.arange(held.graph.num_edges)[::-1]
+    for instance in (held, rotations_alone(held)):
+        turned = instance.with_edges(back)
+        assert turned.is_measured.tolist() == held.is_measured[::-1].tolist()
+        assert turned.known_numbers.tolist() == held.known_numbers[::-1].tolist()
+        assert turned.pairs.tolist() == held.pairs[::-1].tolist()
+        assert turned.measurements.in_words == instance.measurements.in_words
