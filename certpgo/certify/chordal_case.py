@@ -144,15 +144,27 @@ class Case:
                 settled = solution.status is Status.CONVERGED or (
                     solution.status is Status.STALLED and self.problem.stationarity(point) < SETTLED
                 )
-            cost = self.cost_upper(point)
+            end, cost = self._lowest(point, start)
             if self.stop.should_stop() or (refine and solution.status is Status.INTERRUPTED):
-                return LocalMinimum(point, cost, settled, None, refine)
+                return LocalMinimum(end, cost, settled, None, refine)
             if known is not None and known.value >= cost - self.tolerance(cost):
-                return LocalMinimum(point, cost, settled, known.bound, refine)
+                return LocalMinimum(end, cost, settled, known.bound, refine)
             bound = self.bound(point, cost, refine=refine)
         except (NumericalError, np.linalg.LinAlgError):
             return LocalMinimum(start, self.cost_upper(start), False, None, refine)
-        return LocalMinimum(point, cost, settled, bound, refine)
+        return LocalMinimum(end, cost, settled, bound, refine)
+
+    def _lowest(self, end: Estimate, start: Estimate) -> tuple[Estimate, float]:
+        """The end of a descent, or its start if rounding under large weights has raised the cost.
+
+        With the cost, rounded up.
+        """
+        cost, problem = self.cost_upper(end), self.problem
+        if problem.cost(start) < problem.cost(end) - self.difference(cost):
+            given = self.cost_upper(start)
+            if given < cost:
+                return start, given
+        return end, cost
 
     def _at_rest(self, point: Estimate) -> LocalMinimum | None:
         """The basin of a stationary point that its own multipliers prove optimal, else None."""

@@ -145,6 +145,7 @@ class TruncatedCase(Case):
         """The bound with all prices, or else with none, which is that of the kept measurements."""
         if not isinstance(point, Estimate):
             return None
+        point = self._beside_stiff(point)
         W = self.problem.truncation(point).plain()
         whole = self.bound_by(point, cost, W, sharp=sharp, tight=True)
         if whole is not None or tight:
@@ -179,7 +180,13 @@ class TruncatedCase(Case):
         if (self.problem.counted(near) == kept).all():
             return near
         case = self._of(kept)
-        return case.completed(case.descent(near).estimate)
+        return self._beside_stiff(case.completed(case.descent(near).estimate))
+
+    def _beside_stiff(self, point: Estimate) -> Estimate:
+        """The point with translations to all digits beside stiff bridges, see `Case.bound`."""
+        if self.eased is self.problem or self.tier is Tier.PROOF:
+            return point
+        return replace(self, problem=self.eased).completed(point)
 
     def resistances(self, point: Estimate) -> Resistances | None:
         """Those of the rejected measurements there; None if the kept ones have no bound there."""

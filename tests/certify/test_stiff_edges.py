@@ -237,6 +237,34 @@ def test_a_stiff_leaf_raises_no_bound_on_a_truncated_cost(seed):
     assert 0.0 < found.lower_bound <= found.best_cost
 
 
+@pytest.mark.parametrize("weight", [2.0**33, 2.0**50])
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_stiff_bridge_changes_no_verdict_on_rejections(d, weight):
+    rng = np.random.default_rng(7)
+    graph, _, _ = pose_graph(rng, 6, d, noise=0.02)
+    joined = PoseGraph(
+        RotationGraph(
+            12,
+            np.r_[graph.edges, graph.edges + 6, [(2, 8)]],
+            np.r_[graph.rotation.rotations, graph.rotation.rotations, [np.eye(d)]],
+            np.r_[100.0 * graph.rotation.kappa, graph.rotation.kappa, weight],
+        ),
+        np.r_[graph.translations, graph.translations, [np.ones(d)]],
+        np.r_[100.0 * graph.tau, graph.tau, weight],
+    )
+    soft = joined.reweighted(np.r_[np.ones(2 * graph.num_edges), 1.0 / weight])
+    costs = []
+    for measured in (soft, joined):
+        problem = problem_of(measured)
+        at = solve(problem).estimate
+        for posed in (problem, rejecting(problem, np.array([1]))):
+            found = certify(posed, at)
+            assert found.verdict is Verdict.CERTIFIED
+            assert found.refined_cost <= found.cost_upper * (1.0 + 1e-5)
+            costs.append((found.lower_bound, found.cost_upper))
+    np.testing.assert_allclose(costs[:2], costs[2:], rtol=1e-4)
+
+
 @pytest.mark.parametrize("atol", [1e-3, 0.5])
 def test_no_tolerance_of_w_certifies_a_gap_of_more_than_a_thousandth(atol):
     instance, wound = winding_cycle(9, 0.3, 1)
