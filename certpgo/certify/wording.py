@@ -256,17 +256,19 @@ def numbers(
     unit : its unit
     """
     c = certificate
-    yield "cost", f"{cost_shown(c.cost_upper)}  ({c.cost_in_words})"
+    rounded = ", rounded up" if c.is_exact_fit else ""
+    yield "cost", f"{cost_shown(c.cost_upper)}  ({c.cost_in_words}{rounded})"
     if c.cost_computed < (1.0 - UNCERTAIN) * c.cost_upper and not c.is_exact_fit:
         computed = cost_shown(c.cost_computed)
         yield "as computed", f"{computed}  (above, rounding under large weights is added)"
     if math.isfinite(c.lower_bound):
         yield "lower bound", f"{bound_shown(c.lower_bound)}  ({bound_claim(c)})"
         share = f"  ({part(c.relative_gap)} of the cost)" if c.cost_upper > 0.0 else ""
-        yield "gap", f"{gap_shown(c.gap)}{share}"
+        yield "gap", f"{gap_shown(c.gap)}{'  (rounding)' if c.is_exact_fit else share}"
     mostly = "  (mostly as the cost is almost zero against the total weight W)"
     of_weights = mostly if c.tolerance > 2.0 * c.rtol * c.cost_upper else ""
-    yield "tolerance", f"{c.tolerance:.3g}{of_weights}"
+    if not c.is_exact_fit:
+        yield "tolerance", f"{c.tolerance:.3g}{of_weights}"
     far = "" if metres is None else f", {metres:.4g} {unit}"
     yield "largest residual", f"{math.degrees(c.max_residual_angle):.4g} degrees{far}"
     if c.refined_cost < c.cost_upper - c.tolerance:
@@ -336,14 +338,13 @@ def _against_weight(c: Statement) -> str:
 
 def limit_in_words(c: Statement) -> str:
     """What keeps the gap open, in words; empty where the numbers say it."""
-    o = c.obstacle
-    undecided = c.verdict == "UNDECIDED"
+    o, undecided = c.obstacle, c.verdict == "UNDECIDED"
     if o.missing and o.edge is not None:
         count = counted(o.missing, "measurement{s}")
         return f"{count} without a minorant at this estimate, such as edge {o.edge}"
     if o.ambiguous:
         few = counted(len(o.ambiguous), "rejected measurement{s}")
-        return f"{few} of {c.rejected} may be explained by the uncertainty of the estimate"
+        return f"{few} of {c.rejected} may, all at once, be explained by the estimate's uncertainty"
     if o.mirrored is not None:
         return _MIRRORED[o.mirrored]
     if o.of_distances:

@@ -103,7 +103,7 @@ def test_sigterm_ends_a_stream_with_what_stands(graph, tmp_path):
     assert process.returncode == 143
     stands = b"certpgo: interrupted: the estimate so far stands, with its last certificate"
     assert warned.splitlines()[0] == stands
-    assert said.startswith(b"interrupted; so far: CERTIFIED")
+    assert said.startswith(b"interrupted; so far: EXACT FIT")
     assert (tmp_path / "so_far.tum").exists()
 
 
