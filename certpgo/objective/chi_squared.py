@@ -27,6 +27,8 @@ from certpgo.objective.problem import Problem
 FALSE_ALARMS = 0.01
 #: Singular values of couplings, over the largest, below which a direction is not measured.
 NONE = 1e-12
+#: More than any measurement has numbers of a rotation, or of a translation.
+_MOST = 4
 #: How closely a quantile is found: to rounding.
 CLOSE = {"xtol": 1e-300, "rtol": 1e-15}
 
@@ -46,12 +48,12 @@ def exceeded_by(problem: Problem | InformationProblem, share: float) -> FloatArr
 
     Zero for what measures nothing.
     """
-    turned, moved = numbers_measured(problem)
-    kinds, which = np.unique(
-        np.stack([turned, moved, double(problem)]), axis=1, return_inverse=True
-    )
-    of_kinds = np.array([_exceeded(*kind, share) for kind in kinds.T.tolist()])
-    return np.asarray(of_kinds[which])
+    of_kinds = np.zeros(_MOST**3)
+    kind = np.ravel_multi_index((*numbers_measured(problem), double(problem)), (_MOST,) * 3)
+    for one in np.flatnonzero(np.bincount(kind)).tolist():
+        turned, moved, weight = (int(k) for k in np.unravel_index(one, (_MOST,) * 3))
+        of_kinds[one] = _exceeded(turned, moved, weight, share)
+    return np.asarray(of_kinds[kind])
 
 
 def numbers_measured(problem: Problem | InformationProblem) -> tuple[IntArray, IntArray]:
