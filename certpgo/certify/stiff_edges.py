@@ -38,7 +38,7 @@ def eased(problem: AnyProblem, *, cycles: bool = True) -> AnyProblem:
     graph = problem.measured
     rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
     weights = [rotation.kappa, *([graph.tau] if isinstance(graph, PoseGraph) else [])]
-    if not any(_varies(w[w > 0.0]) for w in weights):
+    if not any(_may_be_stiff(w[w > 0.0], graph.num_nodes) for w in weights):
         return problem
     pair, cut = np.array([graph.num_nodes, 1]), bridges(graph)
     is_bridge = np.isin(np.sort(graph.edges, axis=1) @ pair, cut @ pair)
@@ -60,5 +60,9 @@ def eased(problem: AnyProblem, *, cycles: bool = True) -> AnyProblem:
         return problem
 
 
-def _varies(weights: FloatArray) -> bool:
-    return len(weights) > 0 and bool(weights.max() > BRIDGE * weights.min())
+def _may_be_stiff(weights: FloatArray, num_nodes: int) -> bool:
+    """Whether a weight is large against what is typical, whichever measurements are bridges."""
+    if not len(weights):
+        return False
+    least = max(len(weights) - num_nodes + 1, 0) // 4  # bridges are fewer than nodes
+    return bool(weights.max() > BRIDGE * np.partition(weights, least)[least])
