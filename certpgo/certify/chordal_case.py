@@ -65,12 +65,7 @@ class Case:
 
     @classmethod
     def of(
-        cls,
-        problem: Any,
-        tier: Tier | str,
-        rtol: float,
-        atol: float,
-        monitor: Monitor = silent,
+        cls, problem: Any, tier: Tier | str, rtol: float, atol: float, monitor: Monitor = silent
     ) -> Self:
         """Normalize a problem.
 

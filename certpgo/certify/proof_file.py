@@ -71,8 +71,7 @@ def refuse_unreadable(source: Path, instance: Instance, cost: str) -> None:
     """
     _refuse_priors_of_rotations(instance)
     graph, chosen = instance.graph, {"fixed", "also", "weights_are"} & {*instance.options}
-    unusual = isinstance(graph, PoseGraph) and graph.is_partial
-    unusual |= graph.ranges is not None
+    unusual = graph.ranges is not None or (isinstance(graph, PoseGraph) and graph.is_partial)
     unusual |= graph.information is not None and bool(graph.information.is_partial.any())
     # Other files are read by both alike, and only once that is needed.
     if unusual or chosen or _map_of(instance):
@@ -283,9 +282,8 @@ def _claim(
         said = "a proof is about one file: certpgo convert with --also writes one of all"
         raise InputError(f"{source}: {said}")
     if options.get("fixed") == HELD:
-        raise InputError(
-            "the checker holds no nodes that a file fixes: certpgo solve --no-fixed releases them"
-        )
+        said = "the checker holds no nodes that a file fixes"
+        raise InputError(f"{said}: certpgo solve --no-fixed releases them")
     if isinstance(instance.graph, PoseGraph) and instance.graph.assumed is not None:
         raise InputError("the checker takes attitudes with positions, of which there are none")
     file = source / "EGs.txt" if source.is_dir() else source
@@ -315,10 +313,9 @@ def _claim(
     except checker.Unreadable as error:
         raise FormatError(file, None, f"the checker cannot read it: {error}") from None
     if graph.n != instance.graph.num_nodes:
-        raise InputError(
-            f"a proof is about a whole file: {source} connects {graph.n} nodes, "
-            f"the graph has {instance.graph.num_nodes}; write that part to a file of its own"
-        )
+        said = f"a proof is about a whole file: {source} connects {graph.n} nodes, the graph has"
+        n = instance.graph.num_nodes
+        raise InputError(f"{said} {n}; write that part to a file of its own")
     if isinstance(instance.graph, SimilarityGraph) and not _is_read(graph, instance.graph):
         said = "the graph is not that of the file: write it to an .npz file of its own"
         raise InputError(f"{source}: {said}")
