@@ -199,7 +199,7 @@ def chosen_cost(cost: str | None, instance: Instance, **options: Any) -> str:
             notice("there are no relative poses: the cost is F, with isotropic weights (chordal)")
             return own
         notice(
-            f"{bad} of {len(information.index)} information matrices are not positive definite: "
+            f"{bad} of {len(information.index)} information matrices are {information.indefinite}: "
             "the cost is F, with isotropic weights (chordal)"
         )
     return own

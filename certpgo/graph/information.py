@@ -24,6 +24,8 @@ from certpgo.linalg.ball_arithmetic import Ball, is_positive_definite
 
 #: What rotational information is about.
 RotationAbout = Literal["tangent", "quaternion"]
+#: Eigenvalues that turning may leave in place of zeros, relative to the largest.
+ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -77,6 +79,18 @@ class Information(Brief):
     def is_definite(self) -> BoolArray:
         """(m,) which matrices are proven to be positive definite, without rows of zeros."""
         return np.asarray(_definite(self.distinct)[self.index])
+
+    @property
+    def indefinite(self) -> str:
+        """What those that are not `is_definite` are: the end of a sentence."""
+        distinct = self.distinct[np.unique(self.index[~self.is_definite])]
+        values = np.linalg.eigvalsh(distinct)
+        if not (values[:, 0] >= -ROUNDING * values[:, -1]).all():
+            return "not positive definite"
+        return (
+            "not positive definite (what they leave open is along no axis of their frames, as "
+            "where poses are held or sensors mounted)"
+        )
 
     @cached_property
     def is_partial(self) -> BoolArray:

@@ -10,7 +10,8 @@ import numpy as np
 from certpgo.errors import InputError
 from certpgo.graph.estimate import Estimate
 from certpgo.graph.graph import Graph, PoseGraph
-from certpgo.linalg.arrays import FloatArray
+from certpgo.graph.priors import places_world
+from certpgo.linalg.arrays import BoolArray, FloatArray
 
 #: A graph, its world, and the origin (d,) of that in the source's frame, as in `certpgo.Instance`.
 Measured = tuple[Graph, int | None, FloatArray | None]
@@ -45,20 +46,26 @@ def _placed_once(graphs: Sequence[Graph], worlds: Sequence[int | None]) -> list[
     free = not any(map(_places, graphs, worlds))
     placed: list[Graph] = []
     for graph in graphs:
-        if isinstance(graph, PoseGraph) and graph.assumed is not None:
+        placing = places_world(graph)
+        if placing.any():
             if not free:
-                graph = graph.with_edges(graph.is_measured)
+                graph = graph.with_edges(~placing)
             free = False
         placed.append(graph)
     return placed
 
 
 def _places(graph: Graph, world: int | None) -> bool:
-    """Whether a graph measures a position from its world."""
+    """Whether a graph measures a position from its world, or holds one there."""
     if world is None or not isinstance(graph, PoseGraph):
         return False
+    return bool(_of_world(graph, world).any())
+
+
+def _of_world(graph: PoseGraph, world: int) -> BoolArray:
+    """(m,) which edges know a position in the world."""
     moved = (graph.edges[:, 0] == world) & graph.measures_translation
-    return bool((moved if graph.assumed is None else moved & ~graph.assumed).any())
+    return np.asarray(moved & ~places_world(graph))
 
 
 def _moved(
@@ -69,9 +76,7 @@ def _moved(
         return graph
     zero = np.zeros(graph.d)
     by = _exact_sum(zero if own is None else own, zero if other is None else -other)
-    t, chosen = graph.translations.copy(), (graph.edges[:, 0] == world) & graph.measures_translation
-    if graph.assumed is not None:
-        chosen &= ~graph.assumed
+    t, chosen = graph.translations.copy(), _of_world(graph, world)
     positions = None if by is None else _exact_sum(t[chosen], by)
     if positions is None:
         return None

@@ -222,8 +222,18 @@ def _place(rotation: RotationGraph, tau: float, points: BoolArray | None) -> Pos
 
 def _unplaced(graph: PoseGraph, world: int | None) -> PoseGraph:
     """The graph without the edge that puts a world somewhere, as positions are measured from it."""
-    assumed = ~graph.is_measured & (graph.edges[:, 0] == world)
-    return graph.with_edges(~assumed) if assumed.any() else graph
+    placing = places_world(graph) & (graph.edges[:, 0] == world)
+    return graph.with_edges(~placing) if placing.any() else graph
+
+
+def places_world(graph: Graph) -> BoolArray:
+    """(m,) which edges put a world somewhere that nothing measures, as `with_priors` adds one.
+
+    Other edges that are no measurements hold nodes: they determine rotations, or points.
+    """
+    if not isinstance(graph, PoseGraph) or graph.assumed is None:
+        return np.zeros(graph.num_edges, dtype=bool)
+    return graph.assumed & ~graph.measures_rotation & ~graph.is_point[graph.edges[:, 1]]
 
 
 def _numbers(nodes: ArrayLike) -> IntArray:
@@ -236,9 +246,10 @@ def _numbers(nodes: ArrayLike) -> IntArray:
 
 def with_world_placed(graph: Graph, estimate: Estimate) -> Estimate:
     """An estimate whose world is where the graph assumes it to be, if nothing measures that."""
-    if not isinstance(graph, PoseGraph) or graph.assumed is None or estimate.translations is None:
+    placing = places_world(graph)
+    if not isinstance(graph, PoseGraph) or estimate.translations is None or not placing.any():
         return estimate
-    e = int(np.argmax(graph.assumed))
+    e = int(np.argmax(placing))
     (world, node), t = graph.edges[e], estimate.translations.copy()
     t[world] = t[node] - estimate.rotations[world] @ graph.translations[e]
     return estimate.with_translations(t)

@@ -62,21 +62,24 @@ def streamed(
         require_one_unit(graph, "certpgo follow does")
         part = graph.with_edges(edges).subgraph(nodes)
         if isinstance(measured, Instance):
-            one = _part(measured, part, nodes)
+            one = _part(measured, part, nodes, edges)
             yield one, list(one.labels)
         else:
             yield part, nodes.tolist()
 
 
-def _part(whole: Instance, graph: Graph, nodes: IntArray) -> Instance:
+def _part(whole: Instance, graph: Graph, nodes: IntArray, edges: IntArray) -> Instance:
     """Some measurements of an instance, which takes time for these alone."""
     return Instance(
         whole.name,
         graph,
         whole.ids[nodes],
+        source=whole.source,
+        options=whole.options,
         names=tuple(whole.names[k] for k in nodes) if whole.names else (),
         world=len(nodes) - 1 if nodes[-1] == whole.world else None,
         origin=whole.origin,
         apart=None if whole.apart is None else whole.apart[nodes],
         moved_by=whole.moved_by,
+        numbers=whole.known_numbers[edges],
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -94,6 +95,32 @@ def compose(graph: RotationGraph | PoseGraph, parents: IntArray) -> Estimate:
     edges = rotation.edges, rotation.rotations, None, rotation.kappa, None, moved, None
     compiled.kernel.compose(edges, d, np.ascontiguousarray(parents, dtype=np.int64), R, t)
     return Estimate(so.project(R), t)
+
+
+def with_leaves_placed(graph: RotationGraph | PoseGraph, estimate: Estimate) -> Estimate:
+    """The estimate with nodes of a single edge where that measures them, so that it costs nothing.
+
+    Nodes that a file holds are such leaves, see `certpgo.graph.held`.
+    """
+    is_leaf = np.bincount(graph.edges.ravel(), minlength=graph.num_nodes) == 1
+    chosen = np.flatnonzero(is_leaf[graph.edges].sum(axis=1) == 1)
+    i, j = graph.edges[chosen].T
+    forward = is_leaf[j]
+    leaf, other = np.where(forward, [j, i], [i, j])
+    R, turn = estimate.rotations.copy(), graph.rotation.rotations[chosen]
+    turn = np.where(forward[:, None, None], turn, np.swapaxes(turn, 1, 2))
+    turns = graph.measures_rotation[chosen]
+    R[leaf[turns]] = so.project((R[other] @ turn)[turns])
+    if not isinstance(graph, PoseGraph) or estimate.translations is None:
+        return replace(estimate, rotations=R)
+    t, arms = estimate.translations.copy(), graph.arms
+    step = np.einsum("mab,mb->ma", R[i], graph.translations[chosen])
+    if arms is not None:
+        step -= np.einsum("mab,mb->ma", R[j], arms[chosen])
+    there = t[other] + np.where(forward[:, None], step, -step)
+    moves = graph.measures_translation[chosen]
+    t[leaf[moves]] = there[moves]
+    return replace(estimate, rotations=R, translations=t)
 
 
 def _composed(

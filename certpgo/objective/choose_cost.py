@@ -117,7 +117,7 @@ def problem_under(
     """
     if cost is not None:
         require(cost, str, "the name of a cost")
-    said = f"{posed.source or posed.name}: " if isinstance(posed, Instance) else ""
+    said = source_of(posed)
     if getattr(_graph_of(posed), "ranges", None) is not None:
         for_these = "for certpgo solve and certify alone, in the cost F"
         raise InputError(f"{said}graphs with distances are {for_these}")
@@ -165,7 +165,7 @@ def similarity_problem(
     InputError
         No scale is unknown; it has distances too; or a cost of another program.
     """
-    source = f"{posed.source or posed.name}: " if isinstance(posed, Instance) else ""
+    source = source_of(posed)
     if cost not in (None, CHORDAL):
         said = "with nodes of unknown scale the cost is F (--cost chordal) or, of certpgo solve "
         said += "--scales-within, that of logarithms"
@@ -190,7 +190,7 @@ def range_problem(measured: Graph | Instance, cost: str | None = None) -> RangeP
     """
     instance = measured if isinstance(measured, Instance) else None
     graph = graph_of(measured)
-    source = f"{instance.source or instance.name}: " if instance else ""
+    source = source_of(measured)
     if graph.ranges is None:
         raise InputError(f"{source}no distances between poses")
     if cost not in (None, CHORDAL):
@@ -220,11 +220,8 @@ def information_problem(measured: Graph | Instance, cost: str) -> InformationPro
     if cost not in COSTS:
         raise SpecError.unknown("cost", cost, list(COSTS))
     instance = measured if isinstance(measured, Instance) else None
-    graph = graph_of(measured)
-    source = f"{instance.source or instance.name}: " if instance else ""
-    if not isinstance(graph, PoseGraph) or graph.information is None:
-        needed = f"--cost {cost} needs poses with information matrices on every edge"
-        raise InputError(f"{source}{needed}; {_lack(graph, instance.options if instance else {})}")
+    source = source_of(measured)
+    graph = informed(measured, cost)
     if said := _unknown_to(cost, graph):
         raise InputError(f"{source}{said}")
     graph = weighed_by(cost, graph)
@@ -251,6 +248,28 @@ def edge_cost(graph: PoseGraph, cost: str) -> EdgeCost:
     if not graph.is_partial:
         return COSTS[cost](graph)
     return WithPositions(graph, COSTS[cost])
+
+
+def source_of(posed: object) -> str:
+    """Where an instance is from, to begin a message; empty for anything else."""
+    return f"{posed.source or posed.name}: " if isinstance(posed, Instance) else ""
+
+
+def informed(measured: Graph | Instance, cost: str) -> PoseGraph:
+    """The graph, if it has poses and their information matrices.
+
+    Raises
+    ------
+    InputError
+        It has none.
+    """
+    instance = measured if isinstance(measured, Instance) else None
+    graph = graph_of(measured)
+    if isinstance(graph, PoseGraph) and graph.information is not None:
+        return graph
+    source = source_of(measured)
+    needed = f"--cost {cost} needs poses with information matrices on every edge"
+    raise InputError(f"{source}{needed}; {_lack(graph, instance.options if instance else {})}")
 
 
 def _lack(graph: Graph, options: Mapping[str, str]) -> str:

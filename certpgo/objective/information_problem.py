@@ -312,13 +312,13 @@ class InformationProblem(Speaking):
         InputError
             Some are not positive definite.
         """
-        bad = int((~self.graph.is_definite).sum())
-        if bad:
+        bad, information = int((~self.graph.is_definite).sum()), self.graph.information
+        if bad and information is not None:
             where = f"{source}: " if source else ""
             of_all = f"{bad} of {self.graph.num_edges} information matrices"
             raise InputError(
-                f"{where}{of_all} are not positive definite: {self.edge_cost.title} has no proven "
-                "lower bound there (--cost chordal has)"
+                f"{where}{of_all} are {information.indefinite}: "
+                f"{self.edge_cost.title} has no proven lower bound there (--cost chordal has)"
             )
 
 

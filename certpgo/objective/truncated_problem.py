@@ -117,7 +117,8 @@ class TruncatedProblem(Brief):
         of = self.whole.edge_cost
         found = isotropic_below(of.graph.with_edges(self.is_rejected), of.turned_share)
         if found is None:
-            raise UncertifiableError(f"no isotropic cost is known to be below {of.title}")
+            said = f"no isotropic cost is known to be below {of.title}"
+            raise UncertifiableError(f"{said} (--cost chordal takes rejections)")
         return found
 
     def counted(self, estimate: Estimate) -> BoolArray:

@@ -31,6 +31,7 @@ class RangeSearch(Search):
     posed: RangeProblem
     problem: RangeProblem
     case: RangedCase
+    of_edges_alone = False
 
     def __init__(self, posed: RangeProblem, case: Case, settings: SolveSettings) -> None:
         super().__init__(posed, case, settings)

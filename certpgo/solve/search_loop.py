@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from certpgo.certify.obstacle import Obstacle
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Lift, Point
+from certpgo.graph.trees import with_leaves_placed
 from certpgo.objective.choose_cost import Certifiable
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor, Stopwatch
@@ -50,6 +51,8 @@ class Search(ABC):
     best: Solution
     start: str
     origin: str
+    #: Whether all terms of the cost are of edges between nodes of one scale.
+    of_edges_alone: ClassVar[bool] = True
 
     def __init__(self, posed: Certifiable, case: Case, settings: SolveSettings) -> None:
         # Cheaper bounds than those of the proof tier suffice to guide the search.
@@ -78,6 +81,8 @@ class Search(ABC):
         with self.stop.within(self.settings.time_limit):
             with self.stop.for_at_most():
                 self.run(initial, stored, report)
+            if self.stop.ended_by is not None and self.of_edges_alone:
+                self.place_leaves()
             return self.result(self.certificate())
 
     def run(
@@ -127,6 +132,12 @@ class Search(ABC):
     def look_for_outliers(self, report: Report | None) -> None:
         """Report measurements that disagree with the rest, if that is not done yet."""
         return
+
+    def place_leaves(self) -> None:
+        """Put nodes of single measurements, as held ones are, where a whole descent ends."""
+        estimate = with_leaves_placed(self.posed.chordal.graph, self.best.estimate)
+        self.best = replace(self.best, estimate=estimate, cost=self.problem.cost(estimate))
+        self.cost = self.case.cost_upper(estimate)
 
     def finish(self) -> None:
         """What is left to try at the end."""

@@ -25,12 +25,13 @@ from certpgo.certify import Certificate, Tier, Verdict
 from certpgo.certify.certificate import tier_called
 from certpgo.certify.tolerances import allowed, difference_up
 from certpgo.errors import GraphError, InputError, require
-from certpgo.graph import Estimate, Graph, Instance, RotationGraph
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.concatenate import joined
 from certpgo.graph.display import Speaking
 from certpgo.graph.labels import WORLD, Label, called
 from certpgo.graph.origins import Measured, in_frame, in_one_world
 from certpgo.graph.phrases import counted
+from certpgo.graph.priors import places_world
 from certpgo.graph.scale import Scale
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.exact_fit import meets
@@ -108,7 +109,8 @@ class Session(Speaking):
         self._count = 0  # of all measurements that ever came
         self._track: Track | None = None
         self._origin: FloatArray | None = None  # of the world, as in `Instance`
-        self._assumes = False  # where the world is, as in `PoseGraph`
+        self._assumed = 0  # edges that are no measurements,
+        self._places = False  # and whether one of them puts the world somewhere
         self._cost, self._scale = 0.0, Scale.none()
         self._fit: bool | None = True  # whether the estimate meets all; None if not known
         self._bounds: list[tuple[int, float]] = []  # of the measurements before number k; ascending
@@ -156,9 +158,12 @@ class Session(Speaking):
         if WORLD in labels:
             origin = measurements.origin if isinstance(measurements, Instance) else None
             part = self._in_one_world(part, labels, origin)
-        self._take(part, labels, numbered_from(part, self._count))
-        count = part.num_measurements
-        self._assumes |= count < part.num_edges
+        # Graphs of rotations do not say which of their edges hold nodes: instances do.
+        known = part if isinstance(part, PoseGraph) else measurements
+        self._take(part, labels, numbered_from(known.is_measured, self._count))
+        count = known.num_measurements
+        self._assumed += part.num_edges - count
+        self._places |= bool(places_world(part).any())
         self._count, self.pending = self._count + count, self.pending + count
         if self.every is not None and self.pending >= self.every:
             # What is free so far, such as where north is, measurements to come determine.
@@ -181,7 +186,7 @@ class Session(Speaking):
         if self._track is None or WORLD not in self._track.numbers:
             self._origin = origin
             return graph
-        if origin is self._origin and not self._assumes and graph.is_measured.all():
+        if origin is self._origin and not self._places and not places_world(graph).any():
             return graph
         self._poses.steps(graph, labels)  # refuses before anything changes
         known = self._measured
@@ -200,7 +205,8 @@ class Session(Speaking):
         (graph,) = measured
         best = in_frame(self.estimate, self._poses.numbers[WORLD], self._origin, origin)
         if graph.num_edges < len(self._edges):
-            self._edges, self._assumes = [k for k in self._edges if k != ASSUMED], False
+            self._edges = self.edges[~places_world(self.graph)].tolist()
+            self._assumed, self._places = self._edges.count(ASSUMED), False
         self._parts, self._scale, self._origin = [graph], self._terms.scale(graph), origin
         self._adopt(best)
 
@@ -271,7 +277,7 @@ class Session(Speaking):
         if self._tier is not Tier.SCREEN and gap <= tolerance < math.inf:
             verdict = Verdict.CERTIFIED
         nodes = 0 if self._track is None else len(self._track)
-        title, count = self._terms.title(self._parts), len(self._edges) - self._assumes
+        title, count = self._terms.title(self._parts), len(self._edges) - self._assumed
         return Standing(nodes, count, cost, lower, gap, tolerance, verdict, title)
 
     def _fits(self) -> bool:
@@ -310,7 +316,7 @@ class Session(Speaking):
 
     @property
     def edges(self) -> IntArray:
-        """(m,) numbers of the edges of `graph`; -1 for one that only puts the world somewhere."""
+        """(m,) numbers of the edges of `graph`; -1 for one that is no measurement."""
         return np.array(self._edges, dtype=np.intp)
 
     @property

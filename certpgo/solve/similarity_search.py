@@ -32,6 +32,7 @@ class SimilaritySearch(Search):
     posed: SimilarityProblem
     problem: SimilarityProblem
     case: SimilarCase
+    of_edges_alone = False
 
     def __init__(self, posed: SimilarityProblem, case: Case, settings: SolveSettings) -> None:
         super().__init__(posed, case, settings)

@@ -14,13 +14,22 @@ from certpgo.graph.dataset import graph_of
 from certpgo.graph.graph import require_connected
 from certpgo.graph.priors import require_determined
 from certpgo.graph.scale import Scale
-from certpgo.objective.choose_cost import CHORDAL, COSTS, edge_cost, own_cost, weighed_by
+from certpgo.linalg.arrays import BoolArray
+from certpgo.objective.choose_cost import (
+    CHORDAL,
+    COSTS,
+    edge_cost,
+    informed,
+    own_cost,
+    source_of,
+    weighed_by,
+)
 from certpgo.objective.edge_cost import EdgeCost
 from certpgo.objective.enclosure import enclosure
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import Problem, problem_of
 
-#: The number of an edge that is no measurement, but puts a world somewhere.
+#: The number of an edge that is no measurement, but puts a world somewhere or holds a node.
 ASSUMED = -1
 
 
@@ -58,19 +67,18 @@ class Terms:
         InputError
             They have no information matrices, or some that are not positive definite.
         """
-        graph = graph_of(measured)
         if self.cost == CHORDAL:
+            graph = graph_of(measured)
             return graph.under(CHORDAL) if isinstance(graph, PoseGraph) else graph
-        if not isinstance(graph, PoseGraph) or graph.information is None:
-            needed = "poses with information matrices on every edge"
-            raise InputError(f"cost={self.cost!r} needs {needed}, as certpgo.read gives them")
-        bad = np.flatnonzero(~graph.is_definite)
-        if len(bad):
+        graph = informed(measured, self.cost)
+        bad, information = np.flatnonzero(~graph.is_definite), graph.information
+        if len(bad) and information is not None:
             i, j = graph.edges[bad[0]].tolist()
             ids = measured.ids if isinstance(measured, Instance) else np.arange(graph.num_nodes)
             raise InputError(
-                f"the information matrix of {ids[i]}-{ids[j]} is not positive definite: the cost "
-                f"of {self.cost} has no lower bound there, the chordal cost has"
+                f"{source_of(measured)}the information matrix of {ids[i]}-{ids[j]} is "
+                f"{information.indefinite}: the cost of {self.cost} has no lower bound "
+                "there, the chordal cost has"
             )
         return weighed_by(self.cost, graph.under(self.cost))
 
@@ -116,9 +124,8 @@ class Terms:
         return edge_cost(graph, self.cost)
 
 
-def numbered_from(graph: Graph, first: int) -> list[int]:
-    """Numbers of measurements, from the first one's; `ASSUMED` for edges that are none."""
-    measured = graph.is_measured
+def numbered_from(measured: BoolArray, first: int) -> list[int]:
+    """Numbers of measurements (m,), from the first one's; `ASSUMED` for edges that are none."""
     numbers = np.where(measured, first + np.cumsum(measured) - 1, ASSUMED)
     return [int(number) for number in numbers]
 

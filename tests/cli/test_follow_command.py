@@ -27,6 +27,17 @@ def cost_of(line):
     return float(line.partition(" = ")[2].partition(",")[0])
 
 
+def test_a_cost_without_matrices_is_refused_with_the_name_of_the_file(certpgo, tmp_path):
+    path = tmp_path / "bare.g2o"
+    path.write_text("EDGE_SE2 0 1 1 0 0\nEDGE_SE2 1 2 1 0 0\n")
+    done = certpgo("follow", path, "--cost", "g2o")
+    needed = (
+        "--cost g2o needs poses with information matrices on every edge; not all edges have one"
+    )
+    assert (done.code, done.out) == (1, "")
+    assert done.err.splitlines()[-1] == f"certpgo: {path}: {needed}"
+
+
 def test_a_file_ends_with_the_verdict_of_the_whole(certpgo, lines, tmp_path):
     read = package.read(lines)
     best = package.solve(read)

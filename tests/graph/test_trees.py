@@ -8,9 +8,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from strategies import dimensions, pose_graph, rng_of, seeds
 
-from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.graph.concatenate import joined
 from certpgo.graph.edges import components_of
-from certpgo.graph.trees import compose, spanning_tree
+from certpgo.graph.trees import compose, spanning_tree, with_leaves_placed
 from certpgo.linalg import compiled
 from certpgo.linalg import rotations as so
 
@@ -29,6 +30,38 @@ def test_tree_edges_are_exact_in_the_composition(seed, d):
     assert exact >= 8
     assert (parents < 0).sum() == 1
     np.testing.assert_array_equal(R[0].round(15), np.eye(d))
+
+
+@given(seeds, dimensions)
+def test_leaves_are_placed_where_their_edge_has_no_residual(seed, d):
+    rng = rng_of(seed)
+    graph, _, _ = pose_graph(rng, 9, d)
+    ends = np.array([[0, 9], [10, 3], [4, 11]])  # to a pose, from a pose, to a point
+    q, n = d * (d - 1) // 2, 12
+    turns = so.exp(rng.normal(size=(3, q)))
+    turns[2] = np.eye(d)
+    hung = PoseGraph(
+        RotationGraph(n, ends, turns, np.array([2.0, 3.0, 0.0])),
+        rng.normal(size=(3, d)),
+        np.array([1.0, 2.0, 3.0]),
+        np.where(np.arange(3)[:, None] < 2, rng.normal(size=(3, d)), 0.0),
+        np.arange(n) == 11,
+    )
+    whole = joined([graph, hung], n, hung.points)
+    R, t = so.exp(rng.normal(size=(n, q))), rng.normal(size=(n, d))
+    R[11] = np.eye(d)
+    before = Estimate(R, t)
+    after = with_leaves_placed(whole, before)
+    for e, (i, j) in enumerate(ends):
+        R, t = after.rotations, after.translations
+        seen = R[i].T @ (t[j] + R[j] @ hung.arms[e] - t[i])
+        np.testing.assert_allclose(seen, hung.translations[e], atol=1e-12)
+        if e < 2:
+            np.testing.assert_allclose(R[i].T @ R[j], turns[e], atol=1e-12)
+    moved = np.flatnonzero((after.translations != before.translations).any(axis=1))
+    degrees = np.bincount(whole.edges.ravel(), minlength=n)
+    assert set(moved) <= set(np.flatnonzero(degrees == 1))
+    assert {9, 10, 11} <= set(moved)
 
 
 def test_lengths_choose_the_tree():

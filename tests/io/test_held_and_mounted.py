@@ -12,6 +12,7 @@ import certpgo
 from certpgo.errors import InputError
 from certpgo.graph.components import connected_parts, restricted, rotations_alone
 from certpgo.graph.held import displaced, with_held
+from certpgo.graph.priors import places_world, with_world_placed
 from certpgo.graph.streaming import streamed
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import information_problem, problem_under
@@ -130,6 +131,25 @@ def test_held_poses_are_where_they_are_and_the_answer_is_proven(tmp_path, d, kin
         # The file's poses are not where the measurements alone would have them.
         free = certpgo.solve(certpgo.read(path, fixed=False, quiet=True))
         assert answer.cost > 1.001 * free.cost
+
+
+@pytest.mark.parametrize(("d", "kinds"), CASES)
+@pytest.mark.parametrize("cost", ["chordal", "g2o"])
+def test_a_search_that_is_stopped_leaves_held_poses_where_they_are(tmp_path, d, kinds, cost):
+    path = written(tmp_path / "g.g2o", d, np.random.default_rng(4), **kinds, sigma=0.1, wrong=0.1)
+    instance = certpgo.read(path, quiet=True)
+    answer = certpgo.solve(instance, cost=cost, time_limit=0.0)
+    assert answer.solution.status.value == "time limit"
+    held = list(instance.held) or [0]
+    there = answer.estimate.anchored(held[0], instance.initial)
+    for own, fixed in zip(poses_of(there), poses_of(instance.initial), strict=True):
+        np.testing.assert_allclose(own[held], fixed[held], atol=1e-12)
+    assert answer.cost == pytest.approx(problem_under(instance, cost).cost(answer.estimate))
+    assert answer.certificate.lower_bound <= answer.cost
+
+
+def poses_of(estimate):
+    return estimate.rotations, estimate.translations
 
 
 def test_an_answer_names_the_nodes_that_are_held(tmp_path):
@@ -282,6 +302,65 @@ def test_constraints_are_no_measurements(tmp_path):
     assert held.num_measurements == held.graph.num_edges - 2
     assert free.num_measurements == free.graph.num_edges
     assert held.measurements.in_words[-1] == "2 constraints of fixed nodes"
+
+
+@pytest.mark.parametrize("size", [1, 4, 100])
+@pytest.mark.parametrize(("d", "kinds"), [*CASES[:3], CASES[4]])
+def test_a_stream_counts_the_measurements_alone(tmp_path, d, kinds, size):
+    path = written(tmp_path / "g.g2o", d, np.random.default_rng(4), **kinds, sigma=0.003)
+    whole = certpgo.read(path, quiet=True)
+    turned = rotations_alone(certpgo.read(path, quiet=True, fixed=True))
+    for instance in (whole, turned) if whole.world is None else (whole,):
+        session = certpgo.Session(every=None)
+        for part, names in streamed(instance, size):
+            session.add(part, names)
+        numbers = session.edges[session.edges >= 0]
+        assert session.standing.edges == instance.num_measurements == len(numbers)
+        assert sorted(numbers) == list(range(instance.num_measurements))
+        assert session.graph.num_edges == instance.graph.num_edges
+        assert session.refresh().cost == pytest.approx(certpgo.solve(instance).cost, rel=1e-6)
+
+
+def test_the_world_stays_where_a_pose_is_held_in_it(tmp_path):
+    # The edge between a held pose and the world is a constraint, no place that is assumed.
+    path = written(
+        tmp_path / "g.g2o", 2, np.random.default_rng(4), fixed=(3,), priors=(2, 5, 6), sigma=0.1
+    )
+    held = certpgo.read(path, quiet=True)
+    world = held.graph.edges[:, 0] == held.world
+    assert world.any()
+    assert not places_world(held.graph).any()
+    assert with_world_placed(held.graph, held.initial) is held.initial
+    moved = held.initial.translations.copy()
+    moved[3] += [1.0, 0.0]
+    estimate = held.initial.with_translations(moved)
+    np.testing.assert_array_equal(with_world_placed(held.graph, estimate).translations, moved)
+
+
+#: A square in which one side says nothing of y; its last pose is turned and may be held.
+OPEN_AXIS = """VERTEX_SE2 0 0 0 0
+VERTEX_SE2 1 1 0 0.3
+VERTEX_SE2 2 1 1 0.7
+VERTEX_SE2 3 0 1 1.1
+EDGE_SE2 0 1 1 0 0.3 9 1 0 8 0 50
+EDGE_SE2 1 2 0.3 0.9 0.4 9 0 2 8 0 50
+EDGE_SE2 2 3 -0.7 0.7 0.4 9 1 0 8 1 50
+EDGE_SE2 1 3 -0.6 1.3 0.8 7 0 3 0 0 40
+"""
+
+
+def test_an_axis_that_a_held_pose_turns_is_named(tmp_path):
+    path = tmp_path / "open.g2o"
+    path.write_text(OPEN_AXIS + "FIX 0\nFIX 3\n")
+    held, free = (certpgo.read(path, quiet=True, fixed=fixed) for fixed in (True, False))
+    assert free.graph.is_definite.all()
+    assert certpgo.solve(free, cost="g2o").cost > 0.0
+    said = r"open.* not positive definite \(what they leave open is along no axis"
+    with pytest.raises(InputError, match=said):
+        certpgo.solve(held, cost="g2o")
+    ((part, names),) = streamed(held, 100)
+    with pytest.raises(InputError, match=said):
+        certpgo.Session(cost="g2o").add(part, names)
 
 
 def measured_in_part(path, d, rng):

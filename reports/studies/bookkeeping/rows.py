@@ -58,7 +58,8 @@ def judge_row(
             found.require(not answer.told.out, f"refused after {answer.told.out[:80]!r}")
             return
         answer.judge(found)
-        if row["law"] != "none" and not found.false:
+        # What may be refused may be so in other words alone.
+        if row["law"] != "none" and rule is None and not found.false:
             _judge_law(rng, found, scene, answer)
 
 
@@ -258,12 +259,8 @@ class Asking:
                 return
             poses = self.scene.near(read)
         self._judge_name(found, document, cost)
-        if document["certificate"]["broken"]:  # a search that was stopped moves what is held
-            found.said["held poses are not held"] += 1
-            return
+        found.require(not document["certificate"]["broken"], "held poses are said to be moved")
         self._judge_held(found, poses)
-        if self.scene.constrained and self.row["limit"] != "none":
-            return  # or a little, which is not said
         part = (poses[0][self.nodes], poses[1][self.nodes])
         self._judge_outputs(found, document, cost, part)
         if self.row["rejected"] != "none" and self.rejected:
@@ -344,8 +341,6 @@ class Asking:
         poses = self.scene.near(read)
         if self.scene.constrained or self.row["positions"] == "far":
             tolerance = min(tolerance, most_of(cost, upper))
-        if self.scene.constrained and self.row["limit"] != "none":
-            return  # a search that was stopped moves what is held
         exact = document["tolerance"] >= upper
         judge(found, cost, [Claim("follow", poses, upper, bound, tolerance, verdict, exact)])
 

@@ -152,7 +152,7 @@ class Scene:
             return [path]
         if self.row["weights"] == "covariance":
             of = replace(of, information=np.linalg.pinv(of.information, hermitian=True))
-        if kind == "pyfg" and len(of.pairs):
+        if kind == "pyfg" and (len(of.pairs) or self.has_priors_alone):
             if self.row["partial edges"] != "none" or self.row["attitudes"] != "none":
                 certpgo.write(folder / "graph.pyfg", self.instance)
             return self._as_pyfg(folder)
@@ -173,6 +173,12 @@ class Scene:
                 certpgo.write(other, certpgo.read(path, quiet=True, fixed=False))
             return found
         return paths
+
+    @property
+    def has_priors_alone(self) -> bool:
+        """Whether the second file is of priors alone, which the package does not read by itself."""
+        of, second = self.of, ~self.first
+        return bool(of.world and second.any() and (of.edges[second, 0] == of.n - 1).all())
 
     def _as_pyfg(self, folder: Path) -> list[Path]:
         """As PyFG, in the package's order of measurements."""
