@@ -24,6 +24,8 @@ from certpgo.linalg.ball_arithmetic import Ball, is_positive_definite
 
 #: What rotational information is about.
 RotationAbout = Literal["tangent", "quaternion"]
+#: What rounding changes entries by where matrices are turned, relative to the diagonal.
+TURNED = 2.0**-48
 #: Eigenvalues that turning may leave in place of zeros, relative to the largest.
 ROUNDING = 1e-12
 
@@ -249,7 +251,9 @@ def unmeasured(information: FloatArray) -> BoolArray:
 def _definite(information: FloatArray) -> BoolArray:
     """(k,) which matrices are proven to be positive definite, without rows of zeros."""
     filled = information + unmeasured(information)[:, None, :] * np.eye(information.shape[-1])
-    return is_positive_definite(Ball.exact(filled))
+    sizes = np.sqrt(np.abs(np.diagonal(filled, axis1=1, axis2=2)))
+    # Else rounding would say whether a singular matrix that was turned is definite.
+    return is_positive_definite(Ball.within(filled, TURNED * sizes[:, :, None] * sizes[:, None, :]))
 
 
 def _refuse_asymmetric(information: FloatArray) -> None:

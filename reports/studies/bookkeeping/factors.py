@@ -357,9 +357,4 @@ REFUSED = (
         file="pyfg",
     ),
 )
-#: What is not right yet, and is asked again when it is.
-OPEN = (
-    # A singular matrix in the frame of a held pose: by rounding the default cost is F or g2o's.
-    _cannot(held="several", partial_edges="axes", cost="own"),
-)
-RULES = (*UNASKED, *OPEN, *REFUSED)
+RULES = (*UNASKED, *REFUSED)

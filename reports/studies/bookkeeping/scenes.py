@@ -78,7 +78,16 @@ class Scene:
         chordal = row["distances"] != "none" or row["file"] == "pyfg"
         robust = row["outliers"] != "none" or row["rejected"] != "none"
         chordal |= robust and (row["proof"] in ("file", "integers") or row["command"] == "follow")
-        return "chordal" if chordal or not self.has_matrices else "g2o"
+        return "chordal" if chordal or not self.has_matrices or self.turns_open_axes else "g2o"
+
+    @property
+    def turns_open_axes(self) -> bool:
+        """Whether what is open along an axis of a held pose is along none of the first one."""
+        of, d = self.of, self.of.d
+        others = [node for node in self.constrained[1:] if node < of.n - of.world]
+        whole = of.turned & (True if of.moved is None else of.moved) & self.counts
+        is_open = whole & ~of.information[:, d - 1].any(axis=1)
+        return bool((is_open & np.isin(of.edges[:, 1], others)).any())
 
     @property
     def cost(self) -> str:
