@@ -151,11 +151,13 @@ def _refuse_no_edges(path: Path, dialect: Dialect, content: Records) -> None:
     known = content.rows.keys()
     if known & {"edge", "sighting"}:
         return
-    if dialect.named and known & {"range", "prior"}:
-        said = "no edges: measurements between poses, or of points, expected with ranges"
-        raise FormatError(path, None, said)
+    said = "no edges: this is an estimate, not a graph"
+    if beside := [f"{kind}s" for kind in ("prior", "range") if kind in known]:
+        said = "no edges: measurements between poses, or of points, expected with "
+        said += " and ".join(beside)
+        if dialect.named:
+            raise FormatError(path, None, said)
     if "pose" in known:
-        said = "no edges: this is an estimate, not a graph"
         raise NoMeasurements(path, None, said, content.counts)
     raise NoEdges(path, None, "no edges", content.counts)
 

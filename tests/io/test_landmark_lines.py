@@ -114,6 +114,11 @@ def test_datasets_know_what_their_numbers_are(dataset):
         (PLANE + "EDGE_SE2_XY 3 4 1 2 25 0\n", "takes 2 ids and 2 numbers, then 3"),
         (PLANE + "EDGE_SE2_XY 3 4 1 2 25 99 25\n", "information of a position is not positive"),
         (PLANE + "VERTEX_XY 4 1 2\n", "node 4 appears twice"),
+        ("VERTEX_SE2 3 0 0 0\n", "no edges: this is an estimate"),
+        (
+            "VERTEX_SE2 3 0 0 0\nEDGE_PRIOR_SE2 3 0 0 0 9 0 0 9 0 9\n",
+            "no edges: measurements between poses, or of points, expected with priors",
+        ),
         (SPACE + "EDGE_SE3_TRACKXYZ 1 9 3 5 5 5 9 0 0 9 0 9\n", "sensor 3, which is unknown"),
         (
             PLANE + "LANDMARK2 3 -1 1 2 25 0 25\nLANDMARK2 3 4 1 2 1 0 1\n",

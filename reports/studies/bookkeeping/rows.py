@@ -58,9 +58,8 @@ def judge_row(
             found.require(not answer.told.out, f"refused after {answer.told.out[:80]!r}")
             return
         answer.judge(found)
-        # What may be refused may be so in other words alone.
-        if row["law"] != "none" and rule is None and not found.false:
-            _judge_law(rng, found, scene, answer)
+        if row["law"] != "none" and not found.false:
+            _judge_law(rng, found, scene, answer, rule)
 
 
 def _judge_refusal(found: Findings, said: str, rule: Rule) -> None:
@@ -514,8 +513,10 @@ def _answered(found: Findings, scene: Scene) -> None:
     judge(found, cost, [Claim.of("arrays", certificate, given)], best)
 
 
-def _judge_law(rng: np.random.Generator, found: Findings, scene: Scene, answer: Asking) -> None:
-    """The same in other words has the same cost and verdict."""
+def _judge_law(
+    rng: np.random.Generator, found: Findings, scene: Scene, answer: Asking, rule: Rule | None
+) -> None:
+    """The same in other words has the same cost and verdict; with a rule it may be refused."""
     law = scene.row["law"]
     if scene.row["command"] != "solve":
         return
@@ -526,8 +527,11 @@ def _judge_law(rng: np.random.Generator, found: Findings, scene: Scene, answer: 
     }[law]()
     with tempfile.TemporaryDirectory() as folder:
         again = Asking(rng, other, Path(folder)).answer()
+        if rule is not None and again.told.refusal is not None:
+            _judge_refusal(found, again.told.refusal, rule)
+            return
         again.judge(found)
-        if found.false:
+        if found.false or {answer.told.refusal, again.told.refusal} != {None}:
             return
         rounding = 8.0 * answer.cost.rounding((scene.of.R, scene.of.t))
         if max(answer.value, again.value) <= rounding + answer.cost.exact((scene.of.R, scene.of.t)):
