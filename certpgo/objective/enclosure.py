@@ -22,7 +22,9 @@ def enclosure(graph: Graph, estimate: Estimate) -> tuple[float, float]:
     The lower bound also holds for quaternions rounded from the estimate's rotations.
     """
     if graph.is_general:
-        cost, error = _general(graph, estimate)
+        terms, errors = _general(graph, estimate)
+        cost = float(terms.sum())
+        error = 1.001 * float(errors.sum() + _of_a_sum(terms) * np.abs(terms).sum())
         return max(cost - 2.0 * error, 0.0), cost + error
     low, high = _terms(graph, estimate)
     return (
@@ -33,8 +35,14 @@ def enclosure(graph: Graph, estimate: Estimate) -> tuple[float, float]:
 
 def edge_enclosures(graph: Graph, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
     """(m,) lower and upper bounds on the edges' terms, for isotropic weights."""
-    low, high = (of.reshape(-1, graph.num_edges) for of in _terms(graph, estimate))
     # At most two terms, each of few roundings.
+    if graph.is_general:
+        terms, errors = (
+            of.reshape(-1, graph.num_edges).sum(axis=0) for of in _general(graph, estimate)
+        )
+        errors = 1.001 * (errors + 32.0 * U * np.abs(terms))
+        return np.maximum(terms - 2.0 * errors, 0.0), terms + errors
+    low, high = (of.reshape(-1, graph.num_edges) for of in _terms(graph, estimate))
     return low.sum(axis=0) * (1.0 - 32.0 * U), high.sum(axis=0) * (1.0 + 32.0 * U)
 
 
@@ -62,8 +70,11 @@ def _residuals(graph: Graph, estimate: Estimate) -> tuple[FloatArray, FloatArray
     return weights, np.concatenate([norm, r]), errors
 
 
-def _general(graph: Graph, estimate: Estimate) -> tuple[float, float]:
-    """F and a bound on its error, for edges with couplings or arms."""
+def _general(graph: Graph, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
+    """Terms of rotations, then of translations, of edges with couplings or arms; their errors.
+
+    Up to few roundings of the terms.
+    """
     rotation = graph.rotation
     _, K, _ = rotation.polar
     nuclear = np.trace(K, axis1=1, axis2=2)
@@ -79,8 +90,7 @@ def _general(graph: Graph, estimate: Estimate) -> tuple[float, float]:
         off = (own + 32.0 * U) * _levers(graph) + 32.0 * U * r
         terms = np.concatenate([terms, graph.tau * r**2])
         errors = np.concatenate([errors, graph.tau * off * (2.0 * r + off)])
-    error = float(errors.sum() + _of_a_sum(terms) * np.abs(terms).sum())
-    return float(terms.sum()), 1.001 * error
+    return terms, errors
 
 
 def _levers(graph: PoseGraph) -> FloatArray:

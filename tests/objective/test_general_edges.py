@@ -1,5 +1,7 @@
 """Edges with matrix weights, arms and couplings: against loops, isotropic edges and derivatives."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -305,6 +307,35 @@ def test_an_edge_of_the_complete_class_may_be_read_backwards(seed, d):
     one, other = PoseProblem(graph), PoseProblem(reversed_)
     assert other.cost(x) == pytest.approx(one.cost(x), rel=1e-12)
     assert abs(one.data_matrix - other.data_matrix).max() < 1e-11 * one.scale
+
+
+@given(seeds, dimensions)
+@few
+def test_enclosures_of_edges_hold_their_terms(seed, d):
+    rng = rng_of(seed)
+    general, _, _ = general_graph(rng, 6, d)
+    plain, _, _ = pose_graph(rng, 6, d)
+    armed = replace(plain, arms=rng.normal(size=(plain.num_edges, d)))
+    x = some_estimate(rng, 6, d)
+    R, t = x.rotations, x.translations
+    i, j = armed.edges.T
+    moved = (
+        t[j]
+        - t[i]
+        + (R[j] @ armed.arms[:, :, None] - R[i] @ armed.translations[:, :, None])[:, :, 0]
+    )
+    turned = R[j] - R[i] @ armed.rotation.rotations
+    own = armed.tau * (moved**2).sum(axis=1)
+    own += armed.rotation.kappa * (turned**2).sum(axis=(1, 2))
+    others = [general_cost(general.with_edges([e]), x) for e in range(general.num_edges)]
+    for graph, terms in ((armed, own), (general, np.array(others))):
+        low, high = PoseProblem(graph).edge_enclosures(x)
+        slack = 1e-13 * terms
+        assert (low <= terms + slack).all()
+        assert (terms <= high + slack).all()
+        assert (high - low <= 1e-9 * terms + 1e-9).all()
+        least, most = PoseProblem(graph).enclosure(x)
+        assert (least, most) == pytest.approx((terms.sum(), terms.sum()), rel=1e-9)
 
 
 @given(seeds, dimensions)
