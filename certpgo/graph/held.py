@@ -47,14 +47,22 @@ def with_held(instance: Instance, *, hold: bool = True) -> Instance:
     Raises
     ------
     InputError
-        There are distances, or all measurements are between fixed nodes.
+        There are distances, or all measurements are between fixed nodes; or what is to be released
+        is not known without the constraints.
     """
     if isinstance(instance.graph, SimilarityGraph) and not hold:
         return _without_unit(instance, instance.graph)
     fixed = np.unique(np.array(instance.fixed, dtype=np.intp))
     constrained = len(fixed) + (instance.world is not None) > 1 and len(fixed) > 0
+    if instance.held and not hold:
+        named = few(instance.ids[list(instance.fixed)].tolist())
+        said = f"holds nodes {named} by constraints: it cannot be read with these released"
+        raise InputError(f"{instance.source or instance.name}: the file {said}")
     if not constrained or instance.stated is not None:
         return instance
+    # An .npz file keeps what was said when it was read, perhaps by another choice.
+    others = tuple(notice for notice in instance.notices if FREED not in notice)
+    instance = replace(instance, notices=others)
     poses = fixed[~instance.graph.is_point[fixed]]
     if isinstance(instance.graph, SimilarityGraph):
         said = f"{counted(len(fixed), 'node{s}')} fixed by the file: {FREED}"

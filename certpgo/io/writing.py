@@ -104,9 +104,7 @@ def write(
     if form.write_graph is None:
         raise InputError(f"{path}: {form.name} cannot be written for a graph")
     graph_writer = form.write_graph
-    whole = _as_instance(path, what, ids)
-    if form.name != "npz":
-        whole = as_stated(whole)
+    whole = as_stated(_as_instance(path, what, ids))
     refuse_unwritable(path, whole, form)
     atomically(path, lambda temporary: graph_writer(temporary, whole))
     for lost in lost_of_graph(form, whole):

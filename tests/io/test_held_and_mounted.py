@@ -231,10 +231,13 @@ def test_what_cannot_be_held_is_said(tmp_path):
     instance = certpgo.read(path, quiet=True)
     with pytest.raises(InputError, match="gtsam knows no sensors apart"):
         certpgo.solve(instance, cost="gtsam")
-    certpgo.write(tmp_path / "out.npz", instance)
+    # Constraints of a file that does not say what they replace, which none written now is.
+    certpgo.write(tmp_path / "out.npz", replace(instance, released=None))
     again = certpgo.read(tmp_path / "out.npz", quiet=True)
     with pytest.raises(InputError, match=r"holds fixed nodes as constraints, which only \.npz"):
         certpgo.write(tmp_path / "out.g2o", again)
+    with pytest.raises(InputError, match="nodes 0, 5 by constraints: it cannot be read with these"):
+        certpgo.read(tmp_path / "out.npz", fixed=False)
     assert again.notices == instance.notices
     assert (again.graph.arms == instance.graph.arms).all()
     assert (again.pairs == instance.pairs).all()
@@ -249,6 +252,25 @@ def test_what_cannot_be_held_is_said(tmp_path):
     assert "2 nodes fixed by the file: all are estimated" in free.notices[-1]
     assert free.notices[-1].endswith("initial values of all nodes")
     assert (free.graph.num_edges, free.held) == (len(PAIRS), ())
+
+
+def test_npz_files_hold_fixed_nodes_as_their_source_states_them(tmp_path):
+    # As constraints they could not be released, and what is measured between them was left out.
+    path = tmp_path / "g.g2o"
+    omega = "10 0 0 10 0 10"
+    vertices = [f"VERTEX_SE2 {k} {k} 0 0" for k in range(4)]
+    steps = ((0, 2, "2.5 0.3 0.1"), (0, 1, "1.1 0 0"), (1, 2, "1 0.1 0"), (2, 3, "1 0 0.2"))
+    edges = [f"EDGE_SE2 {i} {j} {step} {omega}" for i, j, step in (*steps, (1, 3, "2 0 0"))]
+    path.write_text("\n".join([*vertices, "FIX 0", "FIX 2", *edges, ""]))
+    for written_held in (True, False):
+        out = tmp_path / f"{written_held}.npz"
+        certpgo.write(out, certpgo.read(path, quiet=True, fixed=written_held))
+        for fixed, count in ((True, 4), (False, 5)):
+            first, again = (certpgo.read(one, quiet=True, fixed=fixed) for one in (path, out))
+            assert again.num_measurements == first.num_measurements == count
+            assert again.known_numbers.tolist() == first.known_numbers.tolist()
+            assert (again.held, again.notices) == (first.held, first.notices)
+            assert certpgo.solve(again).cost == pytest.approx(certpgo.solve(first).cost, rel=1e-6)
 
 
 def test_held_poses_get_no_measurements_from_elsewhere(tmp_path):
