@@ -141,9 +141,12 @@ def _without_unit(instance: Instance, graph: SimilarityGraph) -> Instance:
 
 
 def as_stated(instance: Instance) -> Instance:
-    """The instance as its source states it: what is held are fixed nodes, at the initial values."""
+    """The instance as its source states it: what is held are fixed nodes, at the initial values.
+
+    As it is where that is not known, or of other measurements or weights than its graph has.
+    """
     source = instance.released
-    if source is None:
+    if source is None or not _same(instance, with_held(source)):
         return instance
     values = instance.initial
     if values is not None and source.world is None:
@@ -156,6 +159,21 @@ def as_stated(instance: Instance) -> Instance:
         times_ns=instance.times_ns,
         initial=values,
     )
+
+
+def _same(one: Instance, other: Instance) -> bool:
+    """Whether the measurements of two instances, constraints apart, are the same."""
+    arrays = []
+    for instance in (one, other):
+        graph = instance.graph.with_edges(instance.is_measured)
+        own = [graph.edges, graph.rotations, graph.rotation.kappa]
+        if isinstance(graph, PoseGraph):
+            own += [graph.translations, graph.tau]
+            if graph.information is not None:
+                own.append(graph.information.matrices)
+        arrays.append(own)
+    here, there = arrays
+    return len(here) == len(there) and all(map(np.array_equal, here, there))
 
 
 def refuse_held(instance: Instance) -> None:

@@ -86,8 +86,7 @@ def _refuse_arms(path: Path, whole: Instance, form: Format) -> None:
     graph = whole.graph
     if whole.stated is not None:
         raise InputError(
-            f"{path}: this graph is of an .npz file that holds fixed nodes as constraints, which "
-            "only .npz files do"
+            f"{path}: this graph holds fixed nodes as constraints, which only .npz files do"
         )
     if not isinstance(graph, PoseGraph) or graph.arms is None:
         return

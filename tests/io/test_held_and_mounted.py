@@ -231,14 +231,17 @@ def test_what_cannot_be_held_is_said(tmp_path):
     instance = certpgo.read(path, quiet=True)
     with pytest.raises(InputError, match="gtsam knows no sensors apart"):
         certpgo.solve(instance, cost="gtsam")
-    # Constraints of a file that does not say what they replace, which none written now is.
-    certpgo.write(tmp_path / "out.npz", replace(instance, released=None))
+    # As it was read it is not what the source states any more.
+    changed = replace(instance, graph=instance.graph.with_weights(3.0, 7.0))
+    certpgo.write(tmp_path / "out.npz", changed)
     again = certpgo.read(tmp_path / "out.npz", quiet=True)
     with pytest.raises(InputError, match=r"holds fixed nodes as constraints, which only \.npz"):
         certpgo.write(tmp_path / "out.g2o", again)
     with pytest.raises(InputError, match="nodes 0, 5 by constraints: it cannot be read with these"):
         certpgo.read(tmp_path / "out.npz", fixed=False)
     assert again.notices == instance.notices
+    assert (again.graph.tau == 7.0).all()
+    assert (again.graph.rotation.kappa == 3.0).all()
     assert (again.graph.arms == instance.graph.arms).all()
     assert (again.pairs == instance.pairs).all()
     assert again.held == instance.held == (0, 5)
