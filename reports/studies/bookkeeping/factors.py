@@ -128,6 +128,8 @@ UNASKED = (
     _cannot(file="pyfg", files=_SEVERAL, landmarks="some"),
     _cannot(weights=_WEIGHTS, law="unit"),
     _cannot(matrices="none", law="unit"),
+    # Which held pose is the first one says whether the default cost is g2o's there.
+    _cannot(held="several", partial_edges="axes", cost="own", law="names"),
 )
 #: What is refused.
 REFUSED = (

@@ -84,7 +84,7 @@ class Scene:
     def turns_open_axes(self) -> bool:
         """Whether what is open along an axis of a held pose is along none of the first one."""
         of, d = self.of, self.of.d
-        others = [node for node in self.constrained[1:] if node < of.n - of.world]
+        _, *others = sorted(self.constrained)[: -1 if of.world else None] or [0]
         whole = of.turned & (True if of.moved is None else of.moved) & self.counts
         is_open = whole & ~of.information[:, d - 1].any(axis=1)
         return bool((is_open & np.isin(of.edges[:, 1], others)).any())
