@@ -149,7 +149,9 @@ def as_stated(instance: Instance) -> Instance:
     if source is None or not _same(instance, with_held(source)):
         return instance
     values = instance.initial
-    if values is not None and source.world is None:
+    if values is None:  # as of rotations alone, which are held by those of the source
+        values = source.initial
+    elif source.world is None:
         values = instance.in_world(values)
     n = source.graph.num_nodes
     return replace(

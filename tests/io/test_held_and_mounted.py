@@ -274,6 +274,12 @@ def test_npz_files_hold_fixed_nodes_as_their_source_states_them(tmp_path):
             assert again.known_numbers.tolist() == first.known_numbers.tolist()
             assert (again.held, again.notices) == (first.held, first.notices)
             assert certpgo.solve(again).cost == pytest.approx(certpgo.solve(first).cost, rel=1e-6)
+    alone = rotations_alone(certpgo.read(path, quiet=True))
+    for suffix in ("npz", "g2o"):
+        certpgo.write(tmp_path / f"alone.{suffix}", alone)
+        again = certpgo.read(tmp_path / f"alone.{suffix}", quiet=True)
+        assert again.held == alone.held == (0, 2)
+        assert certpgo.solve(again).cost == pytest.approx(certpgo.solve(alone).cost, rel=1e-6)
 
 
 def test_held_poses_get_no_measurements_from_elsewhere(tmp_path):
