@@ -56,5 +56,6 @@ def test_every_public_name_and_every_method_has_an_example():
     shown = {name for _, name in EXAMPLES}
     # A constant has none.
     assert {name for name in certpgo.__all__ if callable(getattr(certpgo, name))} <= shown
-    solvers = {path.stem for path in (ROOT / "solvers").glob("[a-z]*.py")}
-    assert solvers <= {module.rpartition(".")[2] for module, _ in EXAMPLES}
+    methods = {path.stem for path in (ROOT / "optimize" / "methods").glob("[a-z]*.py")}
+    assert methods
+    assert methods <= {module.rpartition(".")[2] for module, _ in EXAMPLES}
