@@ -117,7 +117,7 @@ class Certificate(Statement):
         more than 0.001 * cost_upper; or `is_exact_fit`
     scale : W, the problem's scale
     rounding : the cost of an estimate at hand whose residuals are all rounding, if there is one:
-        the optimum is zero, as far as doubles tell; else 0
+        the optimum is zero but for rounding; else 0
     stationarity : largest ratio of a node's gradient to its weight at the given estimate, radians
     max_residual_angle : largest angle between R_i R_ij and R_j, radians
     multipliers : (n, d, d) blocks Lam_i of the point that gave the lower bound; None without one

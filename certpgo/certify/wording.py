@@ -184,7 +184,7 @@ def _optimal(c: Statement) -> str:
 UNCERTAIN = 1e-6
 #: What headlines state of a CERTIFIED estimate whose cost is rounding.
 EXACT_FIT = "EXACT FIT"
-_FITS = "Every residual is rounding, and so is the cost: as far as doubles tell, it is zero"
+_FITS = "Every measurement is met to ten digits: the cost is what rounding leaves"
 _SMALL = "That is negligible against the total weight W"
 
 

@@ -1,4 +1,4 @@
-"""Whether measurements are met exactly, as far as doubles tell.
+"""Whether measurements are met exactly, but for rounding.
 
 The cost of such an estimate is rounding of its own evaluation, and no bound can be within a share
 of it. Residuals are compared, not costs: a single large weight makes rounding cost more than all
