@@ -200,7 +200,7 @@ def test_a_tree_is_said_to_have_no_redundancy_and_notes_are_said_once(certpgo, t
     lines = [f"EDGE_SE2 {i} {i + 1} 1 0 0.1 1 0 0 1 0 1" for i in range(3)]
     path.write_text("\n".join([*lines, "EDGE_BEARING_SE2_XY 0 9 0.1 5"]) + "\n")
     done = certpgo("solve", path)
-    assert done.out.startswith("EXACT FIT. Every residual is rounding")
+    assert done.out.startswith("EXACT FIT. Every measurement is met to ten digits")
     assert done.out.partition("\n")[2].startswith("\n")  # alone
     assert "redundancy        none: a tree fits any measurements" in done.out
     assert (done.out + done.err).count("skipped") == 1
