@@ -457,7 +457,7 @@ def test_proofs_are_about_numbers_of_information(tmp_path):
     path.write_text(map_text(5, 2))
     instance = certpgo.read(path, quiet=True, weights_are="covariance")
     answer = certpgo.solve(instance.graph, cost="chordal")
-    with pytest.raises(InputError, match="not of covariance"):
+    with pytest.raises(InputError, match="read as covariance"):
         write_proof(tmp_path / "p.cert", path, instance, answer.estimate, answer.certificate)
 
 

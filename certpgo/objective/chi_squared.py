@@ -27,8 +27,6 @@ from certpgo.objective.problem import Problem
 FALSE_ALARMS = 0.01
 #: Singular values of couplings, over the largest, below which a direction is not measured.
 NONE = 1e-12
-#: More than any measurement has numbers of a rotation, or of a translation.
-_MOST = 4
 #: How closely a quantile is found: to rounding.
 CLOSE = {"xtol": 1e-300, "rtol": 1e-15}
 
@@ -48,10 +46,12 @@ def exceeded_by(problem: Problem | InformationProblem, share: float) -> FloatArr
 
     Zero for what measures nothing.
     """
-    of_kinds = np.zeros(_MOST**3)
-    kind = np.ravel_multi_index((*numbers_measured(problem), double(problem)), (_MOST,) * 3)
+    columns = (*numbers_measured(problem), double(problem))
+    shape = tuple(int(column.max()) + 1 for column in columns)
+    kind = np.ravel_multi_index(columns, shape)
+    of_kinds = np.zeros(math.prod(shape))
     for one in np.flatnonzero(np.bincount(kind)).tolist():
-        turned, moved, weight = (int(k) for k in np.unravel_index(one, (_MOST,) * 3))
+        turned, moved, weight = (int(k) for k in np.unravel_index(one, shape))
         of_kinds[one] = _exceeded(turned, moved, weight, share)
     return np.asarray(of_kinds[kind])
 
