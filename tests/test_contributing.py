@@ -101,7 +101,7 @@ def test_it_is_in_a_table_without_being_named_there(checkout):
 def test_every_contract_is_held_against_it(checkout):
     options = ("-o", "addopts=", "-p", "no:cacheprovider", "-k", NAME)
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", *options, "tests/solvers/test_contracts.py"],
+        [sys.executable, "-m", "pytest", *options, "tests/optimize/test_contracts.py"],
         cwd=ROOT,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         capture_output=True,

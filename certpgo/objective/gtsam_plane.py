@@ -19,7 +19,7 @@ equation has an error, eps. Minimising f less the minorant over z and z'', whate
     f - m >= phi(s) - |eps| + const,    phi = w' g - c_s s - |c_z|^2 h / (4 tau) - X chi,
     X = c^T T'^-1 c / 4.
 
-h is concave and chi'' <= g'' / 5 on [0, 4], where g'' >= 1/6 (tests/costs prove both; see
+h is concave and chi'' <= g'' / 5 on [0, 4], where g'' >= 1/6 (tests/objective prove both; see
 OBJECTIVES 1c). So phi'' >= k = (w' - X / 5) / 6, and if k > 0,
 
     phi(s) >= phi(s0) + phi'(s0) (s - s0) + k (s - s0)^2 / 2 >= phi(s0) - phi'(s0)^2 / (2 k)

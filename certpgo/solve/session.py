@@ -146,8 +146,7 @@ class Session(Speaking):
         InputError
             These are no measurements, or have distances, or held poses, which others would move,
             or not one name per node, or lack what the cost needs; or edges lead to the world, or
-            its positions are from an origin that is too far from that of the others to be joined
-            exactly.
+            its origin is too far from that of the others to be joined exactly.
         SpecError
             There is no cost of the session's name.
         """
@@ -157,7 +156,7 @@ class Session(Speaking):
         part = self._terms.part(measurements)
         if WORLD in labels:
             origin = measurements.origin if isinstance(measurements, Instance) else None
-            part = self._in_one_world(part, labels, origin)
+            part = self._in_world(part, labels, origin)
         # Graphs of rotations do not say which of their edges hold nodes: instances do.
         known = part if isinstance(part, PoseGraph) else measurements
         self._take(part, labels, numbered_from(known.is_measured, self._count))
@@ -178,9 +177,7 @@ class Session(Speaking):
         self._edges += numbers
         self._found = None
 
-    def _in_one_world(
-        self, graph: Graph, labels: Sequence[Label], origin: FloatArray | None
-    ) -> Graph:
+    def _in_world(self, graph: Graph, labels: Sequence[Label], origin: FloatArray | None) -> Graph:
         """New measurements with the world where those that came have it."""
         world = labels.index(WORLD)
         if self._track is None or WORLD not in self._track.numbers:
@@ -240,13 +237,11 @@ class Session(Speaking):
         part = self._all.with_edges(kept)
         # Refuses measurements that do not determine their nodes.
         self._terms.problem(part, self._called)
-        self._parts = [part]
-        self._edges = np.asarray(self._edges)[kept].tolist()
+        self._parts, self._edges = [part], np.asarray(self._edges)[kept].tolist()
         self._bounds = [(k, bound) for k, bound in self._bounds if k <= removed[0]]
         self._scale, self._fit = self._terms.scale(part), None
         self._cost, self._found = self._terms.upper(part, self.estimate), None
-        self._optimum = -math.inf
-        self._settled = min(self._settled, part.num_edges)
+        self._optimum, self._settled = -math.inf, min(self._settled, part.num_edges)
         return self.standing
 
     def refresh(self) -> Standing:

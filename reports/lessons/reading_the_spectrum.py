@@ -224,7 +224,7 @@ print(f"lambda_1(L) = {spectra.measured[0, 0]:.5f} >= {apart:.5f}, of the separa
 # The conjecture can fail wherever a graph has a bottleneck and its parts have cycles of their own,
 # as maps do. The thesis' Table 5.6 prints 0.22 for both eigenvalues of its Sphere. We find the same
 # $\lambda_1(L)$ in the public file with unit weights, but another Fiedler value, 0.0153, and with
-# it a ratio above 14 (a test in `tests/assess/test_consistency.py`); no reading of the file gives
+# it a ratio above 14 (a test in `tests/solve/test_consistency.py`); no reading of the file gives
 # the printed one. On random graphs the ratio stays below 1 for a reason: $\lambda_1(L)$ is at most
 # the smallest degree, the Rayleigh quotient of a vector at a single node, and there the weakest cut
 # is hardly weaker than the one around a single node.
