@@ -21,7 +21,7 @@ CHOSEN = (
     "graph/test_trees.py",
     "objective/test_edge_sums.py",
     "io/test_fields.py",
-    "costs/test_own_cost.py::test_compiled_equations_are_those_in_numpy",
+    "objective/test_own_cost.py::test_compiled_equations_are_those_in_numpy",
 )
 #: Without tests of processes and threads.
 BRIEF = "not environment and not threads and not reads_what_python_reads"
