@@ -19,6 +19,8 @@ DEFECT_TOLERANCE = 1e-5
 
 #: Entries of R^T R - I up to which their squares are far below rounding.
 NEARLY = 1e-9
+#: Eigenvalues of Z^T Z, over the largest, that may be rounding.
+SINGULAR = 1e-13
 #: Entries of R^T R - I up to this are rounding of doubles and kept.
 ROUNDING_DEFECT = 1e-14
 
@@ -370,7 +372,13 @@ def tangent_basis(Y: FloatArray) -> FloatArray:
 
 
 def orthonormal(Z: FloatArray) -> FloatArray:
-    """The polar factors of blocks (n, r, d)."""
+    """The polar factors of blocks (n, r, d); of a singular block one of several."""
     values, vectors = np.linalg.eigh(np.swapaxes(Z, 1, 2) @ Z)
-    root = (vectors / np.sqrt(values)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
-    return np.asarray(Z @ root)
+    singular = ~(values[:, 0] > SINGULAR * values[:, -1])
+    sizes = np.sqrt(np.where(singular[:, None], 1.0, values))
+    root = (vectors / sizes[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+    found = np.asarray(Z @ root)
+    if singular.any():
+        left, _, right = np.linalg.svd(Z[singular], full_matrices=False)
+        found[singular] = left @ right
+    return found

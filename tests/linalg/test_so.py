@@ -122,3 +122,16 @@ def test_determinants_agree_with_lapack():
     np.testing.assert_allclose(
         so.determinants(A[:, :2, :2]), np.linalg.det(A[:, :2, :2]), rtol=1e-12, atol=1e-14
     )
+
+
+def test_polar_factors_of_singular_blocks_are_orthonormal():
+    rng = np.random.default_rng(0)
+    Z = rng.standard_normal((4, 5, 3))
+    Z[1, :, 2] = Z[1, :, 0]
+    Z[2] = 0.0
+    Z[3, :, 1:] = 1e-12 * Z[3, :, :1]
+    with np.errstate(all="raise"):
+        Y = so.orthonormal(Z)
+    np.testing.assert_allclose(np.swapaxes(Y, 1, 2) @ Y, np.tile(np.eye(3), (4, 1, 1)), atol=1e-12)
+    U, _, V = np.linalg.svd(Z[0], full_matrices=False)
+    np.testing.assert_allclose(Y[0], U @ V, atol=1e-13)

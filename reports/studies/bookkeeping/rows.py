@@ -197,13 +197,12 @@ class Asking:
         """The table of rejected measurements."""
         known = self.scene.judged_rows(self.nodes)
         chosen = [e for e in self.scene.wrong if e in known] or self._without(known)
-        numbers = self.scene.numbers.tolist()
-        self.rejected = [numbers.index(e) for e in chosen]
+        self.rejected = chosen
         path = self.folder / "rejected.csv"
         lines = ["edge,i,j,price"]
         for e in chosen:
             i, j = map(self.scene.called, self.scene.of.edges[e].tolist())
-            lines.append(f"{numbers.index(e)},{i},{j},{PRICE}")
+            lines.append(f"{e},{i},{j},{PRICE}")
         path.write_text("\n".join(lines) + "\n")
         return path
 
@@ -321,8 +320,8 @@ class Asking:
 
     def _indices(self, of: Measurements, chosen: list[int]) -> list[int]:
         """Which of the judged measurements are these of the scene."""
-        rows, numbers = self.scene.judged_rows(self.nodes), self.scene.numbers
-        return [rows.index(numbers[e]) for e in chosen if numbers[e] in rows]
+        rows = self.scene.judged_rows(self.nodes)
+        return [rows.index(e) for e in chosen if e in rows]
 
     def _judge_followed(self, found: Findings, document: dict[str, Any]) -> None:
         """The last line of a stream is about all measurements."""
@@ -451,7 +450,7 @@ class Asking:
         of, whole = scene.judged(scene.cost), self.cost
         rejected = [one["edge"] for one in document["solution"]["rejected"]]
         pairs = [one["ids"] for one in document["solution"]["rejected"]]
-        edges = scene.of.edges[scene.numbers].tolist()
+        edges = scene.of.edges.tolist()
         own = [list(map(scene.called, edges[e])) for e in rejected]
         found.require(own == pairs, f"rejected {pairs}, but measurements {rejected} are {own}")
         chosen = self._indices(of, rejected)

@@ -133,11 +133,6 @@ class Scene:
         """(m,) which measurements are not between held nodes."""
         return ~np.isin(self.of.edges, self.constrained).all(axis=1)
 
-    @property
-    def numbers(self) -> Array:
-        """The measurement of each number: a file that the package wrote lacks what was left out."""
-        return np.flatnonzero(self.counts | (self.row["file"] != "npz"))
-
     def judged_rows(self, nodes: Array) -> list[int]:
         """The measurements that are judged where an estimate has these nodes."""
         inside = self.counts & np.isin(self.of.edges, nodes).all(axis=1)
