@@ -19,7 +19,7 @@ def joined(
     graphs: Sequence[Graph],
     num_nodes: int,
     points: BoolArray | None = None,
-    edges: Sequence[IntArray] | None = None,
+    nodes: Sequence[IntArray] | None = None,
 ) -> Graph:
     """The graph of all their edges, in order.
 
@@ -27,8 +27,8 @@ def joined(
     ----------
     graphs : at least one
     points : (num_nodes,) which nodes are points, if any is
-    edges : (m, 2) pairs of nodes for the edges of each graph, without distances; by default its
-        own, if nodes have the same numbers in all of them
+    nodes : (n,) numbers of each graph's nodes in the joint graph, where those without measurements
+        need none; by default their own
 
     Raises
     ------
@@ -38,10 +38,11 @@ def joined(
     for graph in graphs:
         require_one_unit(graph, "a joint graph does")
     require_one_make(map(make_of, graphs))
+    own = nodes or [np.arange(graph.num_nodes) for graph in graphs]
     rotations = [graph.rotation for graph in graphs]
     rotation = RotationGraph(
         num_nodes,
-        np.concatenate([r.edges for r in rotations] if edges is None else edges),
+        np.concatenate([to[r.edges] for r, to in zip(rotations, own, strict=True)]),
         np.concatenate([r.rotations for r in rotations]),
         np.concatenate([r.kappa for r in rotations]),
         _all([r.couplings for r in rotations]),
@@ -49,7 +50,6 @@ def joined(
     poses = [graph for graph in graphs if isinstance(graph, PoseGraph)]
     if not poses:
         return rotation
-    own = None if edges is not None else [np.arange(graph.num_nodes) for graph in poses]
     return PoseGraph(
         rotation,
         np.concatenate([graph.translations for graph in poses]),
@@ -59,22 +59,7 @@ def joined(
         _flags([graph.assumed for graph in poses], poses),
         _flags([graph.absolute for graph in poses], poses),
         joined_information([graph.information for graph in poses]),
-        joined_ranges([graph.ranges for graph in poses], num_nodes, own) if own else None,
-    )
-
-
-def joined_ranges(
-    ranges: Sequence[Ranges | None], num_nodes: int, nodes: Sequence[IntArray]
-) -> Ranges | None:
-    """All distances of several graphs, whose nodes have these numbers; None for none."""
-    known = [(of, own) for of, own in zip(ranges, nodes, strict=True) if of is not None]
-    if not known:
-        return None
-    return Ranges(
-        num_nodes,
-        np.concatenate([own[of.edges] for of, own in known]),
-        np.concatenate([of.distances for of, _ in known]),
-        np.concatenate([of.weights for of, _ in known]),
+        _ranges([graph.ranges for graph in poses], num_nodes, own),
     )
 
 
@@ -89,6 +74,21 @@ def make_of(graph: Graph) -> str:
     """What it measures, such as ``poses in 3D``: only graphs of one make can be joined."""
     said = f"{'poses' if isinstance(graph, PoseGraph) else 'rotations'} in {graph.d}D"
     return f"{said} with couplings" if graph.rotation.is_general else said
+
+
+def _ranges(
+    ranges: Sequence[Ranges | None], num_nodes: int, nodes: Sequence[IntArray]
+) -> Ranges | None:
+    """All distances of several graphs, whose nodes have these numbers; None for none."""
+    known = [(of, own) for of, own in zip(ranges, nodes, strict=True) if of is not None]
+    if not known:
+        return None
+    return Ranges(
+        num_nodes,
+        np.concatenate([own[of.edges] for of, own in known]),
+        np.concatenate([of.distances for of, _ in known]),
+        np.concatenate([of.weights for of, _ in known]),
+    )
 
 
 def _flags(known: Sequence[BoolArray | None], graphs: Sequence[PoseGraph]) -> BoolArray:

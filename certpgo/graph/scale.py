@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 
@@ -75,7 +76,7 @@ class Scale:
         of_both = ((getattr(one, of.name) for one in (self, other)) for of in fields(self))
         return Scale(*(np.concatenate(list(pair)) for pair in of_both))
 
-    @property
+    @cached_property
     def total(self) -> float:
         """W."""
         far, near, move = self.is_far, ~self.is_far, _limited(self.move)

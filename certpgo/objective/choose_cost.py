@@ -118,10 +118,11 @@ def problem_under(
     if cost is not None:
         require(cost, str, "the name of a cost")
     said = source_of(posed)
-    if getattr(_graph_of(posed), "ranges", None) is not None:
+    unposed = _graph_of(posed)
+    if getattr(unposed, "ranges", None) is not None:
         for_these = "for certpgo solve and certify alone, in the cost F"
         raise InputError(f"{said}graphs with distances are {for_these}")
-    if isinstance(_graph_of(posed), SimilarityGraph):
+    if isinstance(unposed, SimilarityGraph):
         raise InputError(f"{said}{SCALED}")
     if isinstance(posed, PoseProblem | RotationProblem | InformationProblem):
         own = posed.cost_name if isinstance(posed, InformationProblem) else CHORDAL
@@ -143,9 +144,9 @@ def certifiable(
     """The problem as of `problem_under`, `range_problem` or `similarity_problem`."""
     if isinstance(posed, RangeProblem | SimilarityProblem):
         return posed
-    if isinstance(_graph_of(posed), SimilarityGraph):
-        return similarity_problem(posed, cost)
     graph = _graph_of(posed)
+    if isinstance(graph, SimilarityGraph):
+        return similarity_problem(posed, cost)
     if isinstance(graph, PoseGraph) and graph.ranges is not None:
         return range_problem(cast("PoseGraph | Instance", posed), cost)
     return problem_under(posed, cost)
@@ -188,15 +189,13 @@ def range_problem(measured: Graph | Instance, cost: str | None = None) -> RangeP
     InputError
         It has none, or measures rotations alone; or a cost of another program.
     """
-    instance = measured if isinstance(measured, Instance) else None
-    graph = graph_of(measured)
-    source = source_of(measured)
+    graph, source = graph_of(measured), source_of(measured)
     if graph.ranges is None:
         raise InputError(f"{source}no distances between poses")
     if cost not in (None, CHORDAL):
         raise InputError(f"{source}with distances there is only the cost F (--cost chordal)")
-    if instance is not None:
-        require_held(graph, instance.named)
+    if isinstance(measured, Instance):
+        require_held(graph, measured.named)
     return RangeProblem(graph)
 
 
@@ -219,14 +218,13 @@ def information_problem(measured: Graph | Instance, cost: str) -> InformationPro
     require(cost, str, "the name of a cost")
     if cost not in COSTS:
         raise SpecError.unknown("cost", cost, list(COSTS))
-    instance = measured if isinstance(measured, Instance) else None
-    source = source_of(measured)
     graph = informed(measured, cost)
     if said := _unknown_to(cost, graph):
-        raise InputError(f"{source}{said}")
+        raise InputError(f"{source_of(measured)}{said}")
     graph = weighed_by(cost, graph)
     problem = InformationProblem(edge_cost(graph, cost))
-    problem.refuse_indefinite(instance.name if instance else "")  # no path, as tables keep it
+    # No path, as tables keep it.
+    problem.refuse_indefinite(measured.name if isinstance(measured, Instance) else "")
     return problem
 
 
@@ -263,13 +261,12 @@ def informed(measured: Graph | Instance, cost: str) -> PoseGraph:
     InputError
         It has none.
     """
-    instance = measured if isinstance(measured, Instance) else None
     graph = graph_of(measured)
     if isinstance(graph, PoseGraph) and graph.information is not None:
         return graph
-    source = source_of(measured)
+    options = measured.options if isinstance(measured, Instance) else {}
     needed = f"--cost {cost} needs poses with information matrices on every edge"
-    raise InputError(f"{source}{needed}; {_lack(graph, instance.options if instance else {})}")
+    raise InputError(f"{source_of(measured)}{needed}; {_lack(graph, options)}")
 
 
 def _lack(graph: Graph, options: Mapping[str, str]) -> str:

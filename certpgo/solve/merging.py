@@ -19,8 +19,8 @@ import numpy as np
 from scipy import special
 
 from certpgo.errors import GraphError, InputError, require
-from certpgo.graph import Estimate, Graph, Instance, PoseGraph
-from certpgo.graph.concatenate import joined, joined_ranges
+from certpgo.graph import Estimate, Graph, Instance
+from certpgo.graph.concatenate import joined
 from certpgo.graph.display import Speaking
 from certpgo.graph.graph import require_one_unit
 from certpgo.graph.held import refuse_held
@@ -319,11 +319,7 @@ def _joined(
     labels = [labels[k] for k in in_order(labels).tolist()]
     place = {label: k for k, label in enumerate(labels)}
     nodes = [np.array([place[label] for label in own]) for own in labelled]
-    edges = [own[graph.edges] for own, graph in zip(nodes, graphs, strict=True)]
-    whole = joined(graphs, len(labels), _points(graphs, nodes, labels), edges)
-    if isinstance(whole, PoseGraph):
-        ranges = [part.graph.ranges for part in parts]
-        whole = whole.with_ranges(joined_ranges(ranges, len(labels), nodes))
+    whole = joined(graphs, len(labels), _points(graphs, nodes, labels), nodes)
     merged = Instance.labelled(f"{len(maps)} maps", whole, labels, origin=origin)
     read = {part.options.get(READ_AS, "tangent") for part in parts if len(part.options)}
     options = {READ_AS: read.pop()} if len(read) == 1 else {}

@@ -58,7 +58,7 @@ class Track:
         self._projected = len(self)
 
     def extend(self, graph: Graph, labels: Sequence[Label]) -> IntArray:
-        """Number the nodes of measurements, compose the poses of new ones; edges (m, 2) by number.
+        """Compose the poses of new nodes; the number of each node (n,), -1 for one without edges.
 
         Raises
         ------
@@ -73,8 +73,7 @@ class Track:
         self.points += [there in points for _, there, _ in steps]
         for here, there, edge in steps:
             self._append(graph, labels, here, there, edge)
-        numbers = [[self.numbers[labels[node]] for node in edge] for edge in graph.edges.tolist()]
-        return np.array(numbers, dtype=np.intp)
+        return np.array([self.numbers.get(label, -1) for label in labels], dtype=np.intp)
 
     def steps(self, graph: Graph, labels: Sequence[Label]) -> list[tuple[int, int, int]]:
         """Edges (from, to, edge) that reach new nodes from known ones.

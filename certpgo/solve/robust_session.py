@@ -168,13 +168,11 @@ class RobustSession(Session):
     def _everything(self) -> tuple[Problem, IntArray]:
         """All measurements that ever came, in that order, and their numbers."""
         kept, aside, place = self.graph, self._put_aside, self._poses.numbers
-        edges = [kept.edges]
-        for one, names in aside.values():
-            ends = np.array([place[name] for name in names])
-            edges.append(ends[one.edges])
+        nodes = [np.arange(kept.num_nodes)]
+        nodes += [np.array([place[name] for name in names]) for _, names in aside.values()]
         points = kept.points if isinstance(kept, PoseGraph) else None
         parts = [kept, *(one for one, _ in aside.values())]
         numbers = np.concatenate([self.edges, np.fromiter(aside, dtype=np.intp)])
         order = np.argsort(numbers)
-        whole = joined(parts, kept.num_nodes, points, edges).with_edges(order)
+        whole = joined(parts, kept.num_nodes, points, nodes).with_edges(order)
         return chordal_problem(whole, self._called), numbers[order]

@@ -343,8 +343,8 @@ class Session(Speaking):
 
     def _measure(self) -> None:
         """Add the terms of what came since to F of the estimate, which was extended by it."""
-        parts, edges = zip(*self._new, strict=True)
-        added = joined(parts, len(self._poses), self._are_points, edges)
+        parts, nodes = zip(*self._new, strict=True)
+        added = joined(parts, len(self._poses), self._are_points, nodes)
         ends = np.unique(added.edges)
         part, here = added.subgraph(ends), self.estimate.subset(ends)
         self._fit = self._fit and meets(part, here)

@@ -104,7 +104,7 @@ def test_a_wrong_joint_is_named_and_left_out(graph):
     wrong = PoseGraph(turned, [[9.0, 9.0, 9.0]], [1e4])
     nodes = joints.graph.num_nodes
     both = certpgo.graph.concatenate.joined(
-        [joints.graph, wrong], nodes + 1, None, [joints.graph.edges, np.array([[0, nodes]])]
+        [joints.graph, wrong], nodes + 1, None, [np.arange(nodes), np.array([0, nodes])]
     )
     ids = np.array([*joints.ids, 117])
     if 117 in joints.ids:
