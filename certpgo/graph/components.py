@@ -10,6 +10,7 @@ import numpy as np
 from certpgo.graph.dataset import Instance
 from certpgo.graph.graph import PoseGraph, require_connected
 from certpgo.graph.held import with_held
+from certpgo.graph.priors import placing
 from certpgo.linalg.arrays import BoolArray, IntArray, numbered
 
 #: How to treat a disconnected graph: refuse it, solve each component, or the largest only.
@@ -67,7 +68,7 @@ def restricted(instance: Instance, nodes: IntArray, name: str) -> Instance:
     inside = np.asarray(np.isin(graph.edges, nodes).all(axis=1))
     place = {int(node): k for k, node in enumerate(nodes)}
     times = instance.times_ns
-    return replace(
+    part = replace(
         instance,
         name=name,
         graph=graph.subgraph(nodes),
@@ -83,6 +84,24 @@ def restricted(instance: Instance, nodes: IntArray, name: str) -> Instance:
         numbers=instance.known_numbers[np.isin(instance.measurements.edges, nodes).all(axis=1)],
         apart=None if instance.apart is None else instance.apart[nodes],
         times_ns=None if times is None else times[nodes[nodes < len(times)]],
+    )
+    return _with_world_placed(part)
+
+
+def _with_world_placed(part: Instance) -> Instance:
+    """The part with its world somewhere, where what is left out had put it there."""
+    graph, m = part.graph, part.graph.num_edges
+    if part.world is None or not isinstance(graph, PoseGraph):
+        return part
+    placed, outliers, stated = placing(graph, part.world), part.outliers, part.stated
+    if placed is graph:
+        return part
+    return replace(
+        part,
+        graph=placed,
+        outliers=None if outliers is None else np.append(outliers, False),
+        stated=None if stated is None else np.concatenate([stated, placed.edges[m:]]),
+        numbers=np.insert(part.known_numbers, m, -1),
     )
 
 

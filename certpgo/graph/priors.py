@@ -105,7 +105,7 @@ def with_priors(
     priors = RotationGraph(
         graph.num_nodes + added, np.stack([place, nodes], axis=1), R, broadcast(kappa, k)
     )
-    return _with_absolute(graph, priors, t, broadcast(tau, k), placed=world is not None)
+    return _with_absolute(graph, priors, t, broadcast(tau, k))
 
 
 def with_directions(
@@ -183,41 +183,46 @@ def with_directions(
         weights[:, None, None] * h[:, None] * g[:, None, :],
     )
     zeros = np.zeros((k, d))
-    return _with_absolute(graph, seen_by, zeros, np.zeros(k), placed=world is not None)
+    return _with_absolute(graph, seen_by, zeros, np.zeros(k))
 
 
 def _with_absolute(
-    graph: PoseGraph, rotation: RotationGraph, t: FloatArray, tau: FloatArray, *, placed: bool
+    graph: PoseGraph, rotation: RotationGraph, t: FloatArray, tau: FloatArray
 ) -> PoseGraph:
-    """The graph with measurements from a world, which is new, and not measured to be anywhere.
-
-    Parameters
-    ----------
-    rotation : theirs, of all nodes
-    placed : whether the world is somewhere already
-    """
+    """The graph with measurements from a world, whose rotations ``rotation`` has, of all nodes."""
     n, points = rotation.num_nodes, graph.points
     if points is not None:
         points = np.append(points, np.zeros(n - graph.num_nodes, dtype=bool))
     known = np.ones(len(tau), dtype=bool)
-    parts = [PoseGraph(rotation, t, tau, None, points, None, known)]
-    if not placed and not tau.any() and len(tau):
-        parts.append(_place(rotation, np.median(graph.tau[graph.measures_translation]), points))
-    if (own := graph.information) is not None:
-        parts = [
-            part.with_information(own.stating(part.rotation.kappa, part.tau)) for part in parts
-        ]
-    return cast("PoseGraph", joined([graph, *parts], n, points))
+    priors = _stated_by(graph, PoseGraph(rotation, t, tau, None, points, None, known))
+    whole = cast("PoseGraph", joined([graph, priors], n, points))
+    return placing(whole, int(rotation.edges[0, 0])) if len(tau) else whole
 
 
-def _place(rotation: RotationGraph, tau: float, points: BoolArray | None) -> PoseGraph:
-    """The edge that puts a world at the first node that is measured from it."""
-    d, none = rotation.d, rotation.couplings
+def placing(graph: PoseGraph, world: int) -> PoseGraph:
+    """The graph with a world that is somewhere, by one more edge if no other knows a position.
+
+    That edge, the last one, puts it at the first node that is measured from it.
+    """
+    of_world, moved = graph.edges[:, 0] == world, graph.measures_translation
+    if (of_world & moved).any() or not of_world.any() or not moved.any():
+        return graph
+    d, none = graph.d, graph.rotation.couplings
     if none is not None:
         none = np.zeros((1, d, d))
-    edge, still, is_so = rotation.edges[:1], np.eye(d)[None], np.array([True])
-    place = RotationGraph(rotation.num_nodes, edge, still, np.zeros(1), none)
-    return PoseGraph(place, np.zeros((1, d)), np.array([tau]), None, points, is_so, is_so)
+    edge, still, is_so = graph.edges[of_world][:1], np.eye(d)[None], np.array([True])
+    tau = np.median(graph.tau[moved])
+    place = RotationGraph(graph.num_nodes, edge, still, np.zeros(1), none)
+    put = PoseGraph(place, np.zeros((1, d)), np.array([tau]), None, graph.points, is_so, is_so)
+    put = _stated_by(graph, put)
+    return cast("PoseGraph", joined([graph, put], graph.num_nodes, graph.points))
+
+
+def _stated_by(graph: PoseGraph, part: PoseGraph) -> PoseGraph:
+    """A part for a graph, with information matrices if that has some."""
+    if (own := graph.information) is None:
+        return part
+    return part.with_information(own.stating(part.rotation.kappa, part.tau))
 
 
 def _unplaced(graph: PoseGraph, world: int | None) -> PoseGraph:

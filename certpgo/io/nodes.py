@@ -118,7 +118,7 @@ def numbered_by_id(path: Path, content: Records) -> tuple[Nodes, Measured]:
         ids,
         known,
         np.isin(ids, sightings.nodes[:, 1]) if len(sightings) else None,
-        fixed=tuple(fixed.tolist()),
+        fixed=tuple(dict.fromkeys(fixed.tolist())),  # several files may fix one node
         apart=np.isin(ids, apart) if len(apart) else None,
         moved_by=moved_by,
         unvalued=unvalued if len(vertices) else 0,

@@ -92,6 +92,8 @@ def rises_over(
     trusted : (m,) which are, such as odometry
     doubtful : (k,) indices of others
     """
+    if not trusted.any():
+        return None
     factors, prices = np.zeros((2, problem.graph.num_edges))
     factors[trusted] = factors[doubtful] = 1.0
     prices[:] = np.inf

@@ -118,6 +118,12 @@ def test_wrong_loops_are_refuted_by_odometry_alone(dataset):
     assert not refuted[~wrong].any()
 
 
+def test_without_trusted_measurements_nothing_is_known_over_them():
+    graph = synthetic.grid3d(2, rng_of(0)).graph
+    none = np.zeros(graph.num_edges, dtype=bool)
+    assert rises_over(problem_of(graph), none, np.arange(graph.num_edges), Stop()) is None
+
+
 def test_a_report_that_is_stopped_says_so():
     rng = rng_of(5)
     graph = doubtful_graph(rng, 2, poses=False, n=12, doubtful=1)[0]

@@ -310,3 +310,27 @@ def test_attitudes_alone(file):
     assert answer.cost == pytest.approx(0.0, abs=1e-20)
     R = instance.in_world(answer.estimate).rotations
     assert np.arctan2(R[:, 1, 0], R[:, 0, 0]) == pytest.approx([0.5, 0.75], abs=1e-12)
+
+
+@pytest.mark.parametrize("placed", ["", "EDGE_PRIOR_SE2_XY 0 3 4 1 0 1\n"], ids=["assumed", "gps"])
+def test_a_part_without_the_node_that_placed_the_world(file, placed):
+    """What is left of the compasses is solved: by hand, 1/3 of (0.25 - 0.1)^2."""
+    from certpgo.graph.components import restricted
+
+    instance = io.read(
+        file(
+            "EDGE_SE2 0 1 1 0 0.25 1 0 0 1 0 1\nEDGE_SE2 1 2 1 0 0.25 1 0 0 1 0 1\n"
+            "EDGE_PRIOR_SE2 0 7 7 0.5 0 0 0 0 0 1\nEDGE_PRIOR_SE2 1 7 7 0.5 0 0 0 0 0 1\n"
+            f"EDGE_PRIOR_SE2 2 0 0 0.6 0 0 0 0 0 1\n{placed}"
+        ),
+        quiet=True,
+    )
+    part = restricted(instance, np.array([1, 2, 3]), "without the first")
+    assert part.known_numbers.tolist() == [1, 3, 4, -1]
+    assert part.num_measurements == 3
+    assert part.pairs[part.is_measured].tolist() == [[1, 2], [3, 1], [3, 2]]
+    answer = certpgo.solve(part)
+    assert answer.verdict.value == "CERTIFIED"
+    assert answer.cost == pytest.approx(0.0075, rel=1e-9)
+    again = restricted(part, np.array([0, 1, 2]), "the same")
+    assert again.graph.num_edges == part.graph.num_edges

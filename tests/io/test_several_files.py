@@ -51,6 +51,11 @@ def test_ids_are_shared_and_what_two_files_have_counts_once(files):
     assert answer.cost == certpgo.solve(instance).cost
 
 
+def test_a_node_that_both_fix_is_fixed_once(files):
+    files[1].write_text(B.replace("VERTEX_SE2 2", "FIX 0\nVERTEX_SE2 2"))
+    assert certpgo.read(files, quiet=True).fixed == (0,)
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_however_a_graph_is_split_the_files_together_are_it(tmp_path, seed):
     rng = np.random.default_rng(seed)

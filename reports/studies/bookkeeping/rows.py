@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import tempfile
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -114,7 +115,11 @@ class Asking:
             rest.append("--robust")
         if row["rejected"] == "listed":
             listed = self._listed()
-            rest += ["--rejected", listed] if self.rejected else []
+            if self.rejected:
+                rest += ["--rejected", listed]
+            else:
+                row = self.row = {**row, "rejected": "none"}
+                self.scene = replace(scene, row=row)
         if row["times"] == "given":
             rest += ["--timestamps", self._times()]
         if row["truth"] == "given":
@@ -261,7 +266,7 @@ class Asking:
         self._judge_held(found, poses)
         part = (poses[0][self.nodes], poses[1][self.nodes])
         self._judge_outputs(found, document, cost, part)
-        if self.row["rejected"] != "none" and self.rejected:
+        if self.row["rejected"] != "none":
             self._judge_listed(found, document, cost, part)
             return
         if name == "solve" and self.row["outliers"] == "robust":
@@ -275,7 +280,8 @@ class Asking:
     def _claim(self, name: str, document: dict[str, Any], cost: Cost, poses: Poses) -> Claim:
         """What is claimed. W counts constraints, and positions from an origin near them."""
         c, tolerance = document["certificate"], document["certificate"]["tolerance"]
-        if self.scene.constrained or self.row["positions"] == "far":
+        # Of an exact fit the whole cost is tolerated.
+        if not c["is_exact_fit"] and (self.scene.constrained or self.row["positions"] == "far"):
             tolerance = min(tolerance, most_of(cost, c["cost_upper"]))
         bound, verdict = document["lower_bound"], document["verdict"]
         upper, exact = c["cost_upper"], c["is_exact_fit"]
@@ -537,5 +543,8 @@ def _judge_law(
             return
         slack = ALIKE * answer.value + rounding
         said = f"{law}: {answer.verdict} {answer.value!r}, then {again.verdict} {again.value!r}"
-        same = abs(answer.value - again.value) <= slack and answer.verdict == again.verdict
+        # What a bound that proves no estimate reaches is not the same to rounding.
+        loose = {answer.verdict, again.verdict} <= {"BOUNDED", "UNDECIDED"}
+        alike = loose or answer.verdict == again.verdict
+        same = abs(answer.value - again.value) <= slack and alike
         found.require(same or answer.limited or again.limited, said)
