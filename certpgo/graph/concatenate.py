@@ -7,10 +7,10 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from certpgo.errors import GraphError
+from certpgo.graph.block import Block
 from certpgo.graph.graph import Graph, require_one_unit
 from certpgo.graph.information import joined_information
 from certpgo.graph.pose_graph import PoseGraph
-from certpgo.graph.ranges import Ranges
 from certpgo.graph.rotation_graph import RotationGraph
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
@@ -59,7 +59,7 @@ def joined(
         _flags([graph.assumed for graph in poses], poses),
         _flags([graph.absolute for graph in poses], poses),
         joined_information([graph.information for graph in poses]),
-        _ranges([graph.ranges for graph in poses], num_nodes, own),
+        _blocks([graph.blocks for graph in poses], num_nodes, own),
     )
 
 
@@ -76,18 +76,14 @@ def make_of(graph: Graph) -> str:
     return f"{said} with couplings" if graph.rotation.is_general else said
 
 
-def _ranges(
-    ranges: Sequence[Ranges | None], num_nodes: int, nodes: Sequence[IntArray]
-) -> Ranges | None:
-    """All distances of several graphs, whose nodes have these numbers; None for none."""
-    known = [(of, own) for of, own in zip(ranges, nodes, strict=True) if of is not None]
-    if not known:
-        return None
-    return Ranges(
-        num_nodes,
-        np.concatenate([own[of.edges] for of, own in known]),
-        np.concatenate([of.distances for of, _ in known]),
-        np.concatenate([of.weights for of, _ in known]),
+def _blocks(
+    blocks: Sequence[tuple[Block, ...]], num_nodes: int, nodes: Sequence[IntArray]
+) -> tuple[Block, ...]:
+    """What else several graphs measure, whose nodes have these numbers, by kind."""
+    known = [(block, to) for of, to in zip(blocks, nodes, strict=True) for block in of]
+    kinds = dict.fromkeys(type(block) for block, _ in known)
+    return tuple(
+        Block.joined(num_nodes, [one for one in known if type(one[0]) is kind]) for kind in kinds
     )
 
 

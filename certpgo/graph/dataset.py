@@ -128,7 +128,7 @@ class Instance(Speaking):
     def _check_arrays(self, n: int) -> None:
         """Freeze the arrays that may be there, and refuse those of another length."""
         m, poses = self.graph.num_edges, len(self.ids[: self.world])
-        rows = m + (0 if (ranges := self.graph.ranges) is None else ranges.num_edges)
+        rows = m + sum(block.num_edges for block in self.graph.blocks)
         for name, freeze, shape, what in (
             ("times_ns", frozen_indices, (poses,), f"of {poses} nodes"),
             ("outliers", frozen_flags, (m,), f"{m} flags, one per edge"),
@@ -225,8 +225,7 @@ class Instance(Speaking):
     def pairs(self) -> IntArray:
         """(m, 2) ids of the nodes that the source names in each of the `measurements`."""
         edges = self.graph.edges if self.stated is None else self.stated
-        if (ranges := self.graph.ranges) is not None:
-            edges = np.concatenate([edges, ranges.edges])
+        edges = np.concatenate([edges, *(block.edges for block in self.graph.blocks)])
         return np.asarray(self.ids[edges])
 
     @cached_property
@@ -239,15 +238,13 @@ class Instance(Speaking):
 
     @cached_property
     def measurements(self) -> Measurements:
-        """All measurements with their kinds: the graph's edges, then the distances."""
-        graph, ranges = self.graph, self.graph.ranges
+        """All measurements with their kinds: the graph's edges, then those of its blocks."""
+        graph, blocks = self.graph, self.graph.blocks
         kinds = kinds_of(graph, graph.from_world | (graph.edges[:, 0] == self.world))
         kinds[~self.is_measured] = Kind.HELD if self.held else Kind.ASSUMED
-        if ranges is None:
-            return Measurements(graph.num_nodes, graph.edges, kinds)
-        edges = np.concatenate([graph.edges, ranges.edges])
-        kinds = np.append(kinds, np.full(ranges.num_edges, Kind.RANGE))
-        return Measurements(graph.num_nodes, edges, kinds)
+        edges = np.concatenate([graph.edges, *(block.edges for block in blocks)])
+        others = [np.full(block.num_edges, block.kind) for block in blocks]
+        return Measurements(graph.num_nodes, edges, np.concatenate([kinds, *others]))
 
     @property
     def kinds(self) -> tuple[int, int, int]:

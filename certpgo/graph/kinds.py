@@ -34,6 +34,7 @@ class Kind(IntEnum):
     RANGE = 7  #: a distance between two nodes
     HELD = 8  #: nothing: a constraint between nodes that the source fixes
     ASSUMED = 9  #: nothing: where a world is whose position nothing measures
+    OTHER = 10  #: of a kind that the package does not know, see `certpgo.graph.block.Block`
 
     @property
     def phrase(self) -> str:
@@ -57,6 +58,7 @@ _PHRASES = {
     Kind.RANGE: "distance{s}",
     Kind.HELD: "constraint{s} of fixed nodes",
     Kind.ASSUMED: "assumed position{s} of the world",
+    Kind.OTHER: "other measurement{s}",
 }
 
 
@@ -91,7 +93,7 @@ def kinds_of(graph: Measuring, from_world: BoolArray) -> IntArray:
 
 @dataclass(frozen=True, eq=False)
 class Measurements(Pairs):
-    """All measurements, a row each: the edges of a graph, then the distances.
+    """All measurements, a row each: the edges of a graph, then those of other kinds.
 
     Attributes
     ----------

@@ -11,6 +11,7 @@ from typing import ClassVar, Literal, Self
 import numpy as np
 
 from certpgo.errors import GraphError, require
+from certpgo.graph.block import Block
 from certpgo.graph.display import Speaking
 from certpgo.graph.edges import (
     Keep,
@@ -52,7 +53,7 @@ class PoseGraph(Speaking, OfRotations):
     absolute : (m,) which edges measure from a world, see `certpgo.with_priors`; None for none
     information : full information matrices, by which other programs weigh residuals; None without
         any, or with other weights. F has kappa and tau alone; a cost is a choice, see `solve`
-    ranges : distances measured between the nodes, besides the edges; None for none
+    blocks : what else is measured between the nodes, such as `certpgo.Ranges`; one of a kind
 
     Raises
     ------
@@ -84,7 +85,7 @@ class PoseGraph(Speaking, OfRotations):
     assumed: BoolArray | None = None
     absolute: BoolArray | None = None
     information: Information | None = None
-    ranges: Ranges | None = None
+    blocks: tuple[Block, ...] = ()
 
     #: The unit of 1 / tau.
     _area: ClassVar[str] = "m^2"
@@ -144,20 +145,34 @@ class PoseGraph(Speaking, OfRotations):
             self.information.require_size(self.num_edges, self.d)
             if self.rotation.is_general:
                 raise GraphError("edges have matrix weights or information matrices, not both")
-        if self.ranges is not None and self.ranges.num_nodes != self.num_nodes:
-            n = self.ranges.num_nodes
-            raise GraphError(f"ranges are of {n} nodes, the graph has {self.num_nodes}")
+        for block in self.blocks:
+            require(block, Block, "measurements of a kind")
+            if block.num_nodes != self.num_nodes:
+                said = f"are of {block.num_nodes} nodes, the graph has {self.num_nodes}"
+                raise GraphError(f"{block.kind.phrase.format(s='s')} {said}")
+        if len({type(block) for block in self.blocks}) < len(self.blocks):
+            raise GraphError("measurements of one kind are given together")
 
-    def _with_besides(self, **changed: Information | Ranges | None) -> Self:
-        """The graph with other information or distances; what else there is was checked."""
+    def _with_besides(self, **changed: Information | tuple[Block, ...] | None) -> Self:
+        """The graph with other information or blocks; what else there is was checked."""
         other = copy(self)
         other.__dict__.update(changed)
         other._check_besides()
         return other
 
+    def with_blocks(self, *blocks: Block) -> Self:
+        """The same edges with these measurements besides, or with none."""
+        return self._with_besides(blocks=blocks)
+
     def with_ranges(self, ranges: Ranges | None) -> Self:
-        """The same edges with these distances besides, or with none."""
-        return self._with_besides(ranges=ranges)
+        """The same measurements with these distances, or with none."""
+        others = tuple(block for block in self.blocks if not isinstance(block, Ranges))
+        return self.with_blocks(*others, *([] if ranges is None else [ranges]))
+
+    @property
+    def ranges(self) -> Ranges | None:
+        """The distances; None for none."""
+        return next((block for block in self.blocks if isinstance(block, Ranges)), None)
 
     @property
     def information_matrices(self) -> FloatArray:
@@ -329,10 +344,10 @@ class PoseGraph(Speaking, OfRotations):
         )
 
     def scaled(self, factor: float) -> PoseGraph:
-        """All concentrations, information and weights of distances times ``factor``."""
+        """All concentrations, information and other weights times ``factor``."""
         graph = self.with_information(None).reweighted(np.full(self.num_edges, factor))
         graph = graph.with_information(self.information and self.information.scaled(factor))
-        return graph.with_ranges(self.ranges and self.ranges.scaled(factor))
+        return graph.with_blocks(*(block.scaled(factor) for block in self.blocks))
 
     def without_parallel_edges(self, keep: Keep) -> PoseGraph:
         """Keep ``"all"`` parallel edges, or the ``"first"`` or ``"last"`` of each pair {i, j}."""
@@ -340,7 +355,7 @@ class PoseGraph(Speaking, OfRotations):
 
     def with_edges(self, chosen: IntArray | BoolArray) -> PoseGraph:
         """All nodes with only the ``chosen`` edges, given by index or mask (m,)."""
-        return self._with(self.rotation.with_edges(chosen), chosen, self.points, self.ranges)
+        return self._with(self.rotation.with_edges(chosen), chosen, self.points, self.blocks)
 
     def subgraph(self, nodes: IntArray) -> PoseGraph:
         """The graph induced on ``nodes``, renumbered in that order."""
@@ -348,15 +363,15 @@ class PoseGraph(Speaking, OfRotations):
         rotation = self.rotation.subgraph(nodes)
         _, chosen = induced(self.num_nodes, self.edges, nodes)
         points = None if self.points is None else self.points[nodes]
-        ranges = self.ranges and self.ranges.between(nodes)
-        return self._with(rotation, chosen, points, ranges)
+        blocks = (block.between(nodes) for block in self.blocks)
+        return self._with(rotation, chosen, points, tuple(filter(None, blocks)))
 
     def _with(
         self,
         rotation: RotationGraph,
         chosen: IntArray | BoolArray,
         points: BoolArray | None,
-        ranges: Ranges | None,
+        blocks: tuple[Block, ...],
     ) -> PoseGraph:
         arms = None if self.arms is None else self.arms[chosen]
         assumed, absolute = (
@@ -364,7 +379,7 @@ class PoseGraph(Speaking, OfRotations):
         )
         t, tau = self.translations[chosen], self.tau[chosen]
         information = self.information and self.information.subset(chosen)
-        return PoseGraph(rotation, t, tau, arms, points, assumed, absolute, information, ranges)
+        return PoseGraph(rotation, t, tau, arms, points, assumed, absolute, information, blocks)
 
     @property
     def is_general(self) -> bool:

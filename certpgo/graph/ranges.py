@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from numbers import Integral
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from certpgo.errors import GraphError, require
-from certpgo.graph.display import Brief
-from certpgo.graph.edges import check_edges, check_weights, edge_name, induced
-from certpgo.linalg.arrays import FloatArray, IntArray, frozen_floats, frozen_indices
+from certpgo.errors import GraphError
+from certpgo.graph.block import Block
+from certpgo.graph.edges import check_weights, edge_name
+from certpgo.graph.kinds import Kind
+from certpgo.linalg.arrays import FloatArray, frozen_floats
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Ranges(Brief):
+class Ranges(Block):
     """Distances between the positions of nodes, whose cost is weight (distance - |t_j - t_i|)^2.
 
     Attributes
@@ -38,42 +39,23 @@ class Ranges(Brief):
     2
     """
 
-    num_nodes: int
-    edges: IntArray
+    kind: ClassVar[Kind] = Kind.RANGE
+
     distances: FloatArray
     weights: FloatArray
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "edges", frozen_indices(self.edges))
         object.__setattr__(self, "distances", frozen_floats(self.distances))
         object.__setattr__(self, "weights", frozen_floats(self.weights))
-        require(self.num_nodes, Integral, "a number of nodes")
-        k = len(self.edges)
-        if self.edges.shape != (k, 2) or self.distances.shape != (k,):
-            raise GraphError(f"ranges are (k, 2) pairs and (k,) distances, not {self.edges.shape}")
-        check_edges(self.edges, self.num_nodes)
+        super().__post_init__()
+        if self.distances.shape != (self.num_edges,):
+            raise GraphError(f"distances must be {(self.num_edges,)}, not {self.distances.shape}")
         check_weights("weight", self.weights, self.edges)
         bad = np.asarray(~((self.distances >= 0.0) & np.isfinite(self.distances)))
         if bad.any():
             raise GraphError(f"{edge_name(self.edges, bad)}: a distance is not negative and finite")
 
-    @property
-    def num_edges(self) -> int:
-        """Number k of distances."""
-        return len(self.edges)
-
     def lengths(self, positions: FloatArray) -> FloatArray:
         """(k,) distances |t_j - t_i| between positions (n, d), metres."""
         i, j = self.edges.T
         return np.asarray(np.linalg.norm(positions[j] - positions[i], axis=1))
-
-    def scaled(self, factor: float) -> Ranges:
-        """The same distances with weights times ``factor``."""
-        return replace(self, weights=factor * self.weights)
-
-    def between(self, nodes: IntArray) -> Ranges | None:
-        """Those between some nodes (k,), numbered 0 ... k-1 in that order; None without any."""
-        edges, inside = induced(self.num_nodes, self.edges, nodes)
-        if not len(inside):
-            return None
-        return Ranges(len(nodes), edges, self.distances[inside], self.weights[inside])

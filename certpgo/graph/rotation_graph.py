@@ -11,6 +11,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from certpgo.errors import GraphError, require
+from certpgo.graph.block import Block
 from certpgo.graph.display import Speaking
 from certpgo.graph.edges import (
     Keep,
@@ -222,6 +223,7 @@ class RotationGraph(Speaking, Pairs):
     information: ClassVar[None] = None
     #: Distances between nodes: none.
     ranges: ClassVar[None] = None
+    blocks: ClassVar[tuple[Block, ...]] = ()
 
     @property
     def pose_nodes(self) -> IntArray:

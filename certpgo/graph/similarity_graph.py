@@ -9,11 +9,11 @@ from typing import ClassVar
 import numpy as np
 
 from certpgo.errors import GraphError, InputError
+from certpgo.graph.block import Block
 from certpgo.graph.edges import chosen_nodes, induced
 from certpgo.graph.estimate import check_scales
 from certpgo.graph.phrases import counted
 from certpgo.graph.pose_graph import PoseGraph
-from certpgo.graph.ranges import Ranges
 from certpgo.graph.rotation_graph import RotationGraph
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_flags, frozen_floats
 
@@ -147,7 +147,7 @@ class SimilarityGraph(PoseGraph):
     def _check_besides(self) -> None:
         if self.information is not None:
             raise GraphError("similarities have isotropic weights, no information matrices")
-        if self.ranges is not None:
+        if self.blocks:
             raise GraphError("distances are not for nodes of unknown scale")
 
     def _with(
@@ -155,7 +155,7 @@ class SimilarityGraph(PoseGraph):
         rotation: RotationGraph,
         chosen: IntArray | BoolArray,
         points: BoolArray | None,
-        ranges: Ranges | None,
+        blocks: tuple[Block, ...],
     ) -> SimilarityGraph:
         return self._among(rotation, chosen, points, self.free)
 

@@ -52,9 +52,9 @@ def streamed(
     [[0, 1], [1, 2], [2, 3], [0, 3]]
     """
     graph = graph_of(measured)
-    if graph.ranges is not None:
+    if graph.blocks:
         said = f"{measured.name}: " if isinstance(measured, Instance) else ""
-        raise InputError(f"{said}distances between nodes cannot be streamed")
+        raise InputError(f"{said}{graph.blocks[0].kind.phrase.format(s='s')} cannot be streamed")
     order = arrivals(measured)
     for first in range(0, len(order), size):
         edges = order[first : first + size]

@@ -80,8 +80,9 @@ class PoseProblem(Objective):
         require_graph(self, PoseGraph, "a RotationGraph has no translations: RotationProblem(g)")
         if isinstance(self.graph, SimilarityGraph) and not self.takes_scales:
             raise InputError(SCALED)
-        if self.graph.ranges is not None:
-            raise InputError("F has no distances: RangeProblem(graph), or graph.with_ranges(None)")
+        if self.graph.blocks:
+            found = self.graph.blocks[0].kind.phrase.format(s="s")
+            raise InputError(f"F has no {found}: certpgo.solve takes them, or graph.with_blocks()")
         require_connected(self.graph)
         if self.graph.is_partial:
             require_determined(self.graph)

@@ -326,8 +326,13 @@ def _joined(
     merged = replace(merged, options=options)
     # Rows are of all graphs in order, then of their distances.
     own_rows = [part.graph.num_edges for part in parts]
-    own_rows += [0 if (of := part.graph.ranges) is None else of.num_edges for part in parts]
-    source = np.repeat(np.tile(np.arange(len(parts)), 2), own_rows)
+    kinds = dict.fromkeys(type(block) for part in parts for block in part.graph.blocks)
+    for kind in kinds:
+        own_rows += [
+            sum(block.num_edges for block in part.graph.blocks if type(block) is kind)
+            for part in parts
+        ]
+    source = np.repeat(np.tile(np.arange(len(parts)), 1 + len(kinds)), own_rows)
     return merged, np.flatnonzero(source == len(maps))
 
 

@@ -204,7 +204,7 @@ def ranged():
         rng.normal(size=(5, 3)),
         rng.uniform(1, 2, 5),
         absolute=np.arange(5) == 3,
-        ranges=Ranges(4, [[0, 2], [3, 1], [2, 3]], np.array([1.0, 2.0, 3.0]), np.ones(3)),
+        blocks=(Ranges(4, [[0, 2], [3, 1], [2, 3]], np.array([1.0, 2.0, 3.0]), np.ones(3)),),
     )
     matrices = rng.normal(size=(5, 6, 6))
     matrices = matrices @ np.swapaxes(matrices, 1, 2)

@@ -140,7 +140,7 @@ def test_distances_are_refused_not_dropped():
     with pytest.raises(GraphError, match="distances are not for nodes of unknown scale"):
         graph.with_ranges(ranges)
     with pytest.raises(GraphError, match="distances are not for nodes of unknown scale"):
-        replace(graph, ranges=ranges)
+        replace(graph, blocks=(ranges,))
 
 
 def test_other_graphs_and_factors_are_refused():

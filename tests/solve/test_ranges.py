@@ -544,7 +544,7 @@ def test_what_is_refused():
         Ranges(n, [[0, 1]], [1.0], [0.0])
     with pytest.raises(GraphError, match="nodes are numbered"):
         Ranges(n, [[0, n]], [1.0], [1.0])
-    with pytest.raises(GraphError, match="ranges are of 9 nodes, the graph has 8"):
+    with pytest.raises(GraphError, match="distances are of 9 nodes, the graph has 8"):
         problem.measured.with_ranges(Ranges(n + 1, [[0, 1]], [1.0], [1.0]))
     with pytest.raises(InputError, match="proof tier is not for graphs with measured distances"):
         solve(problem, tier="proof")

@@ -155,7 +155,8 @@ def _instance(arrays: _Arrays, source: str) -> Instance:
         if len(unscaled) == 1:
             raise InputError("the arrays 'scales' and 'free' belong together")
         kind = SimilarityGraph if unscaled else PoseGraph
-        graph = kind(rotation, t, tau, information=information, ranges=ranges, **more, **unscaled)
+        more |= {"information": information, "blocks": () if ranges is None else (ranges,)}
+        graph = kind(rotation, t, tau, **more, **unscaled)
     elif information is not None or ranges is not None:
         what = "distances" if information is None else "information matrices"
         raise InputError(f"{what} are of poses; this graph measures rotations")
