@@ -21,7 +21,8 @@ from certpgo.objective.choose_cost import (
     costs_of,
     information_problem,
 )
-from certpgo.objective.information_problem import Surrogate, surrogate_of
+from certpgo.objective.information_problem import surrogate_of
+from certpgo.objective.surrogate import Surrogate
 
 #: Shares of an edge's weights by which its constant is lowered until the checker accepts it.
 LOWER = tuple(4.0**k for k in range(-27, -11))
@@ -77,7 +78,7 @@ def cost_evidence(
     graph = graph._replace(information=graph.information / unit)
     below = surrogate_of(case.problem, certificate.support.minorants)
     given, point = claimed(graph, below), certificate.support.point
-    found = prove(below.problem, checker.surrogate(graph, given), point, fallback)
+    found = prove(below.at(point)[0], checker.surrogate(graph, given), point, fallback)
     if found is None:
         raise NumericalError("the lower bound cannot be proven without trusting a factorization")
     return CostEvidence(unit * found[0], found[1], scaled(unit, given))

@@ -26,7 +26,7 @@ from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import U
 from certpgo.linalg.blocks import add_to_diagonal, pinned, with_entries
 from certpgo.linalg.rounding_bound import OTHERS
-from certpgo.objective.edge_cost import Minorants
+from certpgo.objective.minorants import Minorants
 from certpgo.objective.problem import Problem
 
 #: Of an anchored bound: the largest loss over the cost that is tried first, and the factor by

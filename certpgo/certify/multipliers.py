@@ -61,7 +61,7 @@ class Shifted:
             if unscaled.any():
                 lengths = np.linalg.norm(arms[unscaled[~is_rotation]], axis=1)
                 weights[unscaled] = np.exp2(np.round(np.log2(lengths)))
-        unit = U * float(problem.matrix.diagonal()[is_rotation].mean())
+        unit = U * float(np.abs(problem.matrix.diagonal()[is_rotation]).mean())
         multipliers = problem.multipliers(point)
         return Shifted(
             multipliers,

@@ -21,11 +21,11 @@ from certpgo.graph import Estimate, PoseGraph
 from certpgo.graph.relaxed_point import Lift, Point, lifted, main_subspace, translations_of
 from certpgo.graph.trees import tree_initialization
 from certpgo.linalg import rotations as so
-from certpgo.objective.range_problem import FAINT, SHORTEST, RangeProblem
-from certpgo.optimize.levenberg_marquardt import descend, minimise
+from certpgo.objective.families.distances import FAINT, SHORTEST
+from certpgo.objective.range_problem import RangeProblem
+from certpgo.optimize.levenberg_marquardt import descend
 from certpgo.optimize.monitor import Monitor
-from certpgo.optimize.progress import Progress
-from certpgo.optimize.range_saddles import escape
+from certpgo.optimize.range_saddles import descents
 from certpgo.optimize.solution import Level, Solution, Status
 
 #: Relative gap between a point of the relaxation and its bound below which it is solved.
@@ -34,10 +34,10 @@ SOLVED = 1e-6
 PROJECTIONS = 12
 #: By which a start leaves the space of d dimensions, over the median distance.
 OUT = 0.3
-#: Stationarity at which a rank of the relaxation ends, and steps: its bound needs all digits.
-STATIONARY, RANK_STEPS = 1e-11, 400
 #: Steps of a descent to an estimate.
 STEPS = 250
+#: What is added to the weights of tangents until there is a bound.
+FAINTER = (0.0, FAINT)
 #: Share of the remaining time for the climb; the rest is for descents from its end.
 CLIMB_SHARE = 0.7
 #: Ranks above d that the relaxation is climbed to.
@@ -60,7 +60,7 @@ def range_bound(problem: RangeProblem, point: Point, cost: float) -> DualBound |
     ----------
     cost : f of the best estimate; it decides how sharp is sharp enough
     """
-    for more in (0.0, FAINT):
+    for more in FAINTER:
         below, constant = problem.surrogate(point, more)
         enough = problem.cost(point) - constant - 1e-7 * cost
         found = bound_below(below, constant, point, enough=enough, floor=-constant)
@@ -174,25 +174,21 @@ class Relaxed:
 
     def bounds(self) -> Iterator[DualBound | None]:
         """Climb to the minimum, or to what is found before a limit; the bound at each rank."""
-        following: Lift | None = self.point
+        climb = descents(self.problem, self.point, self.highest, self.stop)
         with suppress(NumericalError, np.linalg.LinAlgError):
-            while following is not None and following.rank <= self.highest:
-                progress = Progress(self.stop, STATIONARY, RANK_STEPS, self.stop.watch)
-                end = minimise(self.problem.linearized(following), progress)
-                self.point, cost = end.point, end.cost
-                self.levels.append(Level(self.rank, cost, self.stop.request or progress.status))
+            for end, status in climb:
+                self.point = end.point
+                self.levels.append(Level(self.rank, end.cost, status))
                 if self.stop.should_stop():
                     break
                 with self.stop.watch.phase("certify"):
-                    bound = range_bound(self.problem, self.point, cost)
+                    bound = range_bound(self.problem, self.point, end.cost)
                 if bound is not None and (self.bound is None or bound.value > self.bound.value):
                     self.bound = bound
                 yield bound
-                self.solved = bound is not None and bound.value >= (1.0 - SOLVED) * cost
+                self.solved = bound is not None and bound.value >= (1.0 - SOLVED) * end.cost
                 if self.solved:
                     break
-                with self.stop.watch.phase("escape"):
-                    following = escape(self.problem, self.point, self.stop.should_stop)
 
     def projections(self) -> Iterator[Estimate]:
         """Estimates near the last point: in its main subspace, then in random ones."""

@@ -21,6 +21,7 @@ from certpgo.certify.dual import DualBound, Support
 from certpgo.certify.local_minimum import LocalMinimum
 from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.certify.proof import proven_surrogate
+from certpgo.certify.range_case import FAINTER, RangedCase
 from certpgo.certify.staircase_bound import climb
 from certpgo.certify.stiff_edges import eased
 from certpgo.certify.surrogate_bound import bound_below
@@ -30,12 +31,14 @@ from certpgo.graph.relaxed_point import Point
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.information_problem import (
     InformationProblem,
-    Surrogate,
     surrogate_at,
     surrogate_of,
 )
+from certpgo.objective.range_problem import RangeProblem
+from certpgo.objective.surrogate import Surrogate
 from certpgo.optimize.levenberg_marquardt import descend
 from certpgo.optimize.monitor import Monitor, silent
+from certpgo.optimize.range_saddles import climb as climb_distances
 from certpgo.optimize.riemannian_newton import NewtonSettings
 from certpgo.optimize.solution import Solution
 
@@ -96,6 +99,15 @@ class OwnCostCase(Case):
     def descent(self, start: Estimate, monitor: Monitor | None = None) -> Solution:
         """Local descent on the cost from an estimate."""
         return descend(self.problem, start, monitor=monitor or self.stop, watch=self.stop.watch)
+
+    def _spectral_start(self) -> Estimate:
+        """That of the same measurements under F; with distances, near its relaxation."""
+        isotropic = self.problem.isotropic
+        if not isinstance(isotropic, RangeProblem):
+            return super()._spectral_start()
+        case = RangedCase(isotropic, self.unit, Tier.STANDARD, self.rtol, self.atol, self.stop)
+        found = case.elsewhere()
+        return super()._spectral_start() if found is None else found.point
 
     def short_descent(self, start: Estimate, settings: NewtonSettings) -> Estimate:
         """The end of a descent that begins near it."""
@@ -160,9 +172,9 @@ class OwnCostCase(Case):
         if found.support is None:
             return None
         minorants = found.support.minorants
-        below = surrogate_of(self.problem, minorants).problem
-        constants = minorants.constant[minorants.exist]
-        return proven_surrogate(below, constants, found.support.point, found)
+        point, constants = found.support.point, minorants.constant[minorants.exist]
+        below, _ = surrogate_of(self.problem, minorants).at(point)
+        return proven_surrogate(below, constants, point, found)
 
     def reached(
         self, start: Estimate, cost: float, *, sharp: bool = True, tight: bool = False
@@ -188,21 +200,8 @@ class OwnCostCase(Case):
             below = self.below(v, Q)
             if below is None:
                 return
-            settled, monitor = (
-                below.problem.with_optimal_translations(point),
-                self.stop.of_minorant(below.constant),
-            )
-            for point in climb(below.problem, settled, self.problem.d + self.ranks, monitor):
-                enough = cost - self.difference(cost) - below.constant
-                bound = bound_below(
-                    below.problem,
-                    below.constant,
-                    point,
-                    rounding=self.rigorous,
-                    enough=enough,
-                    sharp=sharp,
-                    tight=tight,
-                )
+            for point in self._minima(below, start=point):  # noqa: B020
+                bound = self._bound_at(below, point, cost, sharp=sharp, tight=tight)
                 if bound is not None:
                     bound = replace(bound, support=Support(below.minorants, point))
                 yield Reached(point, bound, number)
@@ -217,6 +216,39 @@ class OwnCostCase(Case):
             step = min(0.5 * fall / bend, 1.0)
             expanded -= step * (fall - step * bend)
             v, Q = v + step * (there[0] - v), Q + step * (there[1] - Q)
+
+    def _minima(self, below: Surrogate, start: Point) -> Iterator[Point]:
+        """A point, and minima of rising rank of the surrogate's relaxation."""
+        problem, highest = below.problem, self.problem.d + self.ranks
+        monitor = self.stop.of_minorant(below.constant)
+        if isinstance(problem, RangeProblem):
+            yield start
+            yield from (end.point for end, _ in climb_distances(problem, start, highest, self.stop))
+        elif problem.eliminates:
+            settled = problem.with_optimal_translations(start)
+            yield from climb(problem, settled, highest, monitor)
+        else:
+            yield start
+
+    def _bound_at(
+        self, below: Surrogate, point: Point, cost: float, *, sharp: bool, tight: bool
+    ) -> DualBound | None:
+        """The bound by a surrogate at a point; of distances, by fainter tangents too."""
+        for more in FAINTER if self.problem.lifted.any() else (0.0,):
+            problem, constant = below.at(point, more)
+            found = bound_below(
+                problem,
+                constant,
+                point,
+                rounding=self.rigorous,
+                enough=cost - self.difference(cost) - constant,
+                sharp=sharp,
+                tight=tight,
+                floor=-constant if self.problem.measured.blocks else 0.0,
+            )
+            if found is not None:
+                return found
+        return None
 
     def certificate(
         self,

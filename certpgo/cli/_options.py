@@ -182,8 +182,6 @@ def chosen_cost(cost: str | None, instance: Instance, **options: Any) -> str:
     """
     if cost is not None:
         return cost
-    if instance.graph.ranges is not None:
-        return CHORDAL
     from certpgo.objective.choose_cost import own_cost
 
     own, information = own_cost(instance), instance.graph.information

@@ -7,9 +7,9 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from certpgo.errors import GraphError
-from certpgo.graph.block import Block
 from certpgo.graph.graph import Graph, require_one_unit
 from certpgo.graph.information import joined_information
+from certpgo.graph.observations import Observations
 from certpgo.graph.pose_graph import PoseGraph
 from certpgo.graph.rotation_graph import RotationGraph
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
@@ -77,13 +77,14 @@ def make_of(graph: Graph) -> str:
 
 
 def _blocks(
-    blocks: Sequence[tuple[Block, ...]], num_nodes: int, nodes: Sequence[IntArray]
-) -> tuple[Block, ...]:
+    blocks: Sequence[tuple[Observations, ...]], num_nodes: int, nodes: Sequence[IntArray]
+) -> tuple[Observations, ...]:
     """What else several graphs measure, whose nodes have these numbers, by kind."""
     known = [(block, to) for of, to in zip(blocks, nodes, strict=True) for block in of]
     kinds = dict.fromkeys(type(block) for block, _ in known)
     return tuple(
-        Block.joined(num_nodes, [one for one in known if type(one[0]) is kind]) for kind in kinds
+        Observations.joined(num_nodes, [one for one in known if type(one[0]) is kind])
+        for kind in kinds
     )
 
 

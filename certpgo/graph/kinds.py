@@ -34,7 +34,7 @@ class Kind(IntEnum):
     RANGE = 7  #: a distance between two nodes
     HELD = 8  #: nothing: a constraint between nodes that the source fixes
     ASSUMED = 9  #: nothing: where a world is whose position nothing measures
-    OTHER = 10  #: of a kind that the package does not know, see `certpgo.graph.block.Block`
+    OTHER = 10  #: of a kind of its own, see `certpgo.graph.observations`
 
     @property
     def phrase(self) -> str:

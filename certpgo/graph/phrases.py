@@ -164,3 +164,9 @@ def components_in_words(sizes: Sequence[int]) -> str:
 def few(items: Sequence[object], count: int = 8) -> str:
     """The first items, separated by commas."""
     return ", ".join(map(str, items[:count])) + (", ..." if len(items) > count else "")
+
+
+def listed(items: Sequence[str]) -> str:
+    """Such as ``positions, distances and heights``."""
+    *others, last = items
+    return f"{', '.join(others)} and {last}" if others else last

@@ -11,7 +11,6 @@ from typing import ClassVar, Literal, Self
 import numpy as np
 
 from certpgo.errors import GraphError, require
-from certpgo.graph.block import Block
 from certpgo.graph.display import Speaking
 from certpgo.graph.edges import (
     Keep,
@@ -26,6 +25,7 @@ from certpgo.graph.edges import (
 )
 from certpgo.graph.information import Information
 from certpgo.graph.kinds import Kind, kinds_of
+from certpgo.graph.observations import Observations
 from certpgo.graph.phrases import components_in_words, ranges_of_weights, size_in_words, solving
 from certpgo.graph.picture import circle_of, closures, drawn
 from certpgo.graph.ranges import Ranges
@@ -85,7 +85,7 @@ class PoseGraph(Speaking, OfRotations):
     assumed: BoolArray | None = None
     absolute: BoolArray | None = None
     information: Information | None = None
-    blocks: tuple[Block, ...] = ()
+    blocks: tuple[Observations, ...] = ()
 
     #: The unit of 1 / tau.
     _area: ClassVar[str] = "m^2"
@@ -146,21 +146,21 @@ class PoseGraph(Speaking, OfRotations):
             if self.rotation.is_general:
                 raise GraphError("edges have matrix weights or information matrices, not both")
         for block in self.blocks:
-            require(block, Block, "measurements of a kind")
+            require(block, Observations, "measurements of a kind")
             if block.num_nodes != self.num_nodes:
                 said = f"are of {block.num_nodes} nodes, the graph has {self.num_nodes}"
                 raise GraphError(f"{block.kind.phrase.format(s='s')} {said}")
         if len({type(block) for block in self.blocks}) < len(self.blocks):
             raise GraphError("measurements of one kind are given together")
 
-    def _with_besides(self, **changed: Information | tuple[Block, ...] | None) -> Self:
+    def _with_besides(self, **changed: Information | tuple[Observations, ...] | None) -> Self:
         """The graph with other information or blocks; what else there is was checked."""
         other = copy(self)
         other.__dict__.update(changed)
         other._check_besides()
         return other
 
-    def with_blocks(self, *blocks: Block) -> Self:
+    def with_blocks(self, *blocks: Observations) -> Self:
         """The same edges with these measurements besides, or with none."""
         return self._with_besides(blocks=blocks)
 
@@ -371,7 +371,7 @@ class PoseGraph(Speaking, OfRotations):
         rotation: RotationGraph,
         chosen: IntArray | BoolArray,
         points: BoolArray | None,
-        blocks: tuple[Block, ...],
+        blocks: tuple[Observations, ...],
     ) -> PoseGraph:
         arms = None if self.arms is None else self.arms[chosen]
         assumed, absolute = (

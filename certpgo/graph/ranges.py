@@ -8,14 +8,14 @@ from typing import ClassVar
 import numpy as np
 
 from certpgo.errors import GraphError
-from certpgo.graph.block import Block
 from certpgo.graph.edges import check_weights, edge_name
 from certpgo.graph.kinds import Kind
+from certpgo.graph.observations import Observations
 from certpgo.linalg.arrays import FloatArray, frozen_floats
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Ranges(Block):
+class Ranges(Observations):
     """Distances between the positions of nodes, whose cost is weight (distance - |t_j - t_i|)^2.
 
     Attributes

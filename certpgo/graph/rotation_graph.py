@@ -11,7 +11,6 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from certpgo.errors import GraphError, require
-from certpgo.graph.block import Block
 from certpgo.graph.display import Speaking
 from certpgo.graph.edges import (
     Keep,
@@ -27,6 +26,7 @@ from certpgo.graph.edges import (
     simple_edges,
 )
 from certpgo.graph.kinds import kinds_of
+from certpgo.graph.observations import Observations
 from certpgo.graph.phrases import components_in_words, ranges_of_weights, size_in_words, solving
 from certpgo.graph.picture import circle_of
 from certpgo.linalg import rotations as so
@@ -223,7 +223,7 @@ class RotationGraph(Speaking, Pairs):
     information: ClassVar[None] = None
     #: Distances between nodes: none.
     ranges: ClassVar[None] = None
-    blocks: ClassVar[tuple[Block, ...]] = ()
+    blocks: ClassVar[tuple[Observations, ...]] = ()
 
     @property
     def pose_nodes(self) -> IntArray:

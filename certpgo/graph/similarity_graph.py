@@ -9,9 +9,9 @@ from typing import ClassVar
 import numpy as np
 
 from certpgo.errors import GraphError, InputError
-from certpgo.graph.block import Block
 from certpgo.graph.edges import chosen_nodes, induced
 from certpgo.graph.estimate import check_scales
+from certpgo.graph.observations import Observations
 from certpgo.graph.phrases import counted
 from certpgo.graph.pose_graph import PoseGraph
 from certpgo.graph.rotation_graph import RotationGraph
@@ -155,7 +155,7 @@ class SimilarityGraph(PoseGraph):
         rotation: RotationGraph,
         chosen: IntArray | BoolArray,
         points: BoolArray | None,
-        blocks: tuple[Block, ...],
+        blocks: tuple[Observations, ...],
     ) -> SimilarityGraph:
         return self._among(rotation, chosen, points, self.free)
 

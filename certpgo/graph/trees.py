@@ -104,6 +104,8 @@ def with_leaves_placed(graph: RotationGraph | PoseGraph, estimate: Estimate) -> 
     """
     is_leaf = np.bincount(graph.edges.ravel(), minlength=graph.num_nodes) == 1
     chosen = np.flatnonzero(is_leaf[graph.edges].sum(axis=1) == 1)
+    if not len(chosen):
+        return estimate
     i, j = graph.edges[chosen].T
     forward = is_leaf[j]
     leaf, other = np.where(forward, [j, i], [i, j])

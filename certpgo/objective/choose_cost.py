@@ -14,15 +14,18 @@ from certpgo.graph.dataset import graph_of
 from certpgo.graph.kinds import Kind
 from certpgo.graph.phrases import counted
 from certpgo.graph.priors import require_determined, require_held
+from certpgo.graph.ranges import Ranges
 from certpgo.graph.similarity_graph import SimilarityGraph
+from certpgo.objective.chordal_cost import ChordalCost
 from certpgo.objective.costs import CHORDAL, COSTS
 from certpgo.objective.edge_cost import EdgeCost
-from certpgo.objective.information_problem import InformationProblem, Surrogate, surrogate
-from certpgo.objective.position_costs import WithPositions
+from certpgo.objective.information_problem import InformationProblem, surrogate
 from certpgo.objective.problem import SCALED, PoseProblem, Problem, problem_of
 from certpgo.objective.range_problem import RangeProblem
 from certpgo.objective.rotation_problem import RotationProblem
 from certpgo.objective.similarity_problem import SimilarityProblem
+from certpgo.objective.sum import Sum
+from certpgo.objective.surrogate import Surrogate
 from certpgo.objective.truncated_problem import TruncatedProblem
 
 #: What estimates are certified for.
@@ -84,8 +87,6 @@ def _takes(graph: Graph, cost: str, *, more: bool = False) -> bool:
 
 def _unknown_to(cost: str, graph: PoseGraph, *, more: bool = False) -> str:
     """What is measured that the cost of another program does not know; or empty."""
-    if graph.ranges is not None:
-        return "with distances there is only the cost F (--cost chordal)"
     if not more and not graph.rotation.kappa.any():
         return f"--cost {cost} needs relative poses, not positions alone"
     if COSTS[cost].decoupled:  # minorants have no arms of their own: their sum with others is exact
@@ -147,9 +148,19 @@ def certifiable(
     graph = _graph_of(posed)
     if isinstance(graph, SimilarityGraph):
         return similarity_problem(posed, cost)
-    if isinstance(graph, PoseGraph) and graph.ranges is not None:
-        return range_problem(cast("PoseGraph | Instance", posed), cost)
+    if isinstance(graph, PoseGraph) and graph.blocks:
+        return _problem_of_blocks(cast("PoseGraph | Instance", posed), cost)
     return problem_under(posed, cost)
+
+
+def _problem_of_blocks(measured: PoseGraph | Instance, cost: str | None) -> Certifiable:
+    """The problem of measurements of several kinds."""
+    chosen, graph = own_cost(measured) if cost is None else cost, graph_of(measured)
+    if chosen != CHORDAL:
+        return information_problem(measured, chosen)
+    if [type(block) for block in graph.blocks] == [Ranges]:
+        return range_problem(measured)
+    return InformationProblem(edge_cost(cast("PoseGraph", graph), CHORDAL))
 
 
 def _graph_of(posed: object) -> object:
@@ -181,19 +192,19 @@ def similarity_problem(
     return SimilarityProblem(graph)
 
 
-def range_problem(measured: Graph | Instance, cost: str | None = None) -> RangeProblem:
+def range_problem(measured: Graph | Instance) -> RangeProblem:
     """The problem of measurements with distances.
 
     Raises
     ------
     InputError
-        It has none, or measures rotations alone; or a cost of another program.
+        It has none, or measures rotations alone; or other weights than isotropic ones.
     """
     graph, source = graph_of(measured), source_of(measured)
     if graph.ranges is None:
         raise InputError(f"{source}no distances between poses")
-    if cost not in (None, CHORDAL):
-        raise InputError(f"{source}with distances there is only the cost F (--cost chordal)")
+    if graph.arms is not None or graph.rotation.is_general:
+        raise InputError(f"{source}distances are for measurements with isotropic weights")
     if isinstance(measured, Instance):
         require_held(graph, measured.named)
     return RangeProblem(graph)
@@ -243,9 +254,9 @@ def weighed_by(cost: str, graph: PoseGraph) -> PoseGraph:
 
 def edge_cost(graph: PoseGraph, cost: str) -> EdgeCost:
     """The cost of that name in `COSTS`, for measurements of poses, positions or rotations."""
-    if not graph.is_partial:
+    if not (graph.is_partial or graph.blocks):
         return COSTS[cost](graph)
-    return WithPositions(graph, COSTS[cost])
+    return Sum(graph, ChordalCost if cost == CHORDAL else COSTS[cost])
 
 
 def source_of(posed: object) -> str:

@@ -2,105 +2,162 @@
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from certpgo.graph import Estimate, PoseGraph
+from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Point, translations_of
 from certpgo.linalg import compiled
-from certpgo.linalg.arrays import FloatArray
+from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.objective.angle_functions import C
 from certpgo.objective.edge_cost import EdgeCost
 from certpgo.objective.operators import lever
+from certpgo.objective.term import Term
 
 #: What tells the kernel's residuals apart: the series of logarithms.
 _SERIES = {"quaternion": None, "logarithm": np.array(C)}
 
 
-def relative(graph: PoseGraph, point: Point) -> tuple[FloatArray, FloatArray]:
-    """(m, d) vectors v = R_i^T (t_j + R_j a - t_i) and (m, d, d) rotations Q = R_i^T R_j."""
-    i, j = graph.edges.T
+def relative(
+    edges: IntArray, arms: FloatArray | None, point: Point
+) -> tuple[FloatArray, FloatArray]:
+    """(m, d) vectors v = R_i^T (t_j + R_j a - t_i) and (m, d, d) rotations Q = R_i^T R_j.
+
+    Of these edges (m, 2), with arms (m, d) at their second nodes or None for zeros.
+    """
+    i, j = edges.T
     R, t = point.rotations, translations_of(point)
     back = np.swapaxes(R[i], 1, 2)
     v, Q = (back @ (t[j] - t[i])[:, :, None])[:, :, 0], back @ R[j]
-    return v if graph.arms is None else v + (Q @ graph.arms[:, :, None])[:, :, 0], Q
+    return v if arms is None else v + (Q @ arms[:, :, None])[:, :, 0], Q
 
 
 class EdgeEquations:
-    """Derivatives of a cost at an estimate, over the coordinates of its poses.
+    """Derivatives of an objective's terms at an estimate, over the coordinates of its poses.
 
     Poses move by world-frame translations, then body-frame rotations: p coordinates.
     """
 
     def __init__(self, cost: EdgeCost, n: int) -> None:
-        self._cost, self._n = cost, n
+        self._m, self._parts = (
+            len(cost.edges),
+            [(rows, _Equations(of, n)) for rows, of in cost.terms],
+        )
+
+    @property
+    def has_more(self) -> bool:
+        """Whether second derivatives beyond those of Gauss and Newton are known."""
+        return any(part.has_more for _, part in self._parts)
+
+    def first(self, point: Estimate) -> tuple[float, FloatArray]:
+        """The cost and half its gradient (n, p)."""
+        found = [part.first(point) for _, part in self._parts]
+        if len(found) == 1:
+            return found[0]
+        return math.fsum(cost for cost, _ in found), sum(
+            gradient for _, gradient in found[1:]
+        ) + found[0][1]
+
+    def second(self, point: Estimate, *, exact: bool = False) -> tuple[FloatArray, FloatArray]:
+        """Blocks of the Gauss-Newton matrix of half the cost: (n, p, p), and of edges (m, p, p).
+
+        Parameters
+        ----------
+        exact : whether to add the second derivatives that are known
+        """
+        found = [(rows, *part.second(point, exact)) for rows, part in self._parts]
+        if len(found) == 1:
+            return found[0][1:]
+        upper = np.empty((self._m, *found[0][2].shape[1:]))
+        for rows, _, values in found:
+            upper[rows] = values
+        return np.sum([diagonal for _, diagonal, _ in found], axis=0), upper
+
+
+class _Equations:
+    """The same of one term."""
+
+    def __init__(self, term: Term, n: int) -> None:
+        self._term, self._n = term, n
         # Not inherited: what derives from a cost may have another residual.
-        kind: str = vars(type(cost)).get("compiled_residual", "")
+        kind: str = vars(type(term)).get("compiled_residual", "")
         self._series = _SERIES.get(kind)
-        armed = cost.graph.arms is not None
-        self._is_compiled = compiled.AVAILABLE and kind in _SERIES and not armed
+        is_plain = isinstance(term, EdgeCost) and term.arms is None
+        self._is_compiled = compiled.AVAILABLE and kind in _SERIES and is_plain
 
     def first(self, point: Estimate) -> tuple[float, FloatArray]:
         """The cost and half its gradient (n, p)."""
         if not self._is_compiled:
             return self._first_in_numpy(point)
-        terms, gradient = np.empty(self._cost.graph.num_edges), np.zeros((self._n, self._p))
+        terms, gradient = np.empty(len(self._term.edges)), np.zeros((self._n, _coordinates(point)))
         compiled.kernel.slopes(*self._arrays, *_poses(point), terms, gradient)
         return float(terms.sum()), gradient
 
-    def second(self, point: Estimate) -> tuple[FloatArray, FloatArray]:
-        """Blocks of the Gauss-Newton matrix of half the cost: (n, p, p), and of edges (m, p, p)."""
+    @property
+    def has_more(self) -> bool:
+        """Whether there are second derivatives beyond those of Gauss and Newton."""
+        return type(self._term).curved is not Term.curved
+
+    def second(self, point: Estimate, exact: bool) -> tuple[FloatArray, FloatArray]:
+        """As `EdgeEquations.second`."""
         if not self._is_compiled:
-            return self._second_in_numpy(point)
-        p = self._p
-        diagonal, upper = np.zeros((self._n, p, p)), np.empty((self._cost.graph.num_edges, p, p))
+            return self._second_in_numpy(point, exact)
+        p = _coordinates(point)
+        diagonal, upper = np.zeros((self._n, p, p)), np.empty((len(self._term.edges), p, p))
         compiled.kernel.curvatures(*self._arrays, *_poses(point), diagonal, upper)
         return diagonal, upper
 
     def _first_in_numpy(self, point: Estimate) -> tuple[float, FloatArray]:
-        i, j = self._cost.graph.edges.T
+        i, j = self._term.edges.T
         e, at_i, at_j = self._linearized(point)
-        weighted = self._cost.weights @ e[:, :, None]
+        weighted = self._term.weights @ e[:, :, None]
         gradient = scatter_sum(i, (np.swapaxes(at_i, 1, 2) @ weighted)[:, :, 0], self._n)
         gradient += scatter_sum(j, (np.swapaxes(at_j, 1, 2) @ weighted)[:, :, 0], self._n)
         return float((e[:, None, :] @ weighted).sum()), gradient
 
-    def _second_in_numpy(self, point: Estimate) -> tuple[FloatArray, FloatArray]:
-        i, j = self._cost.graph.edges.T
+    def _second_in_numpy(self, point: Estimate, exact: bool) -> tuple[FloatArray, FloatArray]:
+        i, j = self._term.edges.T
         _, at_i, at_j = self._linearized(point)
-        heavy_i, heavy_j = self._cost.weights @ at_i, self._cost.weights @ at_j
+        heavy_i, heavy_j = self._term.weights @ at_i, self._term.weights @ at_j
         diagonal = scatter_sum(i, np.swapaxes(at_i, 1, 2) @ heavy_i, self._n)
         diagonal += scatter_sum(j, np.swapaxes(at_j, 1, 2) @ heavy_j, self._n)
-        return diagonal, np.swapaxes(at_i, 1, 2) @ heavy_j
+        upper = np.swapaxes(at_i, 1, 2) @ heavy_j
+        more = self._term.curved(relative(self._term.edges, None, point)[0]) if exact else None
+        if more is not None:
+            R, d = point.rotations[i], point.d
+            more = R @ more @ np.swapaxes(R, 1, 2)
+            diagonal[:, :d, :d] += scatter_sum(i, more, self._n) + scatter_sum(j, more, self._n)
+            upper[:, :d, :d] -= more
+        return diagonal, upper
 
     def _linearized(self, point: Estimate) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Residuals (m, k) and their derivatives by the first and the second pose, (m, k, p)."""
-        graph = self._cost.graph
-        v, Q = relative(graph, point)
-        e, in_v, in_w = self._cost.linearized(v, Q)
+        edges, arms = self._term.edges, self._term.arms
+        v, Q = relative(edges, arms, point)
+        e, in_v, in_w = self._term.linearized(v, Q)
         # v moves by R_i^T (dt_j - dt_i) + v x w_i - Q (a x w_j), and Q by Q exp(w_j - Q^T w_i).
-        by_t = in_v @ np.swapaxes(point.rotations[graph.edges[:, 0]], 1, 2)
+        by_t = in_v @ np.swapaxes(point.rotations[edges[:, 0]], 1, 2)
         turned = in_w if v.shape[1] == 2 else in_w @ np.swapaxes(Q, 1, 2)
         at_i = np.concatenate([-by_t, in_v @ lever(v) - turned], axis=2)
-        if graph.arms is not None:
-            in_w = in_w - in_v @ Q @ lever(graph.arms)
+        if arms is not None:
+            in_w = in_w - in_v @ Q @ lever(arms)
         return e, at_i, np.concatenate([by_t, in_w], axis=2)
-
-    @property
-    def _p(self) -> int:
-        d = self._cost.graph.d
-        return d * (d + 1) // 2
 
     @cached_property
     def _arrays(self) -> tuple[tuple[Any, ...], int, FloatArray, FloatArray | None]:
-        graph, weights = self._cost.graph, np.ascontiguousarray(self._cost.weights)
+        graph, weights = self._term.graph, np.ascontiguousarray(self._term.weights)  # type: ignore[attr-defined]
         rotation, moved = graph.rotation, (graph.tau, graph.translations)
         edges = rotation.edges, rotation.rotations, None, rotation.kappa, *moved, None
         arrays = tuple(None if x is None else np.ascontiguousarray(x) for x in edges)
         return arrays, graph.d, weights, self._series
+
+
+def _coordinates(point: Estimate) -> int:
+    return point.d * (point.d + 1) // 2
 
 
 def _poses(point: Estimate) -> tuple[FloatArray, FloatArray]:

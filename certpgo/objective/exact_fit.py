@@ -10,12 +10,14 @@ from __future__ import annotations
 import numpy as np
 
 from certpgo.graph import Estimate, Graph, PoseGraph
+from certpgo.graph.observations import Observations
 from certpgo.graph.relaxed_point import Point, translations_of
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective import operators
 from certpgo.objective.choose_cost import Judged
-from certpgo.objective.range_problem import RangeProblem
+from certpgo.objective.edge_equations import relative
 from certpgo.objective.similarity_problem import SimilarityProblem
+from certpgo.objective.term import term_of
 
 #: Residual over the numbers it is the difference of: what solving linear equations of a large map
 #: leaves. From here on, bounds on rounding are small against the square of a residual.
@@ -28,9 +30,8 @@ def fits_exactly(problem: Judged, estimate: Estimate) -> bool:
     """Whether every residual of an estimate is rounding, whatever its weight."""
     if isinstance(problem, SimilarityProblem):
         return meets(problem.form, problem.blocks(estimate))
-    if isinstance(problem, RangeProblem) and not _meets_distances(problem, estimate):
-        return False
-    return meets(problem.measured, estimate)
+    graph = problem.measured
+    return all(_meets(block, estimate) for block in graph.blocks) and meets(graph, estimate)
 
 
 def meets(graph: Graph, point: Point) -> bool:
@@ -51,11 +52,12 @@ def meets(graph: Graph, point: Point) -> bool:
     return bool((moved <= most)[graph.tau != 0.0].all())
 
 
-def _meets_distances(problem: RangeProblem, estimate: Estimate) -> bool:
-    i, j = problem.ranges.edges.T
+def _meets(block: Observations, estimate: Estimate) -> bool:
+    """Whether every residual of a block is rounding of what it is the difference of."""
+    term, (i, j) = term_of(block), block.edges.T
     far, stored = _distances(estimate)
-    off = np.abs(problem.lengths(estimate) - problem.ranges.distances)
-    size = far[i] + far[j] + problem.ranges.distances
+    off = _norms(term.residuals(*relative(block.edges, term.arms, estimate)))
+    size = far[i] + far[j] + term.sizes
     return bool((off <= ROUNDING * size + STORED * (stored[i] + stored[j])).all())
 
 

@@ -15,8 +15,8 @@ from certpgo.graph import PoseGraph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.ball_arithmetic import Ball, arctan2
-from certpgo.objective.edge_cost import Minorants
 from certpgo.objective.marginalized import remainder, set_aside
+from certpgo.objective.minorants import Minorants
 
 #: Angles below this touch like zero.
 TINY = 2.0**-60

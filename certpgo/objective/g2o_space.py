@@ -22,8 +22,8 @@ from certpgo.graph import PoseGraph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.ball_arithmetic import Ball, joined, sums
-from certpgo.objective.edge_cost import Minorants
 from certpgo.objective.marginalized import remainder, set_aside
+from certpgo.objective.minorants import Minorants
 
 #: Share of the sum of the other two to which the largest curvature is lowered.
 LOWERED = 0.999

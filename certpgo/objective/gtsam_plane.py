@@ -42,7 +42,7 @@ from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.linalg.ball_arithmetic import Ball, is_positive_definite
 from certpgo.objective.angle_functions import AngleFunctions, clipped
-from certpgo.objective.edge_cost import Minorants
+from certpgo.objective.minorants import Minorants
 
 #: Shares of the largest tau for which w' is not negative.
 SHARES = (1.0 - 2.0**-20, 0.99, 0.9, 0.75, 0.5, 0.25, 0.1)

@@ -77,7 +77,6 @@ from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.linalg.ball_arithmetic import Ball, crossed, is_positive_definite, sums
 from certpgo.objective.angle_functions import clipped, exponential, half_cotangent
-from certpgo.objective.edge_cost import Minorants
 from certpgo.objective.gtsam_terms import (
     CURVED,
     SWEPT,
@@ -92,6 +91,7 @@ from certpgo.objective.gtsam_terms import (
     transposed,
 )
 from certpgo.objective.marginalized import blocks
+from certpgo.objective.minorants import Minorants
 
 
 def minorants_in_space(graph: PoseGraph, measured: Ball, y: FloatArray, E: FloatArray) -> Minorants:

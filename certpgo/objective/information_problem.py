@@ -16,16 +16,19 @@ from certpgo.graph.display import Speaking
 from certpgo.graph.graph import require_connected
 from certpgo.graph.priors import require_determined
 from certpgo.graph.relaxed_point import Point, translations_of
-from certpgo.graph.scale import Scale
 from certpgo.linalg import rotations as so
-from certpgo.linalg.arrays import CSC, FloatArray, frozen_floats
+from certpgo.linalg.arrays import CSC, BoolArray, FloatArray, frozen_floats
 from certpgo.linalg.blocks import Layout
 from certpgo.linalg.factor import LinearSolver, Symbolic, default_engine
 from certpgo.linalg.refined import SingleFirst
-from certpgo.objective.edge_cost import EdgeCost, Minorants
+from certpgo.objective.edge_cost import EdgeCost
 from certpgo.objective.edge_equations import EdgeEquations, relative
+from certpgo.objective.minorants import Minorants
 from certpgo.objective.problem import PoseProblem
 from certpgo.objective.quadratic_model import ROUNDING, largest_step
+from certpgo.objective.range_problem import RangeProblem
+from certpgo.objective.signed_weights import SignedGraph, SignedProblem
+from certpgo.objective.surrogate import Surrogate
 
 #: Damping after the first step that fails without any.
 FIRST_DAMPING = 1e-6
@@ -54,8 +57,12 @@ class NormalEquations:
 
     @property
     def hessian(self) -> CSC:
-        """The Gauss-Newton matrix; second derivatives of the residuals are not computed."""
-        return self.gauss_newton
+        """The Gauss-Newton matrix, with what is known of the residuals' second derivatives."""
+        problem = self.problem
+        if not problem.equations.has_more:
+            return self.gauss_newton
+        blocks = problem.equations.second(self.point, exact=True)
+        return problem.chordal.pattern.assemble(*blocks, problem.d)
 
     @property
     def rounding(self) -> float:
@@ -113,7 +120,7 @@ class InformationProblem(Speaking):
 
     def __post_init__(self) -> None:
         require_connected(self.graph)
-        if not self.graph.rotation.kappa.any():
+        if not self.measured.rotation.kappa.any():
             raise GraphError(
                 f"the cost of {self.edge_cost.name} needs relative poses, not positions alone"
             )
@@ -133,25 +140,43 @@ class InformationProblem(Speaking):
 
     @property
     def graph(self) -> PoseGraph:
+        """The graph with an edge for each measurement: a row of its blocks measures zero."""
+        return self.edge_cost.whole
+
+    @property
+    def measured(self) -> PoseGraph:
         """The measurements."""
         return self.edge_cost.graph
 
     @cached_property
     def chordal(self) -> PoseProblem:
-        """The problem of the same measurements with isotropic weights; shares pattern and order."""
-        return PoseProblem(self.graph, self.engine)
-
-    is_chordal = is_lifted = False
+        """The problem of these edges with isotropic weights; shares pattern and order."""
+        kind = SignedProblem if self.measured.blocks else PoseProblem
+        return kind(self.graph, self.engine)
 
     @property
-    def measured(self) -> PoseGraph:
-        """The measurements with isotropic weights."""
-        return self.graph
+    def isotropic(self) -> PoseProblem | RangeProblem:
+        """The problem of the same measurements under F, without those that it has no terms for."""
+        if not self.measured.blocks:
+            return self.chordal
+        if (ranges := self.measured.ranges) is None:
+            return PoseProblem(self.measured.with_blocks(), self.engine)
+        return RangeProblem(self.measured.with_blocks(ranges), self.engine)
+
+    @cached_property
+    def lifted(self) -> BoolArray:
+        """(m,) which measurements have a cost at points of any rank."""
+        lifted = np.zeros(self.graph.num_edges, dtype=bool)
+        for rows, term in self.edge_cost.terms:
+            lifted[rows] = term.lifts
+        return lifted
+
+    is_chordal = is_lifted = False
 
     def surrogate(self, point: Point) -> tuple[PoseProblem, float]:
         """A problem under F, and a constant: together nowhere above the cost, and equal there."""
         below = surrogate_at(self, *self.relative(point))
-        return below.problem, below.constant
+        return below.at(point)
 
     @property
     def cost_name(self) -> str:
@@ -166,6 +191,8 @@ class InformationProblem(Speaking):
     @property
     def unprovable(self) -> str:
         """Why there are no proofs of the cost; empty if there are."""
+        if self.measured.blocks:
+            return f"the proof tier is not for {self.title}"
         if self.graph.arms is not None:
             return self.chordal.unprovable
         if self.edge_cost.provable:
@@ -185,20 +212,25 @@ class InformationProblem(Speaking):
     @cached_property
     def scale(self) -> float:
         """W_f, see `certpgo.graph.scale`."""
-        return Scale.informed(self.graph).total
+        return self.edge_cost.scale.total
 
     def scaled(self, factor: float) -> InformationProblem:
         """The same measurements with all weights times ``factor``."""
-        return self.with_cost(replace(self.edge_cost, graph=self.graph.scaled(factor)))
+        return self.with_cost(replace(self.edge_cost, graph=self.measured.scaled(factor)))
 
     def reweighted(self, factors: FloatArray) -> InformationProblem:
-        """The problem with weights times factors (m,); an edge with factor 0 is removed."""
-        return self.with_cost(replace(self.edge_cost, graph=self.graph.reweighted(factors)))
+        """The problem with weights times factors (m,); a measurement with factor 0 is removed."""
+        graph, blocks = self.measured, self.measured.blocks
+        ends = np.cumsum([graph.num_edges, *(block.num_edges for block in blocks)])
+        of_edges, *of_blocks = np.split(factors, ends[:-1])
+        kept = [of.reweighted(by) for of, by in zip(blocks, of_blocks, strict=True)]
+        graph = graph.reweighted(of_edges).with_blocks(*(of for of in kept if of.num_edges))
+        return self.with_cost(replace(self.edge_cost, graph=graph))
 
     def with_cost(self, edge_cost: EdgeCost) -> InformationProblem:
         """The problem of another cost on the same edges; pattern and order are shared."""
         other = InformationProblem(edge_cost, self.engine)
-        other.__dict__["chordal"] = self.chordal.of_same_edges(edge_cost.graph)
+        other.__dict__["chordal"] = self.chordal.of_same_edges(edge_cost.whole)
         return other
 
     def check(self, estimate: Estimate) -> None:
@@ -207,13 +239,12 @@ class InformationProblem(Speaking):
 
     def relative(self, point: Point) -> tuple[FloatArray, FloatArray]:
         """(m, d) vectors v = R_i^T (t_j + R_j a - t_i) and (m, d, d) rotations Q = R_i^T R_j."""
-        return relative(self.graph, point)
+        return relative(self.graph.edges, self.graph.arms, point)
 
     def bend(self, v: FloatArray, weights: FloatArray) -> float:
         """What translations v (m, d) add to the cost over minorants with these weights (m,)."""
-        y = (np.swapaxes(self.graph.rotations, 1, 2) @ v[:, :, None])[:, :, 0]
-        T = self.graph.information_matrices[:, : self.d, : self.d]
-        return float(np.einsum("ma,mab,mb->", y, T, y) - weights @ (v * v).sum(axis=1))
+        of_cost = self.edge_cost.bend(v) - weights * (v * v).sum(axis=1)
+        return float(of_cost[~self.lifted].sum())
 
     def edge_costs(self, estimate: Estimate) -> FloatArray:
         """(m,) terms of f, one per edge.
@@ -290,7 +321,7 @@ class InformationProblem(Speaking):
     @cached_property
     def length(self) -> float:
         """Of the measured translations: their root mean square, or 1."""
-        t = self.graph.translations
+        t = self.measured.translations
         return math.sqrt(float(np.einsum("ma,ma->", t, t)) / len(t)) or 1.0
 
     @cached_property
@@ -312,30 +343,14 @@ class InformationProblem(Speaking):
         InputError
             Some are not positive definite.
         """
-        bad, information = int((~self.graph.is_definite).sum()), self.graph.information
+        bad, information = int((~self.edge_cost.is_definite).sum()), self.measured.information
         if bad and information is not None:
             where = f"{source}: " if source else ""
-            of_all = f"{bad} of {self.graph.num_edges} information matrices"
+            of_all = f"{bad} of {self.measured.num_edges} information matrices"
             raise InputError(
                 f"{where}{of_all} are {information.indefinite}: "
                 f"{self.edge_cost.title} has no proven lower bound there (--cost chordal has)"
             )
-
-
-@dataclass(frozen=True, eq=False)
-class Surrogate:
-    """A pose graph whose cost plus a constant is nowhere above a problem's cost.
-
-    Attributes
-    ----------
-    problem : the pose graph's
-    constant : rounded down
-    minorants : those of all measurements, of which some may not exist
-    """
-
-    problem: PoseProblem
-    constant: float
-    minorants: Minorants
 
 
 def surrogate(problem: InformationProblem, estimate: Estimate) -> Surrogate:
@@ -373,9 +388,13 @@ def surrogate_of(problem: InformationProblem, minorants: Minorants) -> Surrogate
         The measurements whose minorants exist do not connect the graph.
     """
     graph, found, kept = problem.graph, minorants, minorants.exist
-    if not kept.all():
-        if not kept.any() or not graph.with_edges(kept).is_connected:
-            raise NumericalError("measurements with minorants do not connect the graph")
-        found, graph = found.subset(kept), graph.with_edges(kept)
-    general, constant = found.summed(graph)
-    return Surrogate(problem.chordal.of_same_edges(general), constant, minorants)
+    if not kept.all() and not (kept.any() and graph.with_edges(kept).is_connected):
+        raise NumericalError("measurements with minorants do not connect the graph")
+    kind = SignedGraph if problem.measured.blocks else PoseGraph
+    if (frozen := kept & ~problem.lifted).all():
+        general, constant = found.summed(graph, kind)
+        return Surrogate(problem.chordal.of_same_edges(general), constant, minorants)
+    general, constant = found.subset(frozen).summed(graph.with_edges(frozen), kind)
+    if (ranges := problem.measured.ranges) is None:
+        return Surrogate(problem.chordal.of_same_edges(general), constant, minorants)
+    return Surrogate(RangeProblem(general.with_blocks(ranges), problem.engine), constant, minorants)

@@ -110,6 +110,11 @@ class PoseProblem(Objective):
         return operators.data_matrix(self.pattern, self.graph, self._sums.node_sums)
 
     @property
+    def eliminates(self) -> bool:
+        """Whether translations are best for rotations where their equations are solved."""
+        return True
+
+    @property
     def matrix(self) -> CSC:
         """The objective's matrix: the data matrix."""
         return self.data_matrix

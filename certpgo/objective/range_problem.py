@@ -1,14 +1,9 @@
 """Poses, points and measured distances between them: f = F + sum w (d - |t_j - t_i|)^2.
 
-A distance's term is w (d^2 - 2 d s^(1/2) + s) in s = |t_j - t_i|^2, which is linear in the Gram
-matrix. As it is convex in s, its tangents are minorants: for any tau < w
-
-    w (d - s^(1/2))^2 >= tau s - w d^2 tau / (w - tau),
-
-with equality where tau = w (1 - d / s^(1/2)). So f is nowhere below the cost of a pose graph with
-an edge of that weight, of either sign, for each distance, plus a constant. With the weights of a
-stationary point this is exactly what the relaxation of Papalia et al. (CORA, T-RO 2024) has, after
-its unit vectors are eliminated, without nodes for them. In the plane ours is tighter: see
+By the tangents of `certpgo.objective.families.distances`, f is nowhere below the cost of a pose
+graph with an edge of some weight, of either sign, for each distance, plus a constant. With those
+of a stationary point this is exactly what the relaxation of Papalia et al. (CORA, T-RO 2024) has,
+after its unit vectors are eliminated, without nodes for them. In the plane ours is tighter: see
 `certpgo.objective.signed_weights.OrientedProblem`.
 """
 
@@ -21,8 +16,8 @@ from typing import cast
 
 import numpy as np
 
-from certpgo.errors import GraphError, InputError
-from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.errors import GraphError
+from certpgo.graph import Estimate, PoseGraph
 from certpgo.graph.display import Brief
 from certpgo.graph.edges import components_of
 from certpgo.graph.priors import require_held
@@ -36,16 +31,14 @@ from certpgo.linalg.factor import Factor, Symbolic, default_engine
 from certpgo.linalg.rotations import orthonormal
 from certpgo.objective import operators
 from certpgo.objective.edge_sums import EdgeSums
+from certpgo.objective.families.distances import SHORTEST, Distances
 from certpgo.objective.problem import PoseProblem
 from certpgo.objective.quadratic_model import ROUNDING, largest_step
 from certpgo.objective.signed_weights import OrientedProblem, SignedGraph, SignedProblem
 
-#: Least weight of the tangents between two nodes, over that of their distances: any weight below a
-#: distance's is a minorant's.
-FAINT = 1e-10
-#: Distances of estimates below this share of the measured ones have no direction, nor have those
-#: below this share of the coordinates, which may be rounding.
-SHORTEST, INEXACT = 1e-12, 16.0 * U
+#: Distances of estimates below this share of the coordinates, which may be rounding, have no
+#: direction.
+INEXACT = 16.0 * U
 #: Damping that fixes the gauge, and the least after a step that fails, relative to the diagonal.
 GAUGE, DAMPING = 1e-9, 1e-4
 
@@ -73,9 +66,7 @@ class RangeProblem(Brief):
         if not len(self.poses) or self.measured.ranges is None or not self.ranges.num_edges:
             lack = "distances" if len(self.poses) else "poses"
             raise GraphError(f"there are no {lack} in the graph")
-        if self.measured.rotation.is_general or self.measured.arms is not None:
-            raise InputError("distances are for measurements with isotropic weights")
-        moved = self.measured.edges[self.measured.tau > 0.0]
+        moved = self.measured.edges[self.measured.tau != 0.0]
         joined = components_of(self.n, np.concatenate([moved, self.ranges.edges]))
         if joined.any():
             node = int(np.argmax(joined > 0))
@@ -120,17 +111,15 @@ class RangeProblem(Brief):
     @cached_property
     def whole(self) -> SignedProblem:
         """The problem in which each distance is an edge that measures zero, with its weight."""
-        one, k = self.measured, self.ranges.num_edges
-        rotation = RotationGraph(
-            self.n,
-            np.concatenate([one.edges, self.ranges.edges]),
-            np.concatenate([one.rotation.rotations, np.tile(np.eye(self.d), (k, 1, 1))]),
-            np.r_[one.rotation.kappa, np.zeros(k)],
-        )
-        t = np.concatenate([one.translations, np.zeros((k, self.d))])
-        tau = np.r_[one.tau, self.ranges.weights]
-        kind = OrientedProblem if self.d == 2 else SignedProblem
-        return kind(SignedGraph(rotation, t, tau, points=one.points), self.engine)
+        one = self.measured
+        is_general = one.arms is not None or one.rotation.is_general
+        kind = OrientedProblem if self.d == 2 and not is_general else SignedProblem
+        return kind(SignedGraph.with_rows_of(one, [self.distances]), self.engine)
+
+    @cached_property
+    def distances(self) -> Distances:
+        """The term of the distances."""
+        return Distances(self.ranges)
 
     def scaled(self, factor: float) -> RangeProblem:
         """The same measurements with all weights times ``factor``."""
@@ -281,12 +270,6 @@ class RangeProblem(Brief):
         """The symbolic analysis of a matrix of the whole pattern."""
         return self.whole.symbolic(A)
 
-    @cached_property
-    def _pairs(self) -> IntArray:
-        """(k,) which pair of nodes each distance is between."""
-        pairs = np.sort(self.ranges.edges, axis=1) @ np.array([self.n, 1])
-        return np.unique(pairs, return_inverse=True)[1]
-
     def surrogate(self, point: Point, more: float = 0.0) -> tuple[SignedProblem, float]:
         """The pose graph's problem of tangents at a point of any rank, and the constant.
 
@@ -297,16 +280,7 @@ class RangeProblem(Brief):
         more : added to the weights, over those of the distances
         """
         _, length = self._apart(point)
-        w, distance = self.ranges.weights, self.ranges.distances
-        tau = w * (1.0 - distance / length + more)
-        # Without weight, what only met distances hold would be free; and tau must stay below w.
-        total, weight = (np.bincount(self._pairs, of)[self._pairs] for of in (tau, w))
-        tau = np.where(np.abs(total) < FAINT * weight, tau + 2.0 * FAINT * w, tau)
-        tau = np.minimum(tau, np.where(distance > 0.0, w * (1.0 - 2.0**-50), w))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            constants = np.where(distance > 0.0, -w * distance**2 * tau / (w - tau), 0.0)
-        # Six operations, and the difference of stored numbers.
-        constants -= 16.0 * U * np.abs(constants) + 2.0**-1000
+        tau, constants = self.distances.tangents(length, more)
         constant = math.nextafter(math.fsum(constants), -math.inf)
         weights = np.r_[self.measured.tau, tau]
         return self.whole.of_same_edges(replace(self.graph, tau=weights)), constant

@@ -2,26 +2,53 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from certpgo.errors import GraphError
-from certpgo.graph import PoseGraph
+from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.graph.relaxed_point import Lift, Point
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.rotations import tangent_basis
 from certpgo.objective import operators
 from certpgo.objective.problem import PoseProblem
+from certpgo.objective.term import Term
 
 
 class SignedGraph(PoseGraph):
-    """A pose graph in which distances have weights of either sign."""
+    """A pose graph in which translations have weights of either sign."""
 
     def _check_tau(self) -> None:
         if not np.isfinite(self.tau).all():
-            raise GraphError("weights of distances must be finite")
+            raise GraphError("weights of translations must be finite")
+
+    @classmethod
+    def with_rows_of(cls, graph: PoseGraph, terms: Sequence[Term]) -> SignedGraph:
+        """The edges of a graph, and for each row of terms one that measures zero.
+
+        Its tau is what W counts of the row.
+        """
+        k, rotation = sum(len(term.edges) for term in terms), graph.rotation
+
+        def padded(values: Any) -> Any:
+            more = () if values is None else ((0, k), *((0, 0),) * (values.ndim - 1))
+            return None if values is None else np.pad(values, more)
+
+        of_all = RotationGraph(
+            graph.num_nodes,
+            np.concatenate([graph.edges, *(term.edges for term in terms)]),
+            np.concatenate([rotation.rotations, np.tile(np.eye(graph.d), (k, 1, 1))]),
+            padded(rotation.kappa),
+            padded(rotation.couplings),
+        )
+        tau = np.concatenate([graph.tau, *(term.scale.move for term in terms)])
+        flags = padded(graph.assumed), padded(graph.absolute)
+        t, arms = padded(graph.translations), padded(graph.arms)
+        return cls(of_all, t, tau, arms, graph.points, *flags)
 
 
 class SignedProblem(PoseProblem):
@@ -32,6 +59,14 @@ class SignedProblem(PoseProblem):
 
     def __post_init__(self) -> None:
         pass
+
+    @property
+    def eliminates(self) -> bool:
+        """Whether translations are best for rotations where their equations are solved.
+
+        Not where negative weights leave them without a minimum.
+        """
+        return self._translation_factor is not None
 
     def multipliers(self, point: Point) -> FloatArray:
         """(n, d, d) multipliers at a point of the relaxation."""

@@ -35,8 +35,8 @@ from certpgo.graph.relaxed_point import Point
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import Ball, sums
 from certpgo.linalg.rotations import rotation_defect
-from certpgo.objective.edge_cost import Minorants
 from certpgo.objective.edge_equations import relative
+from certpgo.objective.minorants import Minorants
 
 #: Weights over those of the measurement beyond which an edge has no minorant, as its cost is too
 #: close to its price, and below which a cost under the price counts as zero.
@@ -77,7 +77,7 @@ class Truncation:
     def at_point(graph: Graph, prices: FloatArray, point: Point, exact: bool = True) -> Truncation:
         """Those of a graph (k edges) at the relative poses of a point."""
         if isinstance(graph, PoseGraph):
-            v, Q = relative(graph, point)
+            v, Q = relative(graph.edges, graph.arms, point)
         else:
             R, (i, j) = point.rotations, graph.edges.T
             v, Q = np.zeros((len(i), graph.d)), np.swapaxes(R[i], 1, 2) @ R[j]

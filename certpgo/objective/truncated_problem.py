@@ -22,9 +22,9 @@ from certpgo.graph.relaxed_point import Point
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_floats
 from certpgo.linalg.ball_arithmetic import U
 from certpgo.objective.chi_squared import flagged_from, quantiles
-from certpgo.objective.edge_cost import Minorants
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.marginalized import isotropic_below
+from certpgo.objective.minorants import Minorants
 from certpgo.objective.problem import PoseProblem, Problem, RotationProblem
 from certpgo.objective.rotation_problem import RotationsOfPoses
 from certpgo.objective.signed_weights import SignedGraph, SignedProblem

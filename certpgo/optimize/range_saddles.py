@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 
 import numpy as np
 
@@ -14,15 +15,53 @@ from certpgo.linalg.eigen import krylov_schur
 from certpgo.linalg.factor import Factor
 from certpgo.linalg.rotations import orthonormal
 from certpgo.objective.problem import PoseProblem
-from certpgo.objective.range_problem import RangeProblem
+from certpgo.objective.range_problem import RangeModel, RangeProblem
+from certpgo.optimize.levenberg_marquardt import minimise
 from certpgo.optimize.low_rank_descent import lowest_of_halvings
+from certpgo.optimize.progress import Progress, Stop
+from certpgo.optimize.solution import Status
 
+#: Stationarity at which a rank of the relaxation ends, and steps: its bound needs all digits.
+STATIONARY, STEPS = 1e-11, 400
 #: Shifts that make a scaled certificate matrix definite.
 SHIFTS = tuple(1e-9 * 4.0**k for k in range(20))
 #: Relative accuracy of escape directions, and how many more than the gauge's are computed.
 ACCURACY, MORE = 1e-3, 2
 #: Negative eigenvalues above minus this, of a matrix of unit diagonal, may be rounding.
 RESOLUTION = 1e-13
+
+
+def climb(
+    problem: RangeProblem, start: Point, highest: int, stop: Stop
+) -> Iterator[tuple[RangeModel, Status]]:
+    """As `descents`, from the first way down of a stationary point of lower rank."""
+    with suppress(NumericalError, np.linalg.LinAlgError):
+        following = escape(problem, start, stop.should_stop)
+        if following is not None:
+            yield from descents(problem, following, highest, stop)
+
+
+def descents(
+    problem: RangeProblem, start: Lift, highest: int, stop: Stop
+) -> Iterator[tuple[RangeModel, Status]]:
+    """Lower and lower points of the relaxation: the Riemannian staircase.
+
+    Parameters
+    ----------
+    start : above rank d
+    highest : the largest rank
+
+    Yields
+    ------
+    The end of descent at each rank, and how it ended, until the certificate matrix has no way down.
+    """
+    following: Lift | None = start
+    while following is not None and following.rank <= highest:
+        progress = Progress(stop, STATIONARY, STEPS, stop.watch)
+        end = minimise(problem.linearized(following), progress)
+        yield end, stop.request or progress.status
+        with stop.watch.phase("escape"):
+            following = escape(problem, end.point, stop.should_stop)
 
 
 def escape(

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -52,7 +52,7 @@ class Search(ABC):
     start: str
     origin: str
     #: Whether all terms of the cost are of edges between nodes of one scale.
-    of_edges_alone: ClassVar[bool] = True
+    of_edges_alone: bool = True
 
     def __init__(self, posed: Certifiable, case: Case, settings: SolveSettings) -> None:
         # Cheaper bounds than those of the proof tier suffice to guide the search.
@@ -81,7 +81,7 @@ class Search(ABC):
         with self.stop.within(self.settings.time_limit):
             with self.stop.for_at_most():
                 self.run(initial, stored, report)
-            if self.stop.ended_by is not None and self.of_edges_alone:
+            if self.of_edges_alone:
                 self.place_leaves()
             return self.result(self.certificate())
 
@@ -134,8 +134,10 @@ class Search(ABC):
         return
 
     def place_leaves(self) -> None:
-        """Put nodes of single measurements, as held ones are, where a whole descent ends."""
+        """Put nodes of single measurements, as held ones are, where these have them."""
         estimate = with_leaves_placed(self.posed.chordal.graph, self.best.estimate)
+        if estimate is self.best.estimate:
+            return
         self.best = replace(self.best, estimate=estimate, cost=self.problem.cost(estimate))
         self.cost = self.case.cost_upper(estimate)
 

@@ -32,6 +32,7 @@ from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.solution import Level, Solution, Status
 from certpgo.solve.outliers import disagreement, ignore
+from certpgo.solve.range_search import RangeSearch
 from certpgo.solve.search_loop import Report, Search, case_under
 from certpgo.solve.settings import OUTLIERS_PATIENCE, SolveSettings
 from certpgo.solve.staircase import Staircase
@@ -56,6 +57,7 @@ class SurrogateSearch(Search):
         ranks = RANKS if settings.max_rank is None else max(settings.max_rank - posed.d, 0)
         self.case = replace(self.case, ranks=min(ranks, RANKS))
         self.hurried, self.surrogates = False, 0
+        self.of_edges_alone = not posed.measured.blocks
 
     def begin(self, initial: Start | None, report: Report | None) -> None:
         """Descend from the best estimate under F."""
@@ -66,7 +68,7 @@ class SurrogateSearch(Search):
 
     def chordal_start(self) -> Start:
         """The best estimate under F, found in half of the time."""
-        limit, problem = self.settings.time_limit, self.posed.chordal
+        limit, problem = self.settings.time_limit, self.posed.isotropic
         tier = None if self.tier is Tier.PROOF else self.tier
         half = replace(
             self.settings,
@@ -75,7 +77,8 @@ class SurrogateSearch(Search):
             time_limit=None if limit is None else 0.5 * limit,
         )
         case = case_under(problem, half, self.stop.monitor)
-        self.chordal = found = Staircase(problem, case, half).solved(None, None, ignore)
+        kind: type[Search] = RangeSearch if problem.is_lifted else Staircase
+        self.chordal = found = kind(problem, case, half).solved(None, None, ignore)
         for phase, seconds in found.solution.seconds.items():
             self.watch.seconds[phase] = self.watch.seconds.get(phase, 0.0) + seconds
         self.stop.interrupted |= found.solution.status is Status.INTERRUPTED
@@ -185,5 +188,5 @@ class SurrogateSearch(Search):
             return Obstacle(LimitedBy.STOPPED, True, self.problem.d, stopped)
         loose = found.kind is LimitedBy.LOOSE
         if stopped is None and loose and certificate.verdict is Verdict.BOUNDED:
-            return replace(found, mirrored=mirrored_by(self.posed.graph))
+            return replace(found, mirrored=mirrored_by(self.posed.measured))
         return found

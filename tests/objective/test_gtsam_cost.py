@@ -12,7 +12,7 @@ from certpgo.linalg import rotations as so
 from certpgo.linalg.ball_arithmetic import Ball, near_rotations
 from certpgo.objective import gtsam_plane, gtsam_space, gtsam_terms
 from certpgo.objective.costs.gtsam import GtsamCost
-from certpgo.objective.edge_cost import Minorants
+from certpgo.objective.minorants import Minorants
 
 KINDS = ("plane", "plane without cross terms", "isotropic", "anisotropic", "cross terms")
 

@@ -22,7 +22,7 @@ from certpgo.objective.choose_cost import (
     own_cost,
     surrogate,
 )
-from certpgo.objective.position_costs import WithPositions
+from certpgo.objective.sum import Sum
 from certpgo.optimize.levenberg_marquardt import descend
 
 few = settings(max_examples=12)
@@ -39,7 +39,7 @@ def with_information(rng, graph, name, condition=10.0):
     graph = replace(graph, rotation=replace(graph.rotation, rotations=R))
     information[alone] = of_positions(definite(rng, m, d, condition)[alone])
     information[alone.nonzero()[0][::3]] = of_positions(2.0 * np.eye(d)[None])  # isotropic
-    return InformationProblem(WithPositions(graph.with_information(information), COSTS[name]))
+    return InformationProblem(Sum(graph.with_information(information), COSTS[name]))
 
 
 def located(rng, d, *, poses=5, points=4, fixes=3, noise=0.1):

@@ -13,8 +13,8 @@ from certpgo.linalg import rotations as so
 from certpgo.linalg.rotations import tangent_dim
 from certpgo.objective.choose_cost import InformationProblem
 from certpgo.objective.costs.g2o import G2oCost
-from certpgo.objective.position_costs import WithPositions
 from certpgo.objective.problem import problem_of
+from certpgo.objective.sum import Sum
 
 few = settings(max_examples=12)
 
@@ -29,7 +29,7 @@ def problem_at(seed, d, under):
     m, alone = graph.num_edges, graph.rotation.kappa == 0.0
     information = definite(rng, m, d + tangent_dim(d))
     information[alone] = of_positions(definite(rng, m, d)[alone])
-    cost = WithPositions(graph.with_information(information), G2oCost)
+    cost = Sum(graph.with_information(information), G2oCost)
     return InformationProblem(cost), truth, anchor, other
 
 

@@ -561,7 +561,7 @@ def test_what_is_refused():
     with pytest.raises(GraphError, match="no distances"):
         RangeProblem(pair.with_ranges(Ranges(3, np.empty((0, 2), dtype=int), [], [])))
     instance = certpgo.Instance("lonely", problem.measured, np.arange(n))
-    with pytest.raises(InputError, match="only the cost F"):
+    with pytest.raises(InputError, match="not all edges have one"):
         solve(instance, cost="g2o")
     assert solve(instance).cost == pytest.approx(solve(problem).cost)
 

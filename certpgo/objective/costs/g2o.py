@@ -15,10 +15,11 @@ from certpgo.graph.information import RotationAbout
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.ball_arithmetic import Ball, arctan2, crossed, sums
-from certpgo.objective.edge_cost import EdgeCost, Minorants
+from certpgo.objective.edge_cost import EdgeCost
 from certpgo.objective.g2o_plane import minorants_in_the_plane
 from certpgo.objective.g2o_space import minorants_in_space, quaternions
 from certpgo.objective.marginalized import blocks, is_isotropic, isotropic, lowered
+from certpgo.objective.minorants import Minorants
 
 #: Share of the sum of the two smaller eigenvalues of W to which the largest is clipped.
 CLIPPED = 0.999

@@ -21,10 +21,11 @@ from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import Ball, crossed, joined, near_rotations
 from certpgo.objective.angle_functions import exponential, half_cotangent, half_cotangents
-from certpgo.objective.edge_cost import EdgeCost, Minorants
+from certpgo.objective.edge_cost import EdgeCost
 from certpgo.objective.gtsam_plane import minorants_in_the_plane
 from certpgo.objective.gtsam_space import minorants_in_space
 from certpgo.objective.marginalized import blocks, is_isotropic, isotropic, lowered
+from certpgo.objective.minorants import Minorants
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,8 @@ from certpgo.graph.information import of_positions
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.choose_cost import CHORDAL, COSTS, InformationProblem
-from certpgo.objective.position_costs import WithPositions
 from certpgo.objective.problem import PoseProblem
+from certpgo.objective.sum import Sum
 from reports.harness.certifiers.oracle import RESIDUALS
 from reports.harness.certifiers.points import (
     ZooPoint,
@@ -136,9 +136,7 @@ def _problem(
     between = COSTS[cost]
     of_edges = graph.with_information(full)
     alone = (kappa == 0.0).any()
-    return InformationProblem(
-        WithPositions(of_edges, between) if alone else between(of_edges)
-    ), true
+    return InformationProblem(Sum(of_edges, between) if alone else between(of_edges)), true
 
 
 def _information(m: int, d: int, rng: np.random.Generator) -> FloatArray:

@@ -135,12 +135,6 @@ UNASKED = (
 REFUSED = (
     # Costs of other programs.
     _is_refused(
-        "with distances there is only the cost F",
-        "With distances there is the cost F alone.",
-        distances="some",
-        cost=_OTHERS,
-    ),
-    _is_refused(
         "needs poses with information matrices on every edge(; these are rotations alone|, as)",
         "The costs of g2o and GTSAM are of poses.",
         relative_poses="rotations alone",
@@ -217,7 +211,7 @@ REFUSED = (
         estimate="part",
     ),
     _is_refused(
-        "--proof is not for graphs with distances|the proof tier is not for graphs with measured",
+        "--proof is not for graphs with distances|the proof tier is not for .*distances",
         "No proofs of distances.",
         proof=("tier", *_PROOFS),
         distances="some",

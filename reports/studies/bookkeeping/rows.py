@@ -17,6 +17,7 @@ from reports.studies.bookkeeping import outputs, scenes
 from reports.studies.bookkeeping.asking import Told, read_poses, told
 from reports.studies.bookkeeping.covering import Rule
 from reports.studies.bookkeeping.drawing import Array, Measurements, turns
+from reports.studies.bookkeeping.factors import REFUSED
 from reports.studies.bookkeeping.judging import (
     ATOL,
     ROUNDINGS,
@@ -55,7 +56,7 @@ def judge_row(
         answer = Asking(rng, scene, Path(folder)).answer()
         said = answer.told.refusal
         if rule is not None and said is not None:
-            _judge_refusal(found, said, rule)
+            _judge_refusal(found, said, rule, answer.row)
             found.require(not answer.told.out, f"refused after {answer.told.out[:80]!r}")
             return
         answer.judge(found)
@@ -63,9 +64,12 @@ def judge_row(
             _judge_law(rng, found, scene, answer, rule)
 
 
-def _judge_refusal(found: Findings, said: str, rule: Rule) -> None:
+def _judge_refusal(found: Findings, said: str, rule: Rule, row: Mapping[str, str]) -> None:
+    """A refusal is right where a rule about what was asked says it: mostly that of the row."""
     found.said["refused"] += 1
-    found.require(re.search(rule.said, said), f"{dict(rule.levels)}: {said}")
+    ways = [rule, *(other for other in REFUSED if other.forbids(row))]
+    documented = any(re.search(way.said, said) for way in ways if way.forbids(row))
+    found.require(documented, f"{dict(rule.levels)}: {said}")
 
 
 def _refusing(error: CertPGOError) -> Told:
@@ -493,7 +497,7 @@ def _judge_arrays(
         if rule is None:
             found.false.append(f"refused: {error}")
         else:
-            _judge_refusal(found, str(error), rule)
+            _judge_refusal(found, str(error), rule, scene.row)
 
 
 def _answered(found: Findings, scene: Scene) -> None:
@@ -533,7 +537,7 @@ def _judge_law(
     with tempfile.TemporaryDirectory() as folder:
         again = Asking(rng, other, Path(folder)).answer()
         if rule is not None and again.told.refusal is not None:
-            _judge_refusal(found, again.told.refusal, rule)
+            _judge_refusal(found, again.told.refusal, rule, again.row)
             return
         again.judge(found)
         if found.false or {answer.told.refusal, again.told.refusal} != {None}:

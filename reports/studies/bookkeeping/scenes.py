@@ -75,7 +75,7 @@ class Scene:
         row = self.row
         if row["relative poses"] != "whole":
             return "rotations"
-        chordal = row["distances"] != "none" or row["file"] == "pyfg"
+        chordal = row["file"] == "pyfg"
         robust = row["outliers"] != "none" or row["rejected"] != "none"
         chordal |= robust and (row["proof"] in ("file", "integers") or row["command"] == "follow")
         return "chordal" if chordal or not self.has_matrices or self.turns_open_axes else "g2o"

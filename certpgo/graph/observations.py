@@ -17,7 +17,7 @@ from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_indice
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Block(Brief):
+class Observations(Brief):
     """Measurements of one kind, besides a graph's edges; a kind is a subclass.
 
     Its other attributes are arrays with a row each. What they cost says a
@@ -92,7 +92,7 @@ class Block(Brief):
         return self.reweighted(np.full(self.num_edges, factor))
 
     @staticmethod
-    def joined(num_nodes: int, parts: Sequence[tuple[Block, IntArray]]) -> Block:
+    def joined(num_nodes: int, parts: Sequence[tuple[Observations, IntArray]]) -> Observations:
         """All rows of several of one kind, each with the numbers of its nodes among all."""
         (first, _), *_ = parts
         columns = {

@@ -1,0 +1,76 @@
+"""Functions below costs of measurements, which are linear in the Gram matrix of the poses."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from certpgo.graph.display import Brief
+from certpgo.graph.pose_graph import PoseGraph
+from certpgo.graph.rotation_graph import RotationGraph
+from certpgo.linalg.arrays import BoolArray, FloatArray
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Minorants(Brief):
+    """Functions m_e(v, Q) = tau |v + Q a - b|^2 - 2 <N, Q> + constant, none above its edge's cost.
+
+    They hold for all v and all rotations Q, for the stored doubles, despite rounding. They are
+    linear in the Gram matrix of the poses, so their sum is a pose graph's cost plus a constant.
+
+    Attributes
+    ----------
+    tau : (m,) weights: positive, 0 for rotations alone, negative for truncated costs
+    a, b : (m, d) arms at the edge's second and first pose, metres
+    N : (m, d, d) couplings of the rotations
+    constant : (m,) rounded down; -inf where there is no minorant
+    touching : (m, k) numbers from which the constants can be verified, see
+        ``EdgeBounds`` in `certpgo.checker`; None if the checker does not know the cost
+    """
+
+    tau: FloatArray
+    a: FloatArray
+    b: FloatArray
+    N: FloatArray
+    constant: FloatArray
+    touching: FloatArray | None = None
+
+    @property
+    def exist(self) -> BoolArray:
+        """(m,) which edges have one."""
+        return np.isfinite(self.constant)
+
+    def subset(self, chosen: BoolArray) -> Minorants:
+        """Those of some edges."""
+        touching = None if self.touching is None else self.touching[chosen]
+        arms = self.a[chosen], self.b[chosen]
+        return Minorants(self.tau[chosen], *arms, self.N[chosen], self.constant[chosen], touching)
+
+    def replaced(self, chosen: BoolArray, others: Minorants) -> Minorants:
+        """The same with others, as many as are chosen, at the chosen edges."""
+        both = []
+        for name in ("tau", "a", "b", "N", "constant"):
+            values = getattr(self, name).copy()
+            values[chosen] = getattr(others, name)
+            both.append(values)
+        return Minorants(*both)
+
+    def summed(
+        self, measured: PoseGraph, kind: type[PoseGraph] = PoseGraph
+    ) -> tuple[PoseGraph, float]:
+        """The pose graph, of that kind, and the constant that add up to those of ``measured``."""
+        rotation, constant = self.summed_rotations(measured.rotation)
+        arms = self.a if measured.arms is None else self.a + measured.arms
+        armed = arms if arms.any() else None
+        return kind(rotation, self.b, self.tau, armed, measured.points), constant
+
+    def summed_rotations(self, measured: RotationGraph) -> tuple[RotationGraph, float]:
+        """The same of rotations alone; the constant is rounded down."""
+        n, edges, R = measured.num_nodes, measured.edges, measured.rotations
+        general = RotationGraph.of_couplings(n, edges, R, self.N)
+        # Its cost has the traces of the polar factors as well.
+        _, K, K_left = general.polar
+        traces = np.concatenate([np.diagonal(A, axis1=1, axis2=2).ravel() for A in (K, K_left)])
+        return general, math.nextafter(math.fsum(np.r_[self.constant, -traces]), -math.inf)

@@ -1,0 +1,140 @@
+"""A term of an objective: residuals of measurements of one kind, and minorants of their squares.
+
+A measurement sees two nodes only through v = R_i^T (t_j + R_j a - t_i), for its arm a if it has
+one, and Q = R_i^T R_j. So does everything here: a term knows no estimate and no other term.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from typing import ClassVar
+
+import numpy as np
+
+from certpgo.errors import InputError
+from certpgo.graph.estimate import Estimate
+from certpgo.graph.observations import Observations
+from certpgo.graph.relaxed_point import translations_of
+from certpgo.graph.scale import Scale
+from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.linalg.ball_arithmetic import Ball
+from certpgo.linalg.rotations import rotation_defect
+from certpgo.objective.minorants import Minorants
+
+#: The term of each class of blocks that is defined by now.
+_TAKING: dict[type[Observations], type[Term]] = {}
+
+
+class Term(ABC):
+    """Residuals e(v, Q) of k measurements, each with the cost e^T W e.
+
+    A subclass with ``takes`` is the term of the blocks of that class, from whose one block it is
+    made: defining it is all that a new kind of measurement takes.
+    """
+
+    #: What is measured, where that is a `certpgo.graph.observations.Observations` of a graph.
+    takes: ClassVar[type[Observations] | None] = None
+    #: What is measured, in the plural, for titles.
+    plural: ClassVar[str] = ""
+    #: Whether the cost has a value at points of any rank, see `certpgo.graph.relaxed_point.Lift`.
+    lifts: ClassVar[bool] = False
+    #: What its residual is called in the compiled kernel, for this class alone; "" if it has none.
+    compiled_residual: ClassVar[str] = ""
+
+    def __init_subclass__(cls) -> None:
+        if cls.takes is not None:
+            _TAKING[cls.takes] = cls
+
+    @property
+    @abstractmethod
+    def edges(self) -> IntArray:
+        """(k, 2) the nodes of each measurement."""
+
+    @property
+    def arms(self) -> FloatArray | None:
+        """(k, d) arms a at the second nodes; None for zeros."""
+        return None
+
+    @property
+    @abstractmethod
+    def weights(self) -> FloatArray:
+        """(k, r, r) weights W of the residuals."""
+
+    @property
+    @abstractmethod
+    def scale(self) -> Scale:
+        """What W of the verdicts counts of them."""
+
+    @property
+    def sizes(self) -> FloatArray:
+        """(k,) what is measured, metres: residuals are differences of such numbers."""
+        return np.zeros(len(self.edges))
+
+    @abstractmethod
+    def residuals(self, v: FloatArray, Q: FloatArray) -> FloatArray:
+        """(k, r) residuals."""
+
+    @abstractmethod
+    def linearized(self, v: FloatArray, Q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Residuals (k, r) with their derivatives in v, (k, r, d), and in w, (k, r, q).
+
+        Q moves to Q exp(w), as in `certpgo.linalg.rotations`.
+        """
+
+    @abstractmethod
+    def enclosures(self, v: Ball, Q: Ball) -> Ball:
+        """(k,) balls that contain the costs of all of these (v, Q)."""
+
+    @abstractmethod
+    def minorants(self, v: FloatArray, Q: FloatArray) -> Minorants:
+        """Minorants that touch the costs at (v, Q), up to rounding."""
+
+    def bend(self, v: FloatArray) -> FloatArray:
+        """(k,) the quadratic part of the costs in moves v (k, d); by default none."""
+        return np.zeros(len(v))
+
+    def curved(self, v: FloatArray) -> FloatArray | None:
+        """(k, d, d) second derivatives of half the costs in v, beyond those of Gauss and Newton.
+
+        Of residuals that no turn of a frame changes; None where they are not known.
+        """
+        return None
+
+    def costs(self, v: FloatArray, Q: FloatArray) -> FloatArray:
+        """(k,) costs."""
+        e = self.residuals(v, Q)
+        return np.asarray(np.einsum("ma,mab,mb->m", e, self.weights, e))
+
+    def edge_enclosures(self, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
+        """(k,) lower and upper bounds on the costs, with translations taken as stored."""
+        i, j = self.edges.T
+        R = Ball.within(estimate.rotations, rotation_defect(estimate.rotations))
+        t = Ball.exact(translations_of(estimate))
+        v, Q = R.T[i].apply(t[j] - t[i]), R.T[i] @ R[j]
+        if (arms := self.arms) is not None:
+            v = v + Q.apply(Ball.exact(arms))
+        found = self.enclosures(v, Q)
+        return found.lower, found.upper
+
+    def enclosure(self, estimate: Estimate) -> tuple[float, float]:
+        """Lower and upper bounds on the sum of the costs, with translations taken as stored."""
+        try:
+            low, high = map(math.fsum, self.edge_enclosures(estimate))
+        except OverflowError:
+            return -math.inf, math.inf
+        return math.nextafter(low, -math.inf), math.nextafter(high, math.inf)
+
+
+def term_of(block: Observations) -> Term:
+    """The term of a block.
+
+    Raises
+    ------
+    InputError
+        No term takes its class.
+    """
+    taking = _TAKING.get(type(block))
+    if taking is None:
+        raise InputError(f"no term takes {type(block).__name__}: what they cost is not known")
+    return taking(block)  # type: ignore[call-arg]
