@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -107,3 +108,19 @@ def _arms(graphs: Sequence[PoseGraph]) -> FloatArray | None:
 def _all(arrays: Sequence[FloatArray | None]) -> FloatArray | None:
     known = [array for array in arrays if array is not None]
     return np.concatenate(known) if known else None
+
+
+def with_rows(graph: Graph, chosen: BoolArray) -> Graph:
+    """The graph with some rows (m + k,): of its edges, then of its blocks."""
+    of_edges, *of_blocks = by_rows(graph, chosen)
+    part = graph.with_edges(of_edges)
+    if not isinstance(part, PoseGraph):
+        return part
+    kept = zip(graph.blocks, of_blocks, strict=True)
+    return part.with_blocks(*(block.subset(of) for block, of in kept if of.any()))
+
+
+def by_rows(graph: Graph, values: FloatArray | BoolArray) -> list[Any]:
+    """Values (m + k, ...) of all rows: those of the edges, then those of each block."""
+    ends = np.cumsum([graph.num_edges, *(block.num_edges for block in graph.blocks)])
+    return np.split(values, ends[:-1])

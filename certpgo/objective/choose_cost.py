@@ -120,9 +120,10 @@ def problem_under(
         require(cost, str, "the name of a cost")
     said = source_of(posed)
     unposed = _graph_of(posed)
-    if getattr(unposed, "ranges", None) is not None:
-        for_these = "for certpgo solve and certify alone, in the cost F"
-        raise InputError(f"{said}graphs with distances are {for_these}")
+    if blocks := getattr(unposed, "blocks", ()):
+        others = blocks[0].kind.phrase.format(s="s")
+        for_these = "for certpgo solve, certify and merge, and sessions, alone"
+        raise InputError(f"{said}graphs with {others} are {for_these}")
     if isinstance(unposed, SimilarityGraph):
         raise InputError(f"{said}{SCALED}")
     if isinstance(posed, PoseProblem | RotationProblem | InformationProblem):

@@ -30,12 +30,15 @@ def fits_exactly(problem: Judged, estimate: Estimate) -> bool:
     """Whether every residual of an estimate is rounding, whatever its weight."""
     if isinstance(problem, SimilarityProblem):
         return meets(problem.form, problem.blocks(estimate))
-    graph = problem.measured
-    return all(_meets(block, estimate) for block in graph.blocks) and meets(graph, estimate)
+    return meets(problem.measured, estimate)
 
 
 def meets(graph: Graph, point: Point) -> bool:
     """Whether every residual of a graph's measurements is rounding."""
+    return _meets_edges(graph, point) and all(_meets(block, point) for block in graph.blocks)
+
+
+def _meets_edges(graph: Graph, point: Point) -> bool:
     i, j = graph.edges.T
     rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
     turned = _norms(operators.rotation_residuals(rotation, point.rotations))
@@ -52,7 +55,7 @@ def meets(graph: Graph, point: Point) -> bool:
     return bool((moved <= most)[graph.tau != 0.0].all())
 
 
-def _meets(block: Observations, estimate: Estimate) -> bool:
+def _meets(block: Observations, estimate: Point) -> bool:
     """Whether every residual of a block is rounding of what it is the difference of."""
     term, (i, j) = term_of(block), block.edges.T
     far, stored = _distances(estimate)

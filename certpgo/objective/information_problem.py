@@ -12,6 +12,7 @@ import numpy as np
 
 from certpgo.errors import GraphError, InputError, NumericalError
 from certpgo.graph import Estimate, PoseGraph
+from certpgo.graph.concatenate import by_rows
 from certpgo.graph.display import Speaking
 from certpgo.graph.graph import require_connected
 from certpgo.graph.priors import require_determined
@@ -221,8 +222,7 @@ class InformationProblem(Speaking):
     def reweighted(self, factors: FloatArray) -> InformationProblem:
         """The problem with weights times factors (m,); a measurement with factor 0 is removed."""
         graph, blocks = self.measured, self.measured.blocks
-        ends = np.cumsum([graph.num_edges, *(block.num_edges for block in blocks)])
-        of_edges, *of_blocks = np.split(factors, ends[:-1])
+        of_edges, *of_blocks = by_rows(graph, factors)
         kept = [of.reweighted(by) for of, by in zip(blocks, of_blocks, strict=True)]
         graph = graph.reweighted(of_edges).with_blocks(*(of for of in kept if of.num_edges))
         return self.with_cost(replace(self.edge_cost, graph=graph))

@@ -84,6 +84,9 @@ class TruncatedProblem(Brief):
             raise InputError(
                 f"prices must be {self.whole.graph.num_edges} positive numbers, one per edge"
             )
+        if self.graph.blocks:
+            others = self.graph.blocks[0].kind.phrase.format(s="s")
+            raise InputError(f"rejections are certified without {others} alone")
         if self.graph.rotation.is_general:
             raise UncertifiableError("edges with matrix weights have no minorants")
         if isinstance(self.whole, InformationProblem):

@@ -199,7 +199,7 @@ def merge(
     names = _labelled(instances, offset)
     whole, across = _joined(instances, names, joints)
     problem = certifiable(whole, CHORDAL)
-    if robust and problem.is_lifted:
+    if robust and whole.graph.blocks:
         raise InputError("robust fits are of poses: maps with distances are merged without")
 
     def alone(one: Instance, ends: Monitor) -> CertifiedSolution:
@@ -207,7 +207,7 @@ def merge(
 
     parts = tuple(by_threads(alone, instances))
     answer = search(problem, chosen)
-    if isinstance(problem, RangeProblem):
+    if isinstance(problem, RangeProblem) or whole.graph.blocks:
         whole = _in_first_frame(whole, instances, names, answer.estimate)
         tails = _tails(problem, answer.estimate)
         disagreeing = across[tails[across] < FALSE_ALARMS / len(tails)]

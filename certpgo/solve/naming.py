@@ -30,8 +30,6 @@ def labels_of(measurements: object, nodes: Sequence[Label] | None) -> Sequence[L
         own = range(measurements.num_nodes)
     if not isinstance(graph, PoseGraph | RotationGraph):
         raise InputError(f"a session takes graphs and instances, not {kind_of(measurements)}")
-    if graph.blocks:
-        raise InputError(f"a session takes no {graph.blocks[0].kind.phrase.format(s='s')}")
     require_one_unit(graph, "a session does")
     if nodes is not None and (isinstance(nodes, str) or not isinstance(nodes, Iterable)):
         raise InputError(f"the names of the nodes expected, not {kind_of(nodes)}")

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from certpgo.errors import InputError
 from certpgo.graph import Graph, PoseGraph
 from certpgo.graph.concatenate import joined
 from certpgo.graph.labels import WORLD, Label
@@ -16,6 +17,7 @@ from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.choose_cost import CHORDAL
 from certpgo.objective.problem import Problem
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
+from certpgo.solve.numbering import ASSUMED
 from certpgo.solve.outliers import (
     agrees,
     noise_scale,
@@ -27,7 +29,7 @@ from certpgo.solve.rejection import Rejection, certify_rejection
 from certpgo.solve.session import Session
 from certpgo.solve.session_status import Standing
 from certpgo.solve.settings import SolveSettings
-from certpgo.solve.terms import ASSUMED, chordal_problem
+from certpgo.solve.terms import chordal_problem
 
 #: A descent that shows whether new measurements agree; outliers would make it long.
 TRIAL = NewtonSettings(tolerance=1e-6, max_iterations=30)
@@ -66,6 +68,12 @@ class RobustSession(Session):
         super().__init__(settings, every=every, cost=CHORDAL, **options)
         #: Each rejected measurement, with the names of its nodes.
         self._put_aside: dict[int, tuple[Graph, list[Label]]] = {}
+
+    def _take(self, graph: Graph, labels: Sequence[Label], numbers: Sequence[int]) -> None:
+        if graph.blocks:
+            others = graph.blocks[0].kind.phrase.format(s="s")
+            raise InputError(f"a robust session takes no {others}")
+        super()._take(graph, labels, numbers)
 
     @property
     def rejected(self) -> IntArray:
@@ -129,7 +137,7 @@ class RobustSession(Session):
         whole, numbers = self._everything()
         scale = 1.0 if states_noise(whole) else self._noise()
         agreeing = ~outlying(whole, whole.edge_costs(self.estimate), scale)
-        self._keep({*self._edges, *numbers[agreeing].tolist()})
+        self._keep({*self._numbers.edges, *numbers[agreeing].tolist()})
 
     @property
     def _problem(self) -> Problem:
@@ -145,12 +153,12 @@ class RobustSession(Session):
         for number in sorted(kept & aside.keys()):
             self._take(*aside.pop(number), [number])
         graph, names = self.graph, self.nodes
-        for place, number in enumerate(self._edges):
+        for place, number in enumerate(self._numbers.edges):
             if number not in kept:
                 ends = np.unique(graph.edges[place])
                 one = graph.with_edges(np.array([place])).subgraph(ends)
                 aside[number] = one, [names[k] for k in ends]
-        self.remove(set(self._edges) - kept)
+        self.remove(set(self._numbers.edges) - kept)
 
     @property
     def _measured(self) -> list[Measured]:

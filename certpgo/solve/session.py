@@ -26,7 +26,7 @@ from certpgo.certify.certificate import tier_called
 from certpgo.certify.tolerances import allowed, difference_up
 from certpgo.errors import GraphError, InputError, require
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
-from certpgo.graph.concatenate import joined
+from certpgo.graph.concatenate import joined, with_rows
 from certpgo.graph.display import Speaking
 from certpgo.graph.labels import WORLD, Label, called
 from certpgo.graph.origins import Measured, in_frame, in_one_world
@@ -37,12 +37,13 @@ from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.exact_fit import meets
 from certpgo.optimize.initialization import Start
 from certpgo.solve.naming import instance_of, labels_of
+from certpgo.solve.numbering import ASSUMED, Numbering
 from certpgo.solve.odometry import Track
 from certpgo.solve.result import GIVEN
 from certpgo.solve.session_outliers import Suspicion, suspicion
 from certpgo.solve.session_status import Standing
 from certpgo.solve.settings import SolveSettings, settings_from
-from certpgo.solve.terms import ASSUMED, Terms, numbered_from
+from certpgo.solve.terms import Terms
 from certpgo.solve.warm_start import Found, descended, searched
 
 #: Share of `SolveSettings.same_cost` by which new measurements may raise F before a new descent.
@@ -105,12 +106,10 @@ class Session(Speaking):
         self._tier = tier_called(self.settings.tier or Tier.STANDARD)
         self._parts: list[Graph] = []  # the measurements in order, but for those that came since
         self._new: list[tuple[Graph, IntArray]] = []  # with the numbers of their nodes
-        self._edges: list[int] = []  # their numbers
-        self._count = 0  # of all measurements that ever came
+        self._numbers = Numbering()
         self._track: Track | None = None
         self._origin: FloatArray | None = None  # of the world, as in `Instance`
-        self._assumed = 0  # edges that are no measurements,
-        self._places = False  # and whether one of them puts the world somewhere
+        self._places = False  # whether an edge that is no measurement puts the world somewhere
         self._cost, self._scale = 0.0, Scale.none()
         self._fit: bool | None = True  # whether the estimate meets all; None if not known
         self._bounds: list[tuple[int, float]] = []  # of the measurements before number k; ascending
@@ -133,7 +132,7 @@ class Session(Speaking):
 
         Parameters
         ----------
-        measurements : a graph, or an instance. Nodes without edges do not count
+        measurements : a graph, or an instance
         nodes : the names of the graph's nodes in this session: ids, for example; by default the
             `labels` of an instance, and a graph's numbers 0, 1, ... `certpgo.WORLD` is the node
             that priors are measured from, and the only name of an instance's world
@@ -144,9 +143,9 @@ class Session(Speaking):
             A node is not connected with those that came before, or is a pose here and a point
             there, or the measurements are of another kind or dimension; the session is as before.
         InputError
-            These are no measurements, or have distances, or held poses, which others would move,
-            or not one name per node, or lack what the cost needs; or edges lead to the world, or
-            its origin is too far from that of the others to be joined exactly.
+            These are no measurements, or have held poses, which others would move, or not one name
+            per node, or lack what the cost needs; or edges lead to the world, or its origin is too
+            far from that of the others to be joined exactly.
         SpecError
             There is no cost of the session's name.
         """
@@ -159,22 +158,21 @@ class Session(Speaking):
             part = self._in_world(part, labels, origin)
         # Graphs of rotations do not say which of their edges hold nodes: instances do.
         known = part if isinstance(part, PoseGraph) else measurements
-        self._take(part, labels, numbered_from(known.is_measured, self._count))
-        count = known.num_measurements
-        self._assumed += part.num_edges - count
+        before = self._numbers.count
+        self._take(part, labels, self._numbers.following(part, known.is_measured))
         self._places |= bool(places_world(part).any())
-        self._count, self.pending = self._count + count, self.pending + count
+        self.pending += self._numbers.count - before
         if self.every is not None and self.pending >= self.every:
             # What is free so far, such as where north is, measurements to come determine.
             with suppress(GraphError):
                 self.refresh()
 
-    def _take(self, graph: Graph, labels: Sequence[Label], numbers: Iterable[int]) -> None:
+    def _take(self, graph: Graph, labels: Sequence[Label], numbers: Sequence[int]) -> None:
         """Keep measurements with these numbers, and compose the poses of new nodes."""
         track = self._track or Track(graph)
         self._new.append((graph, track.extend(graph, labels)))
         self._track = track
-        self._edges += numbers
+        self._numbers.append(graph, numbers)
         self._found = None
 
     def _in_world(self, graph: Graph, labels: Sequence[Label], origin: FloatArray | None) -> Graph:
@@ -201,9 +199,10 @@ class Session(Speaking):
         """Go on with `_measured` from another origin, which changes no optimum and no bound."""
         (graph,) = measured
         best = in_frame(self.estimate, self._poses.numbers[WORLD], self._origin, origin)
-        if graph.num_edges < len(self._edges):
-            self._edges = self.edges[~places_world(self.graph)].tolist()
-            self._assumed, self._places = self._edges.count(ASSUMED), False
+        if graph.num_edges < len(self._numbers.edges):
+            others = np.ones(len(self._numbers) - self.graph.num_edges, dtype=bool)
+            self._numbers.keep(np.append(~places_world(self.graph), others))
+            self._places = False
         self._parts, self._scale, self._origin = [graph], self._terms.scale(graph), origin
         self._adopt(best)
 
@@ -226,22 +225,24 @@ class Session(Speaking):
         for edge in removed:
             require(edge, Integral, "the number of a measurement")
         removed = sorted(set(removed))
-        absent = sorted(set(removed) - {*self._edges} | {*removed} & {ASSUMED})
+        numbers = self._numbers.rows
+        absent = sorted(set(removed) - {*numbers.tolist()} | {*removed} & {ASSUMED})
         if absent:
             raise InputError(f"there is no measurement {absent[0]}")
         if not removed:
             return self.standing
-        kept = ~np.isin(self._edges, removed)
+        kept = ~np.isin(numbers, removed)
         if not kept.any():
             raise InputError("a session keeps at least one measurement")
-        part = self._all.with_edges(kept)
+        part = with_rows(self._all, kept)
         # Refuses measurements that do not determine their nodes.
         self._terms.problem(part, self._called)
-        self._parts, self._edges = [part], np.asarray(self._edges)[kept].tolist()
+        self._numbers.keep(kept)
+        self._parts = [part]
         self._bounds = [(k, bound) for k, bound in self._bounds if k <= removed[0]]
         self._scale, self._fit = self._terms.scale(part), None
         self._cost, self._found = self._terms.upper(part, self.estimate), None
-        self._optimum, self._settled = -math.inf, min(self._settled, part.num_edges)
+        self._optimum, self._settled = -math.inf, min(self._settled, len(self._numbers))
         return self.standing
 
     def refresh(self) -> Standing:
@@ -272,7 +273,7 @@ class Session(Speaking):
         if self._tier is not Tier.SCREEN and gap <= tolerance < math.inf:
             verdict = Verdict.CERTIFIED
         nodes = 0 if self._track is None else len(self._track)
-        title, count = self._terms.title(self._parts), len(self._edges) - self._assumed
+        title, count = self._terms.title(self._parts), self._numbers.num_measurements
         return Standing(nodes, count, cost, lower, gap, tolerance, verdict, title)
 
     def _fits(self) -> bool:
@@ -311,8 +312,8 @@ class Session(Speaking):
 
     @property
     def edges(self) -> IntArray:
-        """(m,) numbers of the edges of `graph`; -1 for one that is no measurement."""
-        return np.array(self._edges, dtype=np.intp)
+        """(m,) numbers of the edges of `graph`, then of its blocks; -1 for no measurement."""
+        return self._numbers.rows
 
     @property
     def graph(self) -> Graph:
@@ -345,7 +346,7 @@ class Session(Speaking):
         """Add the terms of what came since to F of the estimate, which was extended by it."""
         parts, nodes = zip(*self._new, strict=True)
         added = joined(parts, len(self._poses), self._are_points, nodes)
-        ends = np.unique(added.edges)
+        ends = np.unique(np.concatenate([of.edges for of in (added, *added.blocks)]))
         part, here = added.subgraph(ends), self.estimate.subset(ends)
         self._fit = self._fit and meets(part, here)
         self._cost = difference_up(self._cost, -self._terms.upper(part, here))
@@ -394,7 +395,7 @@ class Session(Speaking):
         self._poses.estimate = found.estimate
         self._cost, self._found, self._fit = found.cost, found, None
         if found.lower_bound > self.lower_bound:
-            self._bounds.append((self._count, found.lower_bound))
-        self._settled, self._optimum = len(self._edges), found.cost
+            self._bounds.append((self._numbers.count, found.lower_bound))
+        self._settled, self._optimum = len(self._numbers), found.cost
         self._verdict, self.pending = self.standing.verdict, 0
         return found

@@ -14,7 +14,6 @@ from certpgo.graph.dataset import graph_of
 from certpgo.graph.graph import require_connected
 from certpgo.graph.priors import require_determined
 from certpgo.graph.scale import Scale
-from certpgo.linalg.arrays import BoolArray
 from certpgo.objective.choose_cost import (
     CHORDAL,
     COSTS,
@@ -28,9 +27,6 @@ from certpgo.objective.edge_cost import EdgeCost
 from certpgo.objective.enclosure import enclosure
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import Problem, problem_of
-
-#: The number of an edge that is no measurement, but puts a world somewhere or holds a node.
-ASSUMED = -1
 
 
 @dataclass(frozen=True)
@@ -101,33 +97,27 @@ class Terms:
         if not own.graph.rotation.kappa.any():
             needed = "needs relative poses, not positions alone, which cost='chordal' takes"
             raise GraphError(f"cost={self.cost!r} {needed}")
-        _require_determined(graph, named)
+        _require_determined(own.whole, named)
         return InformationProblem(own)
 
     def scale(self, graph: Graph) -> Scale:
         """What W is made of."""
         own = self._edge_cost(graph)
-        return Scale.of(graph) if own is None else Scale.informed(own.graph)
+        return Scale.of(graph) if own is None else own.scale
 
     def title(self, graphs: Sequence[Graph]) -> str:
         """The cost in words."""
-        with_positions = (graph for graph in graphs if not graph.rotation.kappa.all())
         own = None
-        if graphs:
-            own = self._edge_cost(next(with_positions, graphs[0]))
+        if graphs:  # the first with most kinds of measurements
+            most = max(graphs, key=lambda of: (len(of.blocks), not of.rotation.kappa.all()))
+            own = self._edge_cost(most)
         return certificate.CHORDAL if own is None else own.title
 
     def _edge_cost(self, graph: Graph) -> EdgeCost | None:
-        """The cost of another program on measurements; None for F."""
-        if self.cost == CHORDAL or not isinstance(graph, PoseGraph):
+        """The cost of measurements as a sum of terms; None for F of poses alone."""
+        if not isinstance(graph, PoseGraph) or (self.cost == CHORDAL and not graph.blocks):
             return None
         return edge_cost(graph, self.cost)
-
-
-def numbered_from(measured: BoolArray, first: int) -> list[int]:
-    """Numbers of measurements (m,), from the first one's; `ASSUMED` for edges that are none."""
-    numbers = np.where(measured, first + np.cumsum(measured) - 1, ASSUMED)
-    return [int(number) for number in numbers]
 
 
 def chordal_problem(graph: Graph, named: Callable[[int], str]) -> Problem:

@@ -126,3 +126,62 @@ def test_what_is_refused():
         added.Heights(graph.num_nodes, block.edges, block.normals, [1.0], block.weights)
     with pytest.raises(GraphError, match="other measurements are of"):
         graph.with_blocks(added.Heights(3, [[0, 1]], block.normals[:1], [1.0], [1.0]))
+
+
+@pytest.mark.parametrize("cost", COSTS)
+def test_a_session_takes_it_and_gives_it_up(cost):
+    """What comes in three parts, and what is left of it, has the optimum of the whole."""
+    rng = np.random.default_rng(3)
+    graph, truth = mixture(rng, 3)
+    block = heights(rng, graph, truth)
+    n, m, k = graph.num_nodes, graph.num_edges, block.num_edges
+    odometry = np.arange(m) < n
+    names = list(range(n))
+    session = certpgo.Session(cost=cost, every=None)
+    session.add(graph.with_blocks().with_edges(graph.is_point[graph.edges].any(axis=1) | odometry))
+    rest = graph.with_edges(~(graph.is_point[graph.edges].any(axis=1) | odometry))
+    session.add(rest.with_blocks(graph.ranges), names)
+    last = graph.with_blocks().with_edges([0])
+    session.add(last.with_blocks(block), names)
+    assert session.refresh().verdict.value == "CERTIFIED"
+    doubled = np.r_[np.arange(m), 0]
+    whole = graph.with_edges(doubled).with_blocks(graph.ranges, block)
+    assert session.standing.cost == pytest.approx(certpgo.solve(whole, cost=cost).cost, rel=1e-9)
+    assert session.standing.edges == m + 1 + graph.ranges.num_edges + k
+    numbers = session.edges
+    assert sorted(numbers) == list(range(len(numbers)))
+    session.remove(numbers[-3:])
+    kept = block.subset(np.arange(k - 3))
+    whole = graph.with_edges(doubled).with_blocks(graph.ranges, kept)
+    assert session.refresh().cost == pytest.approx(certpgo.solve(whole, cost=cost).cost, rel=1e-9)
+
+
+def test_maps_that_have_it_are_merged():
+    rng = np.random.default_rng(4)
+    graph, truth = mixture(rng, 3)
+    block = heights(rng, graph, truth)
+    n = graph.num_nodes
+    one = certpgo.Instance("one", graph.with_blocks(graph.ranges, block), np.arange(n))
+    other = certpgo.Instance("other", graph.with_blocks(block), np.arange(n) + n)
+    joints = certpgo.Instance(
+        "joints", graph.with_blocks().with_edges([0]).subgraph([0, 1]), np.array([0, n + 1])
+    )
+    merged = certpgo.merge([one, other], joints)
+    assert merged.answer.verdict.value == "CERTIFIED"
+    apart = [certpgo.solve(part.graph, cost="chordal").cost for part in (one, other)]
+    assert merged.answer.cost == pytest.approx(sum(apart), rel=1e-8)  # a bridge costs nothing
+    assert [block.num_edges for block in merged.instance.graph.blocks] == [12, 16]
+
+
+def test_what_does_not_take_it_says_so():
+    rng = np.random.default_rng(1)
+    graph, truth = mixture(rng, 3)
+    mixed = graph.with_blocks(heights(rng, graph, truth))
+    for ask in (
+        lambda: certpgo.solve_robustly(mixed),
+        lambda: certpgo.certify(mixed, truth, rejected=np.array([0])),
+        lambda: certpgo.RobustSession().add(mixed),
+        lambda: certpgo.solve(mixed, tier="proof"),
+    ):
+        with pytest.raises(InputError, match=r"other measurements|heights"):
+            ask()

@@ -569,5 +569,7 @@ def test_what_is_refused():
 def test_robust_fits_refuse_distances():
     problem, _, _ = measured(3, 2)
     instance = certpgo.Instance("distances", problem.measured, np.arange(problem.n))
-    with pytest.raises(InputError, match="distances are for certpgo solve and certify alone"):
+    with pytest.raises(
+        InputError, match="distances are for certpgo solve, certify and merge, and sessions, alone"
+    ):
         certpgo.solve_robustly(instance)
