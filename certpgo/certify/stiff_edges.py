@@ -35,7 +35,7 @@ def eased(problem: AnyProblem, *, cycles: bool = True) -> AnyProblem:
     ----------
     cycles : whether also in cycles, which moves the optimum a little
     """
-    graph = problem.measured
+    graph = problem.graph
     rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
     weights = [rotation.kappa, *([graph.tau] if isinstance(graph, PoseGraph) else [])]
     if not any(_may_be_stiff(w[w > 0.0], graph.num_nodes) for w in weights):

@@ -84,7 +84,9 @@ def _blocks(
     known = [(block, to) for of, to in zip(blocks, nodes, strict=True) for block in of]
     kinds = dict.fromkeys(type(block) for block, _ in known)
     return tuple(
-        Observations.joined(num_nodes, [one for one in known if type(one[0]) is kind])
+        Observations.joined(
+            num_nodes, *zip(*[of for of in known if type(of[0]) is kind], strict=True)
+        )
         for kind in kinds
     )
 

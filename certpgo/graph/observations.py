@@ -92,12 +92,13 @@ class Observations(Brief):
         return self.reweighted(np.full(self.num_edges, factor))
 
     @staticmethod
-    def joined(num_nodes: int, parts: Sequence[tuple[Observations, IntArray]]) -> Observations:
-        """All rows of several of one kind, each with the numbers of its nodes among all."""
-        (first, _), *_ = parts
+    def joined(
+        num_nodes: int, parts: Sequence[Observations], nodes: Sequence[IntArray]
+    ) -> Observations:
+        """All rows of several of one kind, whose nodes have these numbers among all."""
+        first = parts[0]
         columns = {
-            name: np.concatenate([getattr(part, name) for part, _ in parts])
-            for name in first._columns
+            name: np.concatenate([getattr(part, name) for part in parts]) for name in first._columns
         }
-        edges = np.concatenate([to[part.edges] for part, to in parts])
+        edges = np.concatenate([to[part.edges] for part, to in zip(parts, nodes, strict=True)])
         return replace(first, num_nodes=num_nodes, edges=edges, **columns)

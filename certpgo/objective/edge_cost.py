@@ -21,7 +21,7 @@ from certpgo.graph.scale import Scale
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import Ball
 from certpgo.linalg.rotations import rotation_defect
-from certpgo.objective.term import Term
+from certpgo.objective.term import Placed, Term
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,9 +79,9 @@ class EdgeCost(Term):
         return self.graph
 
     @property
-    def terms(self) -> tuple[tuple[IntArray, Term], ...]:
-        """The terms that it is a sum of, each with its rows: itself."""
-        return ((np.arange(self.graph.num_edges), self),)
+    def terms(self) -> tuple[Placed, ...]:
+        """The terms that it is a sum of: itself."""
+        return (Placed(np.arange(self.graph.num_edges), self),)
 
     @property
     def is_definite(self) -> BoolArray:

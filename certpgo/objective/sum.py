@@ -20,7 +20,7 @@ from certpgo.objective.families.positions import Positions
 from certpgo.objective.families.rotations_alone import RotationsAlone
 from certpgo.objective.minorants import Minorants
 from certpgo.objective.signed_weights import SignedGraph
-from certpgo.objective.term import Term, term_of
+from certpgo.objective.term import Placed, Term, term_of
 
 __all__ = ["Distances", "Sum"]
 
@@ -49,11 +49,11 @@ class Sum(EdgeCost):
         return self.graph.with_blocks()
 
     @cached_property
-    def terms(self) -> tuple[tuple[IntArray, Term], ...]:
+    def terms(self) -> tuple[Placed, ...]:
         """The terms, each with the rows that are its measurements."""
         return tuple(self._terms())
 
-    def _terms(self) -> Iterator[tuple[IntArray, Term]]:
+    def _terms(self) -> Iterator[Placed]:
         graph, m = self.edges_alone, self.graph.num_edges
         turned, moved = graph.measures_rotation, graph.measures_translation
         if self.between.takes_partial:
@@ -65,9 +65,9 @@ class Sum(EdgeCost):
         ]
         for chosen, of in kinds:
             if chosen.any():
-                yield np.flatnonzero(chosen), of(graph.with_edges(chosen))
+                yield Placed(np.flatnonzero(chosen), of(graph.with_edges(chosen)))
         for block in self.graph.blocks:
-            yield np.arange(m, m + block.num_edges), term_of(block)
+            yield Placed(np.arange(m, m + block.num_edges), term_of(block))
             m += block.num_edges
 
     @cached_property

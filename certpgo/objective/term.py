@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -124,6 +124,18 @@ class Term(ABC):
         except OverflowError:
             return -math.inf, math.inf
         return math.nextafter(low, -math.inf), math.nextafter(high, math.inf)
+
+
+class Placed(NamedTuple):
+    """A term of a sum.
+
+    Attributes
+    ----------
+    rows : (k,) its measurements among all, ascending
+    """
+
+    rows: IntArray
+    term: Term
 
 
 def term_of(block: Observations) -> Term:
