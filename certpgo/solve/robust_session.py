@@ -17,7 +17,6 @@ from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.choose_cost import CHORDAL
 from certpgo.objective.problem import Problem
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
-from certpgo.solve.numbering import ASSUMED
 from certpgo.solve.outliers import (
     agrees,
     noise_scale,
@@ -26,6 +25,7 @@ from certpgo.solve.outliers import (
     states_noise,
 )
 from certpgo.solve.rejection import Rejection, certify_rejection
+from certpgo.solve.row_numbers import ASSUMED
 from certpgo.solve.session import Session
 from certpgo.solve.session_status import Standing
 from certpgo.solve.settings import SolveSettings

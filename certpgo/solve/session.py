@@ -37,9 +37,9 @@ from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.exact_fit import meets
 from certpgo.optimize.initialization import Start
 from certpgo.solve.naming import instance_of, labels_of
-from certpgo.solve.numbering import ASSUMED, Numbering
 from certpgo.solve.odometry import Track
 from certpgo.solve.result import GIVEN
+from certpgo.solve.row_numbers import ASSUMED, RowNumbers
 from certpgo.solve.session_outliers import Suspicion, suspicion
 from certpgo.solve.session_status import Standing
 from certpgo.solve.settings import SolveSettings, settings_from
@@ -106,7 +106,7 @@ class Session(Speaking):
         self._tier = tier_called(self.settings.tier or Tier.STANDARD)
         self._parts: list[Graph] = []  # the measurements in order, but for those that came since
         self._new: list[tuple[Graph, IntArray]] = []  # with the numbers of their nodes
-        self._numbers = Numbering()
+        self._numbers = RowNumbers()
         self._track: Track | None = None
         self._origin: FloatArray | None = None  # of the world, as in `Instance`
         self._places = False  # whether an edge that is no measurement puts the world somewhere
@@ -200,8 +200,7 @@ class Session(Speaking):
         (graph,) = measured
         best = in_frame(self.estimate, self._poses.numbers[WORLD], self._origin, origin)
         if graph.num_edges < len(self._numbers.edges):
-            others = np.ones(len(self._numbers) - self.graph.num_edges, dtype=bool)
-            self._numbers.keep(np.append(~places_world(self.graph), others))
+            self._numbers.keep_edges(~places_world(self.graph))
             self._places = False
         self._parts, self._scale, self._origin = [graph], self._terms.scale(graph), origin
         self._adopt(best)

@@ -15,7 +15,7 @@ from certpgo.linalg.arrays import BoolArray, IntArray
 ASSUMED = -1
 
 
-class Numbering:
+class RowNumbers:
     """The number of each row of a graph that grows: its edges, then its blocks by their kinds."""
 
     def __init__(self) -> None:
@@ -49,6 +49,10 @@ class Numbering:
             numbers[:] = np.array(numbers, dtype=np.intp)[chosen].tolist()
         self.blocks = {kind: numbers for kind, numbers in self.blocks.items() if numbers}
         self.assumed = self.edges.count(ASSUMED)
+
+    def keep_edges(self, kept: BoolArray) -> None:
+        """Keep some of the edges, and all else."""
+        self.keep(np.append(kept, np.ones(len(self) - len(kept), dtype=bool)))
 
     def __len__(self) -> int:
         return len(self.edges) + sum(map(len, self.blocks.values()))
