@@ -71,7 +71,7 @@ def refuse_unreadable(source: Path, instance: Instance, cost: str) -> None:
     """
     _refuse_priors_of_rotations(instance)
     graph, chosen = instance.graph, {"fixed", "also", "weights_are"} & {*instance.options}
-    unusual = graph.ranges is not None or (isinstance(graph, PoseGraph) and graph.is_partial)
+    unusual = bool(graph.blocks) or (isinstance(graph, PoseGraph) and graph.is_partial)
     unusual |= graph.information is not None and bool(graph.information.is_partial.any())
     # Other files are read by both alike, and only once that is needed.
     if unusual or chosen or _map_of(instance):
@@ -271,8 +271,8 @@ def _claim(
 ) -> tuple[dict[str, Any], checker.Graph]:
     """The subject of the proof (hashes, kind, reading options), and the graph the checker reads."""
     similar = isinstance(instance.graph, SimilarityGraph)
-    if instance.graph.ranges is not None:
-        raise InputError(f"{source}: a proof is not about measured distances")
+    for block in instance.graph.blocks:
+        raise InputError(f"{source}: a proof is not about measured {block.kind.plural}")
     # What an archive says of options is how its numbers came about: they are read as they are.
     options = {} if similar and format_of(source).name == "npz" else instance.options
     if (stated := options.get("weights_are", "information")) != "information":

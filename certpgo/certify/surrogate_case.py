@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, Self, cast
 
 import numpy as np
 
@@ -102,10 +102,20 @@ class OwnCostCase(Case):
 
     def _spectral_start(self) -> Estimate:
         """That of the same measurements under F; with distances, near its relaxation."""
-        isotropic = self.problem.isotropic
-        if not isinstance(isotropic, RangeProblem):
+        if self.problem.measured.ranges is None:
             return super()._spectral_start()
-        case = RangedCase(isotropic, self.unit, Tier.STANDARD, self.rtol, self.atol, self.stop)
+        try:
+            isotropic = self.problem.isotropic
+        except GraphError:  # what F has no terms for joins some nodes
+            return super()._spectral_start()
+        case = RangedCase(
+            cast("RangeProblem", isotropic),
+            self.unit,
+            Tier.STANDARD,
+            self.rtol,
+            self.atol,
+            self.stop,
+        )
         found = case.elsewhere()
         return super()._spectral_start() if found is None else found.point
 

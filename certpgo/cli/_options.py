@@ -136,15 +136,6 @@ def refuse_with_distances(instance: Instance, **options: Any) -> None:
             raise InputError(f"{instance.name}: --{name} is not for graphs with distances")
 
 
-def refuse_of_kinds(instance: Instance, *, proof: Path | None, **options: Any) -> None:
-    """Refuse options that graphs with distances or nodes of unknown scale do not have.
-
-    There are no proofs with distances.
-    """
-    refuse_with_distances(instance, proof=proof, **options)
-    refuse_with_scales(instance, **options)
-
-
 def refuse_with_scales(instance: Instance, **options: Any) -> None:
     """Refuse options that graphs with nodes of unknown scale do not have.
 

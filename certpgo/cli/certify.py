@@ -24,7 +24,7 @@ from certpgo.cli._options import (
     Timestamps,
     chosen_cost,
     refuse_chordal_only,
-    refuse_of_kinds,
+    refuse_with_distances,
     tier_for,
     tier_option,
     time_limit_option,
@@ -142,7 +142,7 @@ def command(
     outputs.refuse_overwriting(source, *here, *others)
     with graph_comes_first("certify", source, here):
         instance = timed(reading.open(source, distances=True), timestamps)
-    refuse_of_kinds(instance, proof=proof, rejected=rejected)
+    refuse_with_distances(instance, proof=proof)
     chosen = chosen_cost(cost, instance, **{"rejected --proof": rejected and proof})
     how = Matching.of(timestamps, max_difference)
     again: dict[str, Any] = {"rejected": rejected, "quantile": quantile, "timestamps": timestamps}
@@ -317,7 +317,8 @@ def _refuse_part(
 def _disagreement(problem: Judged, found: Assessment) -> Disagreement | None:
     """Measurements that disagree with the rest, by their terms of the cost."""
     from certpgo.objective.similarity_problem import SimilarityProblem
-    from certpgo.solve.outliers import Posed, disagreement
+    from certpgo.solve.outliers import disagreement
+    from certpgo.solve.selection import Posed
 
     if not isinstance(problem, Posed) or isinstance(problem, SimilarityProblem):
         return None

@@ -187,7 +187,7 @@ def command(
     inputs = (source, *reading.others, of_initial, of_truth, file_of_times(timestamps))
     outputs.refuse_overwriting(*inputs)
     instance = timed(reading.open(source, distances=True), timestamps)
-    refuse_with_distances(instance, method=method, robust=robust, proof=proof)
+    refuse_with_distances(instance, method=method, proof=proof)
     refuse_with_scales(instance, method=method, robust=robust, covariances=covariances)
     _refuse_with_logarithms(instance, scales_within, stored, html=html, cost=cost, proof=proof)
     parts = reading.parts(instance)

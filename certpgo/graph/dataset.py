@@ -147,6 +147,9 @@ class Instance(Speaking):
     def _check_world(self, n: int) -> None:
         if self.world not in (None, n - 1):
             raise GraphError(f"the world must be the last node, {n - 1}, not {self.world}")
+        if self.stated is not None and self.graph.blocks:
+            others = self.graph.blocks[0].kind.plural
+            raise GraphError(f"nodes are held where the source fixes them: {others} do not know it")
         if self.stated is None and (self.graph.edges[:, 1] == self.world).any():
             raise GraphError("edges leave the world, and none leads to it")
 

@@ -74,8 +74,9 @@ def with_held(instance: Instance, *, hold: bool = True) -> Instance:
         return replace(instance, notices=(*instance.notices, said))
     named = few(instance.ids[fixed].tolist())
     where, release = instance.source or instance.name, "(--no-fixed releases them)"
-    if instance.graph.ranges is not None:
-        raise InputError(f"{where}: nodes {named} are fixed, and distances are measured {release}")
+    if blocks := instance.graph.blocks:
+        kind = blocks[0].kind.plural
+        raise InputError(f"{where}: nodes {named} are fixed, and {kind} are measured {release}")
     source, values = instance, instance.initial
     instance = instance.with_edges(instance.graph.is_measured)  # where the world is, is known now
     if not len(poses) and instance.world is None:

@@ -41,6 +41,11 @@ class Kind(IntEnum):
         """What it is called; ``{s}`` marks the plural."""
         return _PHRASES[self]
 
+    @property
+    def plural(self) -> str:
+        """The same, of several."""
+        return self.phrase.format(s="s")
+
 
 #: Kinds of measurements between two poses.
 RELATIVE = (Kind.BETWEEN, Kind.ROTATION, Kind.TRANSLATION)

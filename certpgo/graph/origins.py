@@ -10,7 +10,7 @@ import numpy as np
 from certpgo.errors import InputError
 from certpgo.graph.estimate import Estimate
 from certpgo.graph.graph import Graph, PoseGraph
-from certpgo.graph.priors import places_world
+from certpgo.graph.priors import measures_from, places_world
 from certpgo.linalg.arrays import BoolArray, FloatArray
 
 #: A graph, its world, and the origin (d,) of that in the source's frame, as in `certpgo.Instance`.
@@ -59,7 +59,7 @@ def _places(graph: Graph, world: int | None) -> bool:
     """Whether a graph measures a position from its world, or holds one there."""
     if world is None or not isinstance(graph, PoseGraph):
         return False
-    return bool(_of_world(graph, world).any())
+    return bool(_of_world(graph, world).any()) or measures_from(graph, world)
 
 
 def _of_world(graph: PoseGraph, world: int) -> BoolArray:

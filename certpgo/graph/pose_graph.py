@@ -149,7 +149,7 @@ class PoseGraph(Speaking, OfRotations):
             require(block, Observations, "measurements of a kind")
             if block.num_nodes != self.num_nodes:
                 said = f"are of {block.num_nodes} nodes, the graph has {self.num_nodes}"
-                raise GraphError(f"{block.kind.phrase.format(s='s')} {said}")
+                raise GraphError(f"{block.kind.plural} {said}")
         if len({type(block) for block in self.blocks}) < len(self.blocks):
             raise GraphError("measurements of one kind are given together")
 
@@ -161,8 +161,16 @@ class PoseGraph(Speaking, OfRotations):
         return other
 
     def with_blocks(self, *blocks: Observations) -> Self:
-        """The same edges with these measurements besides, or with none."""
-        return self._with_besides(blocks=blocks)
+        """The same edges with these measurements besides, or with none.
+
+        An edge that assumes where a world is goes if one of them measures from that.
+        """
+        graph = self._with_besides(blocks=blocks)
+        if not (blocks and self.assumed is not None):
+            return graph
+        needless = np.isin(self.edges[:, 0], np.concatenate([block.edges for block in blocks]))
+        needless &= self.assumed & ~self.measures_rotation & ~self.is_point[self.edges[:, 1]]
+        return graph.with_edges(~needless) if needless.any() else graph  # type: ignore[return-value]
 
     def with_ranges(self, ranges: Ranges | None) -> Self:
         """The same measurements with these distances, or with none."""

@@ -205,7 +205,8 @@ def placing(graph: PoseGraph, world: int) -> PoseGraph:
     That edge, the last one, puts it at the first node that is measured from it.
     """
     of_world, moved = graph.edges[:, 0] == world, graph.measures_translation
-    if (of_world & moved).any() or not of_world.any() or not moved.any():
+    known = (of_world & moved).any() or measures_from(graph, world)
+    if known or not of_world.any() or not moved.any():
         return graph
     d, none = graph.d, graph.rotation.couplings
     if none is not None:
@@ -216,6 +217,11 @@ def placing(graph: PoseGraph, world: int) -> PoseGraph:
     put = PoseGraph(place, np.zeros((1, d)), np.array([tau]), None, graph.points, is_so, is_so)
     put = _stated_by(graph, put)
     return cast("PoseGraph", joined([graph, put], graph.num_nodes, graph.points))
+
+
+def measures_from(graph: Graph, node: int) -> bool:
+    """Whether one of the graph's other measurements than edges is of a node."""
+    return any(bool((block.edges == node).any()) for block in graph.blocks)
 
 
 def _stated_by(graph: PoseGraph, part: PoseGraph) -> PoseGraph:

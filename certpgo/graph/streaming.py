@@ -54,7 +54,7 @@ def streamed(
     graph = graph_of(measured)
     if graph.blocks:
         said = f"{measured.name}: " if isinstance(measured, Instance) else ""
-        raise InputError(f"{said}{graph.blocks[0].kind.phrase.format(s='s')} cannot be streamed")
+        raise InputError(f"{said}{graph.blocks[0].kind.plural} cannot be streamed")
     order = arrivals(measured)
     for first in range(0, len(order), size):
         edges = order[first : first + size]

@@ -12,6 +12,7 @@ from certpgo.graph import Instance, PoseGraph, SimilarityGraph
 from certpgo.graph.keys import Keys
 from certpgo.graph.kinds import Kind
 from certpgo.graph.phrases import counted
+from certpgo.graph.ranges import Ranges
 from certpgo.io.format import Format
 from certpgo.io.names import name_numbers
 from certpgo.linalg.arrays import IntArray
@@ -65,6 +66,9 @@ def refuse_unwritable(path: Path, whole: Instance, form: Format) -> None:
         _refuse_partial(path, whole, form)
     if not form.holds_ranges:
         _refuse_ranges(path, whole)
+    for block in graph.blocks:
+        if not isinstance(block, Ranges):
+            raise InputError(f"{path}: no format holds {type(block).__name__}")
 
 
 def _refuse_partial(path: Path, whole: Instance, form: Format) -> None:

@@ -17,7 +17,6 @@ from functools import lru_cache
 import numpy as np
 from scipy import optimize, special
 
-from certpgo.graph.information import unmeasured
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.information_problem import InformationProblem
@@ -60,8 +59,7 @@ def numbers_measured(problem: Problem | InformationProblem) -> tuple[IntArray, I
     """(m,) how many numbers each edge measures of a rotation, and of a translation."""
     d = problem.d
     if isinstance(problem, InformationProblem):
-        stated = ~unmeasured(problem.edge_cost.weights)
-        return stated[:, d:].sum(axis=1), stated[:, :d].sum(axis=1)
+        return problem.edge_cost.numbers
     ranks = _ranks(problem)
     # One direction, of rank 1, leaves turns about it; two leave none.
     turned = np.where(ranks == 1, d - 1, so.tangent_dim(d) * (ranks > 0))
@@ -70,7 +68,9 @@ def numbers_measured(problem: Problem | InformationProblem) -> tuple[IntArray, I
 
 def double(problem: Problem | InformationProblem) -> IntArray:
     """(m,) how often the square of a turn counts: twice for kappa |E|^2 in the plane."""
-    if isinstance(problem, InformationProblem) or problem.d == 3:
+    if isinstance(problem, InformationProblem):
+        return problem.edge_cost.double
+    if problem.d == 3:
         return np.ones(problem.graph.num_edges, dtype=np.intp)
     return np.maximum(_ranks(problem), 1)
 

@@ -121,7 +121,7 @@ def problem_under(
     said = source_of(posed)
     unposed = _graph_of(posed)
     if blocks := getattr(unposed, "blocks", ()):
-        others = blocks[0].kind.phrase.format(s="s")
+        others = blocks[0].kind.plural
         for_these = "for certpgo solve, certify and merge, and sessions, alone"
         raise InputError(f"{said}graphs with {others} are {for_these}")
     if isinstance(unposed, SimilarityGraph):

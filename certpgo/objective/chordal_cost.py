@@ -7,9 +7,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from certpgo.errors import InputError
 from certpgo.graph.scale import Scale
 from certpgo.linalg import rotations as so
-from certpgo.linalg.arrays import BoolArray, FloatArray
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import Ball, sums
 from certpgo.objective.edge_cost import EdgeCost
 from certpgo.objective.minorants import Minorants
@@ -25,7 +26,9 @@ class ChordalCost(EdgeCost):
     conjunction: ClassVar[str] = " and squared errors of"
 
     def __post_init__(self) -> None:
-        """Any graph has these weights."""
+        if self.graph.rotation.is_general:
+            lacks = "without matrix weights and directions alone"
+            raise InputError(f"distances and other kinds of measurements are taken {lacks}")
 
     @property
     def title(self) -> str:
@@ -41,6 +44,17 @@ class ChordalCost(EdgeCost):
     def is_definite(self) -> BoolArray:
         """(m,) which measurements have a cost that grows with all of their residuals: all."""
         return np.ones(self.graph.num_edges, dtype=bool)
+
+    @property
+    def numbers(self) -> tuple[IntArray, IntArray]:
+        """(m,) how many numbers each edge measures of a rotation, and (m,) of a translation."""
+        graph, d = self.graph, self.graph.d
+        return so.tangent_dim(d) * graph.measures_rotation, d * graph.measures_translation
+
+    @property
+    def double(self) -> IntArray:
+        """(m,) how often the square of a turn counts: twice in the plane."""
+        return np.full(self.graph.num_edges, 2 if self.graph.d == 2 else 1)
 
     @property
     def weights(self) -> FloatArray:

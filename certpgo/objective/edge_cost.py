@@ -15,7 +15,7 @@ import numpy as np
 
 from certpgo.checker import FAR
 from certpgo.errors import GraphError
-from certpgo.graph.information import RotationAbout
+from certpgo.graph.information import RotationAbout, unmeasured
 from certpgo.graph.pose_graph import PoseGraph
 from certpgo.graph.scale import Scale
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
@@ -102,6 +102,12 @@ class EdgeCost(Term):
     def scale(self) -> Scale:
         """What W of the verdicts counts of them."""
         return Scale.informed(self.graph)
+
+    @property
+    def numbers(self) -> tuple[IntArray, IntArray]:
+        """(m,) how many numbers each edge measures of a rotation, and (m,) of a translation."""
+        stated, d = ~unmeasured(self.weights), self.graph.d
+        return stated[:, d:].sum(axis=1), stated[:, :d].sum(axis=1)
 
     @property
     def weights(self) -> FloatArray:

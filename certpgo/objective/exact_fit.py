@@ -60,8 +60,10 @@ def _meets(block: Observations, estimate: Point) -> bool:
     term, (i, j) = term_of(block), block.edges.T
     far, stored = _distances(estimate)
     off = _norms(term.residuals(*relative(block.edges, term.arms, estimate)))
-    size = far[i] + far[j] + term.sizes
-    return bool((off <= ROUNDING * size + STORED * (stored[i] + stored[j])).all())
+    most = ROUNDING * term.sizes
+    if term.in_metres:
+        most = most + ROUNDING * (far[i] + far[j]) + STORED * (stored[i] + stored[j])
+    return bool((off <= most).all())
 
 
 def _distances(point: Point) -> tuple[FloatArray, FloatArray]:

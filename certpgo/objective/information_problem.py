@@ -169,7 +169,7 @@ class InformationProblem(Speaking):
         """(m,) which measurements have a cost at points of any rank."""
         lifted = np.zeros(self.graph.num_edges, dtype=bool)
         for rows, term in self.edge_cost.terms:
-            lifted[rows] = term.lifts
+            lifted[rows] = term.lifts and self.measured.ranges is not None
         return lifted
 
     is_chordal = is_lifted = False

@@ -81,7 +81,7 @@ class PoseProblem(Objective):
         if isinstance(self.graph, SimilarityGraph) and not self.takes_scales:
             raise InputError(SCALED)
         if self.graph.blocks:
-            found = self.graph.blocks[0].kind.phrase.format(s="s")
+            found = self.graph.blocks[0].kind.plural
             raise InputError(f"F has no {found}: certpgo.solve takes them, or graph.with_blocks()")
         require_connected(self.graph)
         if self.graph.is_partial:

@@ -303,7 +303,9 @@ class RangeModel:
     @property
     def rounding(self) -> float:
         """A decrease of the cost that may be lost in rounding of the lengths."""
-        return max(ROUNDING * self.cost, 2.0 * U * math.sqrt(self.problem.scale * self.cost))
+        # With signed weights the cost may be negative.
+        size = abs(self.cost)
+        return max(ROUNDING * size, 2.0 * U * math.sqrt(self.problem.scale * size))
 
     @cached_property
     def _euclidean(self) -> FloatArray:

@@ -48,6 +48,13 @@ class SignedGraph(PoseGraph):
         tau = np.concatenate([graph.tau, *(term.scale.move for term in terms)])
         flags = padded(graph.assumed), padded(graph.absolute)
         t, arms = padded(graph.translations), padded(graph.arms)
+        if any(term.arms is not None for term in terms):
+            own = np.zeros_like(graph.translations) if graph.arms is None else graph.arms
+            zeros = (np.zeros((len(term.edges), graph.d)) for term in terms)
+            given = (
+                z if term.arms is None else term.arms for z, term in zip(zeros, terms, strict=True)
+            )
+            arms = np.concatenate([own, *given])
         return cls(of_all, t, tau, arms, graph.points, *flags)
 
 

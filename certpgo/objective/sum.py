@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, reduce
 from operator import add
+from typing import Any
 
 import numpy as np
 
@@ -103,7 +104,8 @@ class Sum(EdgeCost):
         partial = self.graph.is_partial and not self.between.takes_partial
         others = ["positions"] if partial else []
         others += [term_of(block).plural for block in self.graph.blocks]
-        return f"{self.between(self.edges_alone).title}{self.between.conjunction} {listed(others)}"
+        title = self.between(self.edges_alone).title
+        return f"{title}{self.between.conjunction} {listed(others)}" if others else title
 
     @property
     def edges(self) -> IntArray:
@@ -120,6 +122,17 @@ class Sum(EdgeCost):
         """What W of the verdicts counts of them."""
         return reduce(add, (term.scale for _, term in self.terms))
 
+    @property
+    def numbers(self) -> tuple[IntArray, IntArray]:
+        """(m,) how many numbers each row measures of a rotation, and (m,) of anything else."""
+        turned = self._gathered(lambda term, rows: term.numbers[0])
+        return turned, self._gathered(lambda term, rows: term.numbers[1])
+
+    @property
+    def double(self) -> IntArray:
+        """(m,) how often the square of a turn counts in the cost."""
+        return np.asarray(self._gathered(lambda term, rows: term.double))
+
     @cached_property
     def weights(self) -> FloatArray:
         """(m, k, k) weights of the residuals, and zeros where a term has fewer than k."""
@@ -128,7 +141,7 @@ class Sum(EdgeCost):
             more = self._longest - term.weights.shape[1]
             return np.pad(term.weights, ((0, 0), (0, more), (0, more)))
 
-        return self._gathered(padded)
+        return np.asarray(self._gathered(padded))
 
     @cached_property
     def _longest(self) -> int:
@@ -142,7 +155,7 @@ class Sum(EdgeCost):
             e = term.residuals(v[rows], Q[rows])
             return np.pad(e, ((0, 0), (0, self._longest - e.shape[1])))
 
-        return self._gathered(padded)
+        return np.asarray(self._gathered(padded))
 
     def linearized(self, v: FloatArray, Q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Residuals and their derivatives, as of each term, and zeros where there are fewer."""
@@ -159,11 +172,11 @@ class Sum(EdgeCost):
 
     def costs(self, v: FloatArray, Q: FloatArray) -> FloatArray:
         """(m,) costs."""
-        return self._gathered(lambda term, rows: term.costs(v[rows], Q[rows]))
+        return np.asarray(self._gathered(lambda term, rows: term.costs(v[rows], Q[rows])))
 
     def bend(self, v: FloatArray) -> FloatArray:
         """(m,) the quadratic part of the costs in moves v (m, d)."""
-        return self._gathered(lambda term, rows: term.bend(v[rows]))
+        return np.asarray(self._gathered(lambda term, rows: term.bend(v[rows])))
 
     def enclosures(self, v: Ball, Q: Ball) -> Ball:
         """(m,) balls that contain the costs of all of these (v, Q)."""
@@ -181,7 +194,7 @@ class Sum(EdgeCost):
         known = [(rows, m.touching) for rows, m in found if m.touching is not None]
         return Minorants(**columns, touching=_placed(known, len(v)) if known else None)
 
-    def _gathered(self, of: Callable[[Term, IntArray], FloatArray]) -> FloatArray:
+    def _gathered(self, of: Callable[[Term, IntArray], Any]) -> Any:
         """(m, ...) what each term says about its rows, in the order of all rows."""
         return _placed([(rows, of(term, rows)) for rows, term in self.terms])
 
@@ -198,7 +211,7 @@ class Sum(EdgeCost):
         return replace(self, graph=self.graph.with_information(information))
 
 
-def _placed(parts: Sequence[tuple[IntArray, FloatArray]], m: int | None = None) -> FloatArray:
+def _placed(parts: Sequence[tuple[IntArray, Any]], m: int | None = None) -> Any:
     """(m, ...) values at these rows, which are all of them unless m is given; zeros elsewhere."""
     first = parts[0][1]
     count = sum(len(rows) for rows, _ in parts) if m is None else m

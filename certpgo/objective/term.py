@@ -14,6 +14,7 @@ import numpy as np
 
 from certpgo.errors import InputError
 from certpgo.graph.estimate import Estimate
+from certpgo.graph.information import unmeasured
 from certpgo.graph.observations import Observations
 from certpgo.graph.relaxed_point import translations_of
 from certpgo.graph.scale import Scale
@@ -37,6 +38,8 @@ class Term(ABC):
     takes: ClassVar[type[Observations] | None] = None
     #: What is measured, in the plural, for titles.
     plural: ClassVar[str] = ""
+    #: Whether residuals are lengths, so that their rounding is that of positions.
+    in_metres: ClassVar[bool] = False
     #: Whether the cost has a value at points of any rank, see `certpgo.graph.relaxed_point.Lift`.
     lifts: ClassVar[bool] = False
     #: What its residual is called in the compiled kernel, for this class alone; "" if it has none.
@@ -67,8 +70,19 @@ class Term(ABC):
         """What W of the verdicts counts of them."""
 
     @property
+    def numbers(self) -> tuple[IntArray, IntArray]:
+        """(k,) how many numbers each measures of a rotation, and (k,) of anything else."""
+        stated = ~unmeasured(self.weights)
+        return np.zeros(len(stated), dtype=np.intp), stated.sum(axis=1)
+
+    @property
+    def double(self) -> IntArray:
+        """(k,) how often the square of a turn counts in the cost."""
+        return np.ones(len(self.edges), dtype=np.intp)
+
+    @property
     def sizes(self) -> FloatArray:
-        """(k,) what is measured, metres: residuals are differences of such numbers."""
+        """(k,) what is measured: residuals are differences of such numbers, in the same unit."""
         return np.zeros(len(self.edges))
 
     @abstractmethod

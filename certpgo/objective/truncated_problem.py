@@ -22,12 +22,16 @@ from certpgo.graph.relaxed_point import Point
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_floats
 from certpgo.linalg.ball_arithmetic import U
 from certpgo.objective.chi_squared import flagged_from, quantiles
+from certpgo.objective.chordal_cost import ChordalCost
+from certpgo.objective.costs import CHORDAL
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.marginalized import isotropic_below
 from certpgo.objective.minorants import Minorants
 from certpgo.objective.problem import PoseProblem, Problem, RotationProblem
+from certpgo.objective.range_problem import RangeProblem
 from certpgo.objective.rotation_problem import RotationsOfPoses
 from certpgo.objective.signed_weights import SignedGraph, SignedProblem
+from certpgo.objective.sum import Sum
 from certpgo.objective.truncated import Truncation, untruncated
 
 #: Relative difference of costs that are computed in two ways.
@@ -84,9 +88,9 @@ class TruncatedProblem(Brief):
             raise InputError(
                 f"prices must be {self.whole.graph.num_edges} positive numbers, one per edge"
             )
-        if self.graph.blocks:
-            others = self.graph.blocks[0].kind.phrase.format(s="s")
-            raise InputError(f"rejections are certified without {others} alone")
+        if self.is_rejected[self.measured.num_edges :].any():
+            others = self.measured.blocks[0].kind.plural
+            raise InputError(f"edges are rejected, but no {others}")
         if self.graph.rotation.is_general:
             raise UncertifiableError("edges with matrix weights have no minorants")
         if isinstance(self.whole, InformationProblem):
@@ -117,8 +121,12 @@ class TruncatedProblem(Brief):
         """The rejected measurements, with terms of F that are their costs or nowhere above them."""
         if not isinstance(self.whole, InformationProblem):
             return self.whole.graph.with_edges(self.is_rejected)
+        graph = self.whole.measured.with_blocks()
+        rejected = graph.with_edges(self.is_rejected[: graph.num_edges])
+        if self.is_of_f:
+            return rejected
         of = self.whole.edge_cost
-        found = isotropic_below(of.graph.with_edges(self.is_rejected), of.turned_share)
+        found = isotropic_below(rejected, of.turned_share)
         if found is None:
             said = f"no isotropic cost is known to be below {of.title}"
             raise UncertifiableError(f"{said} (--cost chordal takes rejections)")
@@ -139,6 +147,11 @@ class TruncatedProblem(Brief):
         return self.whole.edge_costs(estimate)
 
     is_chordal = is_lifted = False
+
+    @property
+    def is_of_f(self) -> bool:
+        """Whether terms of F are truncated."""
+        return self.whole.cost_name == CHORDAL
 
     @property
     def cost_name(self) -> str:
@@ -172,8 +185,8 @@ class TruncatedProblem(Brief):
 
     @property
     def graph(self) -> RotationGraph | PoseGraph:
-        """All measurements."""
-        return self.whole.measured
+        """The graph with an edge for each measurement."""
+        return self.whole.graph
 
     @property
     def measured(self) -> RotationGraph | PoseGraph:
@@ -244,7 +257,7 @@ class TruncatedProblem(Brief):
     def truncation(self, point: Point) -> Truncation:
         """The rejected measurements at the relative poses of a point."""
         prices = self.prices[self.is_rejected]
-        return Truncation.at_point(self.below, prices, point, self.whole.is_chordal)
+        return Truncation.at_point(self.below, prices, point, self.is_of_f)
 
     def minorants(
         self, point: Point, W: FloatArray | None = None, at: Truncation | None = None
@@ -346,8 +359,9 @@ def rejecting(
         Indices that are not of measurements, or given twice, or a quantile out of its range; or a
         problem of another cost than F.
     """
+    problem = as_sum(problem)
     if not isinstance(problem, PoseProblem | RotationProblem | InformationProblem):
-        raise InputError("rejections are certified without distances alone")
+        raise InputError("rejections are certified for problems of graphs")
     if isinstance(problem, PoseProblem) and problem.takes_scales:
         raise InputError("rejections are certified without nodes of unknown scale alone")
     m = problem.graph.num_edges
@@ -357,6 +371,13 @@ def rejecting(
     whole = np.full(m, np.inf)
     whole[chosen] = scale**2 * found[chosen] if prices is None else prices
     return TruncatedProblem(problem, whole)
+
+
+def as_sum(problem: object) -> object:
+    """A problem of poses and distances as one of a sum of terms; others as they are."""
+    if not isinstance(problem, RangeProblem):
+        return problem
+    return InformationProblem(Sum(problem.measured, ChordalCost), problem.engine)
 
 
 def refuse_quantile(quantile: float | None) -> None:

@@ -72,6 +72,8 @@ def fingerprint(graph: Graph | Instance, cost: str = CHORDAL) -> Fingerprint | N
     """
     measured = graph_of(graph)
     ranges = measured.ranges
+    if len(measured.blocks) > (ranges is not None):
+        return None
     stated = None if measured.information is None else _upper(measured.information)
     if cost == CHORDAL:
         weights = _weights(measured)

@@ -88,7 +88,7 @@ def escape(
     moved = int(layout.sizes.max()) - problem.d
     S = pinned(S, layout.first_row(0) + np.arange(moved))
     weights = problem.whole.matrix.diagonal()
-    root = np.sqrt(np.maximum(weights, np.finfo(float).tiny))
+    root = np.sqrt(np.maximum(np.abs(weights), np.finfo(float).tiny))
     A = divided(S, root)
     # The motions of the whole have eigenvalue zero, and must not hide the one that is looked for.
     value, v = smallest_eigenpair(below, A, point.rotations.shape[1] + MORE, asked)

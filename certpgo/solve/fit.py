@@ -26,7 +26,7 @@ from certpgo.graph.information import Information
 from certpgo.graph.phrases import counted
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.chi_squared import NONE, double, numbers_measured
-from certpgo.objective.choose_cost import Judged
+from certpgo.objective.choose_cost import CHORDAL, Judged
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.objective.range_problem import RangeProblem
@@ -150,7 +150,7 @@ def fit_of(
     if weights is not None:
         if not np.isin(weights, (0.0, 1.0)).all():
             return None
-        instance = instance.with_edges(weights > 0.0)
+        instance = instance.with_edges(weights[: instance.graph.num_edges] > 0.0)
     mahalanobis = instance.options.get("weights") == "mahalanobis"
     with np.errstate(all="ignore"), suppress(NumericalError, np.linalg.LinAlgError):
         fit = goodness_of_fit(
@@ -209,6 +209,8 @@ def goodness_of_fit(
     0.2099 at 3 degrees of freedom
     """
     if isinstance(problem, InformationProblem):
+        if problem.cost_name == CHORDAL:  # of F and other terms, whose law is not known
+            return None
         ranks = _ranks(problem.edge_cost.weights)
         law = _Law(problem.cost(estimate), int(ranks.sum()), 1.0)
         partial = bool((ranks < problem.edge_cost.weights.shape[1]).any())

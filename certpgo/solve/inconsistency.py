@@ -32,7 +32,7 @@ from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import problem_of
 from certpgo.objective.truncated_problem import TruncatedProblem
 from certpgo.optimize.progress import Stop
-from certpgo.solve.outliers import Posed
+from certpgo.solve.selection import Posed
 
 #: Length of a trusted measurement, over that of another one.
 FAITH = 0.1

@@ -39,9 +39,10 @@ from certpgo.optimize.levenberg_marquardt import descend
 from certpgo.optimize.monitor import Monitor
 from certpgo.solve.fit import Fit, squares
 from certpgo.solve.many import by_threads
-from certpgo.solve.outliers import Posed, outlying, select
+from certpgo.solve.outliers import outlying, select
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.search import search
+from certpgo.solve.selection import Posed
 from certpgo.solve.settings import SolveSettings, settings_from
 
 #: The reading option that says what rotational information is of.

@@ -24,16 +24,17 @@ from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.chi_squared import flagged_from, numbers_measured, quantiles
 from certpgo.objective.information_problem import InformationProblem
-from certpgo.objective.problem import PoseProblem, Problem, RotationProblem
+from certpgo.objective.problem import PoseProblem, Problem, RotationProblem, problem_of
 from certpgo.optimize.initialization import start_of
 from certpgo.optimize.levenberg_marquardt import descend
-from certpgo.optimize.methods._robust import connected, remark
+from certpgo.optimize.methods._robust import connected
 from certpgo.optimize.methods.adaptive_trimming import EXACT, PLENTY, AdaptiveTrimming
 from certpgo.optimize.methods.graduated_non_convexity import GraduatedNonConvexity, largest_angle
 from certpgo.optimize.methods.spanning_tree import SpanningTree
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 from certpgo.optimize.solution import Solution
+from certpgo.solve.selection import Posed, Selection
 
 #: Multiple of the estimated noise accepted as noise where weights do not state it: real residuals
 #: have heavier tails than normal ones.
@@ -51,7 +52,6 @@ CHOICES, CLOSE = 20, 1e-6
 #: Rejected measurements that are tried again at most, and up to how many times the noise.
 TRIALS, WORTH = 30, 5.5
 #: Problems whose measurements are chosen.
-Posed = Problem | InformationProblem
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -92,38 +92,6 @@ class Disagreement(Brief):
 
 def ignore(disagreement: Disagreement) -> None:
     """Do nothing."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Selection(Brief):
-    """Measurements that agree with one another, and a fit to them.
-
-    Attributes
-    ----------
-    weights : (m,) 1 for kept measurements, which connect the graph, and 0 for the others
-    estimate : a robust fit, near the best one to the kept measurements
-    method : the method that computed the fit
-    scale : assumed standard deviation of the noise, relative to that stated by the weights
-    stated : the choice at the noise that the weights state, where another is assumed and that
-        choice differs
-    """
-
-    weights: FloatArray
-    estimate: Estimate
-    method: str
-    scale: float
-    stated: Selection | None = None
-
-    @property
-    def rejected(self) -> BoolArray:
-        """(m,) which measurements were rejected."""
-        return np.asarray(self.weights == 0.0)
-
-    def note(self, problem: Posed) -> str:
-        """How the measurements were chosen, with remarks."""
-        scale = "" if self.scale == 1.0 else f"{self.scale:.3g} times "
-        chosen = f"chosen by {self.method}, assuming {scale}the noise stated by the weights"
-        return "; ".join(filter(None, (chosen, remark(problem.chordal, self.weights))))
 
 
 def disagreement(
@@ -167,7 +135,7 @@ def disagreement(
         with suppress(NumericalError, np.linalg.LinAlgError):
             chosen = select(problem, fit=estimate, monitor=monitor)
             found, angles = chosen.rejected, problem.residual_angles(chosen.estimate)
-    turned = problem.measured.measures_rotation
+    turned = problem.graph.measures_rotation
     edges = np.flatnonzero(found if stated else found & ((angles > UNREMARKABLE) | ~turned))
     if len(edges) == 0:
         return None
@@ -257,7 +225,7 @@ def select(
     ('adaptive_trimming', True)
     """
     if isinstance(problem, InformationProblem):
-        begun = select(problem.chordal, fit=fit, initial=initial, trusted=trusted, monitor=monitor)
+        begun, trusted = _begun(problem, fit, initial, trusted, monitor)
         fits = [begun] if begun.stated is None else [begun, begun.stated]
         chosen, *stated = (_under(problem, one, trusted, monitor) for one in fits)
         return _beside(problem, chosen, stated)
@@ -276,6 +244,25 @@ def select(
     )
     chosen, *stated = (_reconsidered(problem, one, monitor) for one in (chosen, *stated))
     return _beside(problem, chosen, stated)
+
+
+def _begun(
+    problem: InformationProblem,
+    fit: Estimate | None,
+    initial: Estimate | None,
+    trusted: IntArray | None,
+    monitor: Monitor,
+) -> tuple[Selection, IntArray | None]:
+    """The choice by F of the edges alone, and what is trusted: all other measurements too."""
+    if not problem.measured.blocks:
+        of_edges = problem.chordal
+        chosen = select(of_edges, fit=fit, initial=initial, trusted=trusted, monitor=monitor)
+        return chosen, trusted
+    m, whole = problem.measured.num_edges, problem.graph.num_edges
+    alone = problem_of(problem.measured.with_blocks(), problem.engine)
+    chosen = select(alone, initial=initial or fit, trusted=trusted, monitor=monitor)
+    rest = np.arange(m, whole)
+    return chosen.with_more(len(rest)), rest if trusted is None else np.append(trusted, rest)
 
 
 def _beside(problem: Posed, chosen: Selection, stated: list[Selection]) -> Selection:

@@ -13,21 +13,33 @@ from typing import Any
 import numpy as np
 
 from certpgo.certify.certificate import of_instance
+from certpgo.errors import InputError
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.io.accept_paths import AnyPath, measured
 from certpgo.linalg.arrays import IntArray
-from certpgo.objective.choose_cost import InformationProblem, problem_under
-from certpgo.objective.problem import Problem
-from certpgo.objective.truncated_problem import UncertifiableError, indices_of, refuse_quantile
+from certpgo.objective.choose_cost import (
+    InformationProblem,
+    SimilarityProblem,
+    certifiable,
+    source_of,
+)
+from certpgo.objective.problem import SCALED, Problem
+from certpgo.objective.truncated_problem import (
+    UncertifiableError,
+    as_sum,
+    indices_of,
+    refuse_quantile,
+)
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.notebook import watched
 from certpgo.optimize.progress import Stop
 from certpgo.optimize.solution import Status
-from certpgo.solve.outliers import Selection, select
+from certpgo.solve.outliers import select
 from certpgo.solve.rejection import certify_rejection
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.search import search
+from certpgo.solve.selection import Selection
 from certpgo.solve.settings import SolveSettings, settings_from
 
 
@@ -93,7 +105,9 @@ def solve_robustly(
     refuse_quantile(quantile)
     given = measured(graph)
     source = given if isinstance(given, Instance) else None
-    posed = problem_under(given, cost)
+    posed: Any = as_sum(certifiable(given, cost))
+    if isinstance(posed, SimilarityProblem):
+        raise InputError(f"{source_of(given)}{SCALED}")
     chosen = settings_from(settings, options)
     limit = chosen.time_limit
     if initial is not None:

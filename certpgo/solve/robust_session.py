@@ -71,7 +71,7 @@ class RobustSession(Session):
 
     def _take(self, graph: Graph, labels: Sequence[Label], numbers: Sequence[int]) -> None:
         if graph.blocks:
-            others = graph.blocks[0].kind.phrase.format(s="s")
+            others = graph.blocks[0].kind.plural
             raise InputError(f"a robust session takes no {others}")
         super()._take(graph, labels, numbers)
 

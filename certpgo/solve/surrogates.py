@@ -22,11 +22,12 @@ from certpgo.certify.local_minimum import LocalMinimum
 from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.certify.surrogate_case import RANKS, OwnCostCase
 from certpgo.certify.wording import early
-from certpgo.errors import NumericalError
+from certpgo.errors import GraphError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.phrases import counted
 from certpgo.graph.priors import mirrored_by
 from certpgo.graph.relaxed_point import Lift, Point, rounded
+from certpgo.graph.trees import tree_initialization
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor
@@ -67,8 +68,11 @@ class SurrogateSearch(Search):
         self.lose_patience()
 
     def chordal_start(self) -> Start:
-        """The best estimate under F, found in half of the time."""
-        limit, problem = self.settings.time_limit, self.posed.isotropic
+        """The best estimate under F, found in half of the time; else along a tree."""
+        try:
+            limit, problem = self.settings.time_limit, self.posed.isotropic
+        except GraphError:  # what F has no terms for joins some nodes
+            return Start(tree_initialization(self.posed.graph), "a tree of measurements")
         tier = None if self.tier is Tier.PROOF else self.tier
         half = replace(
             self.settings,

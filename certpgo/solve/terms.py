@@ -65,6 +65,7 @@ class Terms:
         """
         if self.cost == CHORDAL:
             graph = graph_of(measured)
+            _ = self._edge_cost(graph)  # refuses what has no terms
             return graph.under(CHORDAL) if isinstance(graph, PoseGraph) else graph
         graph = informed(measured, self.cost)
         bad, information = np.flatnonzero(~graph.is_definite), graph.information

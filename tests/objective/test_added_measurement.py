@@ -1,6 +1,7 @@
 """A kind of measurement in a file of its own: everything that takes a graph knows it."""
 
 import importlib.util
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,13 @@ from scipy.optimize import least_squares
 import certpgo
 from certpgo.errors import GraphError, InputError
 from certpgo.graph.observations import Observations
+from certpgo.graph.scale import Scale
+from certpgo.io.datasets.synthetic import helix
+from certpgo.linalg import rotations as so
 from certpgo.linalg.ball_arithmetic import Ball
-from certpgo.objective.term import term_of
+from certpgo.objective.minorants import Minorants
+from certpgo.objective.term import Term, term_of
+from certpgo.optima.fingerprint import fingerprint
 
 FILE = Path(__file__).parents[1] / "data" / "observations" / "heights.py"
 SPEC = importlib.util.spec_from_file_location("heights", FILE)
@@ -69,8 +75,6 @@ def test_it_is_solved_and_certified_with_all_others_under_any_cost(d, cost):
 
 
 def certpgo_poses(x, d):
-    from certpgo.linalg import rotations as so
-
     n = len(x) // (d + so.tangent_dim(d))
     return so.exp(x[n * d :].reshape(n, -1)), x[: n * d].reshape(n, d)
 
@@ -173,15 +177,169 @@ def test_maps_that_have_it_are_merged():
     assert [block.num_edges for block in merged.instance.graph.blocks] == [12, 16]
 
 
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("cost", COSTS)
+def test_wrong_loops_are_rejected_beside_it(d, cost):
+    """Two of them, among distances and heights; no choice is better, proven."""
+    rng = np.random.default_rng([0, d])
+    graph, truth = mixture(rng, d)
+    block, wrong = heights(rng, graph, truth), [15, 18]
+    R, t = graph.rotation.rotations.copy(), graph.translations.copy()
+    R[wrong] = R[wrong] @ so.exp(np.full((2, so.tangent_dim(d)), 1.2))
+    t[wrong] += 6.0
+    spoiled = replace(graph, rotation=replace(graph.rotation, rotations=R), translations=t)
+    mixed = spoiled.with_blocks(graph.ranges, block)
+    answer = certpgo.solve_robustly(mixed, cost=cost)
+    assert answer.solution.rejected.tolist() == wrong
+    assert answer.verdict.value == answer.rejection.verdict.value == "CERTIFIED"
+    right = np.delete(np.arange(graph.num_edges), wrong)
+    kept = graph.with_edges(right).with_blocks(graph.ranges, block)
+    alone = certpgo.solve(kept, cost=cost)
+    assert answer.certificate.cost_upper == pytest.approx(alone.cost, rel=1e-9)
+    judged = certpgo.certify(mixed, answer.estimate, cost=cost, rejected=wrong)
+    assert judged.verdict.value == "CERTIFIED"
+    whole = (independent(spoiled, cost, coordinates(answer.estimate)) ** 2).sum()
+    off = (residuals_of(block, answer.estimate) ** 2).sum()
+    assert answer.cost == pytest.approx(whole + off, rel=1e-9)
+
+
 def test_what_does_not_take_it_says_so():
     rng = np.random.default_rng(1)
     graph, truth = mixture(rng, 3)
     mixed = graph.with_blocks(heights(rng, graph, truth))
     for ask in (
-        lambda: certpgo.solve_robustly(mixed),
-        lambda: certpgo.certify(mixed, truth, rejected=np.array([0])),
+        lambda: certpgo.certify(mixed, truth, rejected=np.array([mixed.num_edges])),
         lambda: certpgo.RobustSession().add(mixed),
         lambda: certpgo.solve(mixed, tier="proof"),
     ):
         with pytest.raises(InputError, match=r"other measurements|heights"):
             ask()
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Levers(Observations):
+    """Points a on nodes j, seen at m in the frames of nodes i."""
+
+    points: np.ndarray
+    seen: np.ndarray
+    weights: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Lever(Term):
+    """w |t_j + R_j a - t_i - R_i m|^2 in the frame of i, its own minorant."""
+
+    of: Levers
+    takes = Levers
+    plural = "levers"
+    edges = property(lambda self: self.of.edges)
+    arms = property(lambda self: self.of.points)
+    weights = property(lambda self: self.of.weights[:, None, None] * np.eye(self.of.seen.shape[1]))
+
+    @property
+    def scale(self):
+        none = 0.0 * self.of.weights
+        return Scale(none, self.of.weights, (self.of.seen**2).sum(axis=1), none > 0.0)
+
+    def residuals(self, v, Q):
+        return v - self.of.seen
+
+    def linearized(self, v, Q):
+        k, d = v.shape
+        none = np.zeros((k, d, so.tangent_dim(d)))
+        return self.residuals(v, Q), np.tile(np.eye(d), (k, 1, 1)), none
+
+    def enclosures(self, v, Q):
+        y = v - self.of.seen
+        return y.dot(y) * self.of.weights
+
+    def minorants(self, v, Q):
+        none = np.zeros_like(v)
+        turned = np.zeros((*v.shape, v.shape[1]))
+        return Minorants(self.of.weights, none, self.of.seen, turned, none[:, 0])
+
+
+@pytest.mark.parametrize("cost", COSTS)
+def test_its_arms_count(cost):
+    """Points of the bodies, off their origins: the cost is what the formula says."""
+    rng = np.random.default_rng(5)
+    graph, truth = mixture(rng, 3)
+    pairs = np.array([rng.choice(14, 2, replace=False) for _ in range(6)])
+    points, weights = rng.normal(size=(6, 3)), np.full(6, 40.0)
+    (i, j), t, R = pairs.T, truth.translations, truth.rotations
+    there = t[j] + np.einsum("kab,kb->ka", R[j], points) - t[i]
+    seen = np.einsum("kba,kb->ka", R[i], there) + 0.05 * rng.normal(size=(6, 3))
+    mixed = graph.with_blocks(graph.ranges, Levers(graph.num_nodes, pairs, points, seen, weights))
+
+    def whole(estimate):
+        t, R = estimate.translations, estimate.rotations
+        there = t[j] + np.einsum("kab,kb->ka", R[j], points) - t[i]
+        off = np.einsum("kba,kb->ka", R[i], there) - seen
+        return (independent(graph, cost, coordinates(estimate)) ** 2).sum() + 40.0 * (off**2).sum()
+
+    answer = certpgo.solve(mixed, cost=cost)
+    assert answer.verdict.value == "CERTIFIED"
+    assert answer.cost == pytest.approx(whole(answer.estimate), rel=1e-9)
+    judged = certpgo.certify(mixed, truth, cost=cost)
+    assert judged.cost_upper == pytest.approx(whole(truth), rel=1e-9)
+    assert judged.lower_bound <= answer.certificate.cost_upper
+
+
+def test_it_may_be_all_that_joins_a_node():
+    rng = np.random.default_rng(6)
+    graph, truth = mixture(rng, 3)
+    n = graph.num_nodes
+    lonely = n - 2  # a landmark
+    kept = graph.with_edges((graph.edges != lonely).all(axis=1)).with_blocks()
+    normals = np.concatenate([np.eye(3), -np.eye(3)])
+    above = normals @ truth.anchored(n - 1).translations[lonely]
+    block = added.Heights(n, [[n - 1, lonely]] * 6, normals, above, np.full(6, 50.0))
+    answer = certpgo.solve(kept.with_blocks(block), cost="g2o")
+    # Minorants of heights have no curvature: they alone bound no position.
+    assert answer.certificate.lower_bound <= answer.certificate.cost_upper
+    there = answer.estimate.anchored(n - 1).translations[lonely]
+    assert there == pytest.approx(truth.anchored(n - 1).translations[lonely], abs=1e-5)
+
+
+def test_the_world_is_not_assumed_where_it_measures():
+    """Attitudes alone, then distances from the world: none fights where the world was put."""
+    rng = np.random.default_rng(0)
+    instance = helix(3, rng)
+    graph, n = instance.graph, instance.graph.num_nodes
+    turns = certpgo.with_priors(graph, np.arange(n), instance.truth.rotations, kappa=100.0)
+    alone = certpgo.solve(turns)
+    from_world = alone.estimate.anchored(n).translations[:n] - [3.0, 4.0, -10.0]
+    pairs = np.stack([np.full(n, n), np.arange(n)], axis=1)
+    ranges = certpgo.Ranges(n + 1, pairs, np.linalg.norm(from_world, axis=1), np.full(n, 10.0))
+    placed = turns.with_ranges(ranges)
+    assert placed.num_edges == turns.num_edges - 1
+    answer = certpgo.solve(placed)
+    assert answer.verdict.value == "CERTIFIED"
+    assert answer.cost == pytest.approx(alone.cost, rel=1e-8)
+
+
+def test_what_has_no_terms_is_refused(tmp_path):
+    rng = np.random.default_rng(1)
+    graph, truth = mixture(rng, 3)
+    block, n = heights(rng, graph, truth), graph.num_nodes
+    up = certpgo.with_directions(graph.with_blocks(), [0, 1], np.eye(3)[:2], kappa=9.0, world=n - 1)
+    for kind in (block, graph.ranges):
+        with pytest.raises(InputError, match=r"matrix weights|isotropic weights"):
+            certpgo.solve(up.with_blocks(kind), cost="chordal")
+        with pytest.raises(InputError, match="matrix weights"):
+            certpgo.Session(cost="chordal").add(up.with_blocks(kind))
+    mixed = certpgo.Instance("mixed", graph.with_blocks(block), np.arange(n))
+    with pytest.raises(InputError, match="no format holds Heights"):
+        certpgo.write(tmp_path / "mixed.npz", mixed)
+    assert not (tmp_path / "mixed.npz").exists()
+    assert fingerprint(mixed, "chordal") is None
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_costs_below_zero_of_minorants_stop_no_descent(seed):
+    """Of distances with heights, whose minorants have negative weights."""
+    rng = np.random.default_rng(seed)
+    graph, truth = mixture(rng, 3, n=7, landmarks=3, fixes=3, distances=8)
+    block = heights(rng, graph, truth, 5)
+    answer = certpgo.solve(graph.with_blocks(graph.ranges, block), cost="chordal")
+    assert answer.certificate.lower_bound <= answer.certificate.cost_upper

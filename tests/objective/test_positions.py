@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from strategies import definite, dimensions, point_graph, rng_of, seeds
 
 import certpgo
-from certpgo import Estimate, InputError, certify, solve
-from certpgo.graph.information import of_positions
+from certpgo import Estimate, InputError, PoseGraph, RotationGraph, certify, solve
+from certpgo.graph.information import Information, of_positions
 from certpgo.linalg import rotations as so
 from certpgo.linalg.ball_arithmetic import Ball
 from certpgo.linalg.rotations import rotation_defect, tangent_dim
@@ -272,3 +272,19 @@ def test_which_files_have_a_cost_of_their_own(tmp_path):
     assert own_cost(alone) == "chordal"
     with pytest.raises(InputError, match="needs relative poses, not positions alone"):
         information_problem(alone, "g2o")
+
+
+def test_a_position_without_information_bounds_nothing():
+    """Its tau is 40, but the matrix that other costs take is zero."""
+    edges = np.array([[0, 1], [1, 2], [2, 0], [0, 2]])
+    rotation = RotationGraph(
+        3, edges, np.tile(np.eye(2), (4, 1, 1)), np.array([5.0, 5.0, 5.0, 0.0])
+    )
+    t = np.array([[1.0, 0.0], [1.0, 0.0], [-2.1, 0.0], [3.0, 1.0]])
+    matrices = np.tile(np.diag([40.0, 40.0, 5.0]), (4, 1, 1))
+    matrices[3] = 0.0
+    graph = PoseGraph(rotation, t, np.full(4, 40.0))
+    graph = graph.with_information(Information.of(matrices, "g2o", "tangent"))
+    answer = certpgo.solve(graph, cost="g2o")
+    assert answer.certificate.lower_bound <= answer.certificate.cost_upper
+    assert answer.cost == pytest.approx(40.0 * 0.1**2 / 3.0, rel=1e-6)

@@ -566,10 +566,9 @@ def test_what_is_refused():
     assert solve(instance).cost == pytest.approx(solve(problem).cost)
 
 
-def test_robust_fits_refuse_distances():
+def test_robust_fits_take_distances():
     problem, _, _ = measured(3, 2)
     instance = certpgo.Instance("distances", problem.measured, np.arange(problem.n))
-    with pytest.raises(
-        InputError, match="distances are for certpgo solve, certify and merge, and sessions, alone"
-    ):
-        certpgo.solve_robustly(instance)
+    answer = certpgo.solve_robustly(instance)
+    assert not len(answer.solution.rejected)
+    assert answer.cost == pytest.approx(solve(problem).cost, rel=1e-8)

@@ -40,6 +40,7 @@ class Distances(Term):
     takes: ClassVar[type[Observations]] = Ranges
     plural: ClassVar[str] = "distances"
     lifts: ClassVar[bool] = True
+    in_metres: ClassVar[bool] = True
 
     @property
     def edges(self) -> IntArray:
@@ -116,8 +117,8 @@ class Distances(Term):
         total, weight = (np.bincount(self._pairs, of)[self._pairs] for of in (tau, w))
         tau = np.where(np.abs(total) < FAINT * weight, tau + 2.0 * FAINT * w, tau)
         tau = np.minimum(tau, np.where(distance > 0.0, w * (1.0 - 2.0**-50), w))
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(all="ignore"):
             constants = np.where(distance > 0.0, -w * distance**2 * tau / (w - tau), 0.0)
         # Six operations, and the difference of stored numbers.
         constants -= 16.0 * U * np.abs(constants) + 2.0**-1000
-        return tau, constants
+        return tau, np.where(np.isfinite(constants), constants, -np.inf)

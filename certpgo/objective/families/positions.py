@@ -92,4 +92,4 @@ class Positions(Term):
         _, _, constant = remainder(self.graph, unturned, lam, b)
         found = np.where(np.isfinite(constant.radius) & ~partial, constant.lower, -np.inf)
         N = np.zeros_like(self.graph.rotations)
-        return Minorants(lam, np.zeros_like(b), b, N, np.where(even, 0.0, found))
+        return Minorants(lam, np.zeros_like(b), b, N, np.where(even & ~partial, 0.0, found))

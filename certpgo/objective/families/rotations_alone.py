@@ -40,6 +40,11 @@ class RotationsAlone(Term):
         return self.cost.scale
 
     @property
+    def numbers(self) -> tuple[IntArray, IntArray]:
+        """(k,) how many numbers each edge measures of a rotation, and (k,) zeros."""
+        return self.cost.numbers
+
+    @property
     def weights(self) -> FloatArray:
         """(k, r, r) weights of the residuals, zero for translations."""
         return self.cost.weights

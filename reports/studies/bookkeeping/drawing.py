@@ -83,7 +83,7 @@ class Measurements:
         return _harmonic(self.information[:, : self.d, : self.d])
 
     def subset(self, chosen: Array) -> Measurements:
-        """All nodes with some of the measurements, without distances."""
+        """All nodes with some of the measurements, and all distances."""
         return replace(
             self,
             edges=self.edges[chosen],
@@ -92,7 +92,6 @@ class Measurements:
             turned=self.turned[chosen],
             moved=None if self.moved is None else self.moved[chosen],
             information=self.information[chosen],
-            **no_distances(),
         )
 
     def induced(self, nodes: Array) -> Measurements:

@@ -277,19 +277,6 @@ REFUSED = (
         rejected="listed",
         cost=_OTHERS,
     ),
-    # Rejections.
-    _is_refused(
-        "distances",
-        "Measurements are rejected without distances alone.",
-        outliers="robust",
-        distances="some",
-    ),
-    _is_refused(
-        "distances",
-        "Measurements are rejected without distances alone.",
-        rejected="listed",
-        distances="some",
-    ),
     # Commands.
     _is_refused(
         "which this command does not take|is not for graphs with distances",

@@ -115,7 +115,8 @@ def judge_rejection(
     """The truncated cost of an estimate, and its bound, against all choices."""
     terms = whole.terms(poses)
     kept = np.delete(np.arange(whole.of.m), rejected)
-    own = terms[kept].sum() + np.minimum(terms[list(rejected)], prices).sum()
+    of_distances = whole.value(poses) - terms.sum()
+    own = terms[kept].sum() + of_distances + np.minimum(terms[list(rejected)], prices).sum()
     slack = SAME * own + ROUNDINGS * whole.rounding(poses)
     off = abs(own - said["cost"])
     found.require(off <= slack + said["tolerance"], f"{name}: {said['cost']!r}, not {own!r}")

@@ -83,6 +83,7 @@ class Asking:
     def __init__(self, rng: np.random.Generator, scene: Scene, folder: Path) -> None:
         self.rng, self.scene, self.row, self.folder = rng, scene, scene.row, folder
         self.given: Poses | None = None
+        self.chosen: list[int] = []  # what is rejected
         suffix = str(rng.choice([".g2o", ".npz", ".pyfg"]))
         if scene.row["relative poses"] != "whole":
             suffix = str(rng.choice([".g2o", ".npz"]))
@@ -458,7 +459,7 @@ class Asking:
         """The kept measurements are solved, and the choice is the best of all."""
         scene = self.scene
         of, whole = scene.judged(scene.cost), self.cost
-        rejected = [one["edge"] for one in document["solution"]["rejected"]]
+        rejected = self.chosen = [one["edge"] for one in document["solution"]["rejected"]]
         pairs = [one["ids"] for one in document["solution"]["rejected"]]
         edges = scene.of.edges.tolist()
         own = [list(map(scene.called, edges[e])) for e in rejected]
@@ -541,6 +542,8 @@ def _judge_law(
             return
         again.judge(found)
         if found.false or {answer.told.refusal, again.told.refusal} != {None}:
+            return
+        if answer.chosen != again.chosen:  # robust choices are no optima of all
             return
         rounding = 8.0 * answer.cost.rounding((scene.of.R, scene.of.t))
         if max(answer.value, again.value) <= rounding + answer.cost.exact((scene.of.R, scene.of.t)):

@@ -180,9 +180,10 @@ class Scene:
 
     @property
     def has_priors_alone(self) -> bool:
-        """Whether the second file is of priors alone, which the package does not read by itself."""
+        """Whether the second file is of priors or of nothing: no graph that is read by itself."""
         of, second = self.of, ~self.first
-        return bool(of.world and second.any() and (of.edges[second, 0] == of.n - 1).all())
+        priors = of.world and (of.edges[second, 0] == of.n - 1).all()
+        return bool(priors or not second.any())
 
     def _as_pyfg(self, folder: Path) -> list[Path]:
         """As PyFG, in the package's order of measurements."""

@@ -32,6 +32,7 @@ class Height(Term):
     of: Heights
     takes = Heights
     plural = "heights"
+    in_metres = True
 
     @property
     def edges(self):
