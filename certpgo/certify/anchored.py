@@ -61,7 +61,7 @@ class EdgeForces:
     @staticmethod
     def of(graph: Graph, estimate: Estimate) -> EdgeForces:
         """Those at an estimate."""
-        rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+        rotation = graph.rotation
         own, weight, measured = rotation_defect(estimate.rotations), rotation.kappa, 0.0
         _, K, _ = rotation.polar
         if rotation.is_general:  # the polar factors reproduce the couplings up to rounding
@@ -74,7 +74,7 @@ class EdgeForces:
         moment = np.einsum("mab,mcb->ac", E @ K, E)
         error = turn_error * (2.0 * size + off)
         total, pull, pull_error = float(turn @ size), np.zeros(0), np.zeros(0)
-        if isinstance(graph, PoseGraph) and estimate.translations is not None:
+        if graph.has_positions and estimate.translations is not None:
             residual = operators.translation_residuals(graph, estimate)
             r, tau = np.linalg.norm(residual, axis=1), np.abs(graph.tau)
             # The rounding of t_j - t_i is relative to its size, at most r plus the levers.
@@ -143,7 +143,7 @@ class Anchored:
         turn, move = f.turn, np.zeros(n)
         at_i = at_j = f.turn_error + (32.0 * U + own) * turn
         size_i = size_j = turn
-        if isinstance(graph, PoseGraph):
+        if graph.has_positions:
             pull_error = f.pull_error + 16.0 * U * f.pull
             lever, arm = _lengths(graph)
             at_i, size_i = at_i + pull_error * lever, size_i + f.pull * lever

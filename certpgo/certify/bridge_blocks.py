@@ -17,7 +17,7 @@ import numpy as np
 from scipy.sparse import csgraph
 
 from certpgo.certify.dual import DualBound
-from certpgo.graph import Estimate, PoseGraph
+from certpgo.graph import Estimate
 from certpgo.graph.bridges import bridges
 from certpgo.graph.relaxed_point import Point
 from certpgo.linalg.arrays import IntArray
@@ -57,7 +57,7 @@ class Part:
 def parts(problem: Problem) -> list[Part]:
     """The parts with at least two nodes; none if the graph has no bridge, or has partial edges."""
     graph = problem.graph
-    if isinstance(graph, PoseGraph) and graph.is_partial:
+    if graph.is_partial:
         return []  # a part may not determine its nodes
     cut = bridges(graph)
     if not len(cut):

@@ -18,8 +18,9 @@ from certpgo import checker
 from certpgo.certify.dual import DualBound
 from certpgo.certify.multipliers import Shifted
 from certpgo.errors import NumericalError
-from certpgo.graph import Estimate, SimilarityGraph
+from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Point
+from certpgo.graph.similarity_graph import SimilarityGraph
 from certpgo.io.exact import quaternion
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.linalg.blocks import scatter_sum

@@ -40,7 +40,7 @@ from certpgo.certify.cost_proof import cost_evidence, problem_of_certificate
 from certpgo.certify.proof import Witness, proof_of, prove
 from certpgo.certify.rejection_proof import rejection_evidence
 from certpgo.errors import FormatError, InputError, NumericalError, require, require_path
-from certpgo.graph import Estimate, Instance, PoseGraph, SimilarityGraph
+from certpgo.graph import Estimate, Instance, SimilarityGraph
 from certpgo.graph.held import HELD
 from certpgo.io.compressed import is_compressed
 from certpgo.io.format import format_of
@@ -71,7 +71,7 @@ def refuse_unreadable(source: Path, instance: Instance, cost: str) -> None:
     """
     _refuse_priors_of_rotations(instance)
     graph, chosen = instance.graph, {"fixed", "also", "weights_are"} & {*instance.options}
-    unusual = bool(graph.blocks) or (isinstance(graph, PoseGraph) and graph.is_partial)
+    unusual = bool(graph.blocks) or graph.is_partial
     unusual |= graph.information is not None and bool(graph.information.is_partial.any())
     # Other files are read by both alike, and only once that is needed.
     if unusual or chosen or _map_of(instance):
@@ -79,7 +79,7 @@ def refuse_unreadable(source: Path, instance: Instance, cost: str) -> None:
 
 
 def _refuse_priors_of_rotations(instance: Instance) -> None:
-    if not isinstance(instance.graph, PoseGraph) and _map_of(instance):
+    if not instance.graph.has_positions and _map_of(instance):
         said = "a proof about rotations alone is of a graph without priors (--no-priors)"
         raise InputError(f"{instance.source}: {said}")
 
@@ -171,7 +171,7 @@ def _proof(
         cut = TruncatedProblem(problem_of(instance.graph), prices)
         multipliers, witness, rejections = rejection_evidence(cut, graph, certificate)
         claim |= {"version": 3}
-    elif isinstance(instance.graph, SimilarityGraph) or certificate.objective == CHORDAL:
+    elif instance.graph.has_scales or certificate.objective == CHORDAL:
         claim, graph = _claim(source, instance)
         multipliers, witness = _evidence(instance, graph, certificate)
     else:
@@ -182,7 +182,7 @@ def _proof(
         minorants = evidence.minorants
     claim |= {"pin": witness.pin, "exponent": witness.exponent}
     proof = proof_of(estimate, multipliers, witness, minorants)
-    if isinstance(instance.graph, SimilarityGraph):
+    if instance.graph.has_scales:
         proof = proof._replace(s=costs.similarity_problem(instance).scales_of(estimate))
     return claim, proof._replace(rejections=rejections)
 
@@ -242,7 +242,7 @@ def provable(source: str | Path, instance: Instance) -> Path:
         The checker cannot read its format.
     """
     path = Path(source)
-    form, similar = format_of(path).name, isinstance(instance.graph, SimilarityGraph)
+    form, similar = format_of(path).name, instance.graph.has_scales
     if form not in FORMATS[similar]:
         said = f"{path}: a proof is about {CALLED[similar]}, not {form}"
         raise InputError(f"{said}; convert it first (certpgo convert)")
@@ -270,7 +270,7 @@ def _claim(
     source: Path, instance: Instance, cost: str | None = None
 ) -> tuple[dict[str, Any], checker.Graph]:
     """The subject of the proof (hashes, kind, reading options), and the graph the checker reads."""
-    similar = isinstance(instance.graph, SimilarityGraph)
+    similar = instance.graph.has_scales
     for block in instance.graph.blocks:
         raise InputError(f"{source}: a proof is not about measured {block.kind.plural}")
     # What an archive says of options is how its numbers came about: they are read as they are.
@@ -284,7 +284,7 @@ def _claim(
     if options.get("fixed") == HELD:
         said = "the checker holds no nodes that a file fixes"
         raise InputError(f"{said}: certpgo solve --no-fixed releases them")
-    if isinstance(instance.graph, PoseGraph) and instance.graph.assumed is not None:
+    if instance.graph.assumed is not None:
         raise InputError("the checker takes attitudes with positions, of which there are none")
     file = source / "EGs.txt" if source.is_dir() else source
     component = file.with_name("cc.txt")
@@ -296,7 +296,7 @@ def _claim(
         "version": 4 if similar else 1,
         "graph_sha256": _sha256(file),
         "component_sha256": _sha256(component) if restricted else None,
-        "kind": posed if isinstance(instance.graph, PoseGraph) else "rotations",
+        "kind": posed if instance.graph.has_positions else "rotations",
         "d": instance.graph.d,
         "keep": options.get("keep", "all"),
         "rotation_information": options.get("rotation_information", "tangent"),
@@ -338,7 +338,7 @@ def _is_read(exact: checker.Graph, graph: SimilarityGraph) -> bool:
 def _map_of(instance: Instance) -> dict[str, Any]:
     """What the claim says of landmarks and priors; nothing if there are none."""
     said: dict[str, Any] = {}
-    if isinstance(instance.graph, PoseGraph) and instance.graph.points is not None:
+    if instance.graph.points is not None:
         said["landmarks"] = bool(instance.graph.points.any())
     if instance.world is not None:
         origin = instance.origin
@@ -369,7 +369,7 @@ def _evidence(
     """Multipliers and witness of a bound for the file's exact numbers."""
     if certificate.multipliers is None:
         raise NumericalError("there is no lower bound above zero to prove")
-    similar = isinstance(instance.graph, SimilarityGraph)
+    similar = instance.graph.has_scales
     problem = costs.similarity_problem(instance) if similar else problem_of(instance.graph)
     case = Case.of(problem, Tier.PROOF, certificate.rtol, certificate.atol)
     graph = graph._replace(kappa=graph.kappa / case.unit, tau=graph.tau / case.unit)

@@ -14,7 +14,6 @@ from typing import TypeVar, cast
 import numpy as np
 
 from certpgo.errors import GraphError
-from certpgo.graph import PoseGraph
 from certpgo.graph.bridges import bridges
 from certpgo.graph.scale import typical
 from certpgo.linalg.arrays import FloatArray
@@ -36,8 +35,7 @@ def eased(problem: AnyProblem, *, cycles: bool = True) -> AnyProblem:
     cycles : whether also in cycles, which moves the optimum a little
     """
     graph = problem.graph
-    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
-    weights = [rotation.kappa, *([graph.tau] if isinstance(graph, PoseGraph) else [])]
+    weights = graph.rotation.kappa, graph.tau
     if not any(_may_be_stiff(w[w > 0.0], graph.num_nodes) for w in weights):
         return problem
     pair, cut = np.array([graph.num_nodes, 1]), bridges(graph)

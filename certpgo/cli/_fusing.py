@@ -76,7 +76,6 @@ def fused_at(
     InputError
         A node whose id is no number of a frame, or nodes of unknown scale.
     """
-    from certpgo.graph import SimilarityGraph
     from certpgo.io import read
     from certpgo.registration.averaging import averaged_graph
     from certpgo.registration.calibration import colour_camera
@@ -84,7 +83,7 @@ def fused_at(
     from certpgo.registration.stages import Cache
 
     instance = read(graph)
-    if isinstance(instance.graph, SimilarityGraph):
+    if instance.graph.has_scales:
         raise InputError(
             f"{graph}: nodes of unknown scale, and --frames fuses depths of known scale: fuse the "
             "frames with --unknown-depth-scale --out SCENE, or solve the graph with certpgo solve"

@@ -144,10 +144,8 @@ def refuse_with_scales(instance: Instance, **options: Any) -> None:
     InputError
         There are such nodes, and one of the options is used.
     """
-    from certpgo.graph import SimilarityGraph
-
     for name, value in options.items():
-        if isinstance(instance.graph, SimilarityGraph) and value:
+        if instance.graph.has_scales and value:
             raise InputError(f"{instance.name}: --{name} is not for nodes of unknown scale")
 
 

@@ -64,7 +64,6 @@ def command(
     reading: Reading,
 ) -> None:
     """Convert a graph (to g2o, npz, PyFG) or an estimate (those, TUM, KITTI, rots)."""
-    from certpgo.graph import PoseGraph
     from certpgo.io import read_estimate
     from certpgo.io.format import format_of, format_to_write
     from certpgo.io.timestamps import file_of_times
@@ -84,7 +83,7 @@ def command(
                         f"{name} is about estimates, and {path} has measurements; --estimate "
                         "converts its poses"
                     )
-            if isotropic and isinstance(converted.graph, PoseGraph):
+            if isotropic and converted.graph.has_positions:
                 converted = replace(converted, graph=converted.graph.with_information(None))
             outputs.write(converted)
             return
@@ -105,10 +104,8 @@ def command(
 
 def _as_written(given: Source, reading: Reading) -> Instance:
     """The graph with fixed nodes as its file has them, not as constraints."""
-    from certpgo.graph import SimilarityGraph
-
     found = replace(reading, fixed=False).open(given, notices=False, distances=True)
-    if isinstance(found.graph, SimilarityGraph) and reading.fixed:
+    if found.graph.has_scales and reading.fixed:
         # Of similarities they are no constraints, but one states the unit.
         found = reading.open(given, notices=False, distances=True)
     reading.tell(found)

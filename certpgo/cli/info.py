@@ -27,7 +27,6 @@ def command(
     reading: Reading,
 ) -> None:
     """Describe a graph: counts, connectivity, weights, eigenvalues, symmetry and notices."""
-    from certpgo.graph import SimilarityGraph
     from certpgo.solve import diagnostics
 
     graph, reading = reading.of_all(graphs)
@@ -47,7 +46,7 @@ def command(
         document({**_as_json(instance, found, spectra, engine), **more})
         return
     facts(_lines(instance, found, engine, left_open))
-    scaled = isinstance(instance.graph, SimilarityGraph)
+    scaled = instance.graph.has_scales
     for name, by_weights in spectra.items():
         for weights, spectrum in by_weights.items():
             rotations = ", rotations alone" if scaled else ""
@@ -119,7 +118,7 @@ def _lines(
     gaps = "" if found.consecutive else " with gaps"
     yield "nodes", f"{found.nodes}, ids {found.first_id} to {found.last_id}{gaps}"
     yield "edges", f"{found.edges}, {found.parallel_edges} of them parallel to an earlier edge"
-    scaled = isinstance(instance.graph, SimilarityGraph)
+    scaled = instance.graph.has_scales
     if isinstance(instance.graph, SimilarityGraph):
         unknown = counted(int(instance.graph.free.sum()), "node{s}")
         yield "scales", f"unknown of {unknown}: certpgo solve and certify know them, in the cost F"

@@ -230,11 +230,9 @@ def _refuse_with_logarithms(
     instance: Instance, within: float | None, stored: bool, **given: object
 ) -> None:
     """Refuse what the cost of logarithms does not have, if it is asked for."""
-    from certpgo.graph import SimilarityGraph
-
     if within is None:
         return
-    if not isinstance(instance.graph, SimilarityGraph):
+    if not instance.graph.has_scales:
         raise InputError(f"{instance.name}: --scales-within is for nodes of unknown scale")
     if not 1.0 <= within < math.inf:
         raise InputError(f"--scales-within takes a factor of at least 1, not {within:g}")

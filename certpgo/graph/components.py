@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from certpgo.graph.dataset import Instance
-from certpgo.graph.graph import PoseGraph, require_connected
+from certpgo.graph.graph import require_connected
 from certpgo.graph.held import with_held
 from certpgo.graph.priors import placing
 from certpgo.linalg.arrays import BoolArray, IntArray, numbered
@@ -19,7 +19,7 @@ Components = Literal["refuse", "each", "largest"]
 
 def rotations_alone(instance: Instance) -> Instance:
     """The instance without translations."""
-    if not isinstance(instance.graph, PoseGraph):
+    if not instance.graph.has_positions:
         return instance
     truth = None if instance.truth is None else instance.truth.with_translations(None)
     numbers, graph = instance.numbers, instance.graph.rotation
@@ -91,7 +91,7 @@ def restricted(instance: Instance, nodes: IntArray, name: str) -> Instance:
 def _with_world_placed(part: Instance) -> Instance:
     """The part with its world somewhere, where what is left out had put it there."""
     graph, m = part.graph, part.graph.num_edges
-    if part.world is None or not isinstance(graph, PoseGraph):
+    if part.world is None or not graph.has_positions:
         return part
     placed, outliers, stated = placing(graph, part.world), part.outliers, part.stated
     if placed is graph:

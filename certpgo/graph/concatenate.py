@@ -48,7 +48,7 @@ def joined(
         np.concatenate([r.kappa for r in rotations]),
         _all([r.couplings for r in rotations]),
     )
-    poses = [graph for graph in graphs if isinstance(graph, PoseGraph)]
+    poses = [graph for graph in graphs if graph.has_positions]
     if not poses:
         return rotation
     return PoseGraph(
@@ -73,7 +73,7 @@ def require_one_make(makes: Iterable[str]) -> None:
 
 def make_of(graph: Graph) -> str:
     """What it measures, such as ``poses in 3D``: only graphs of one make can be joined."""
-    said = f"{'poses' if isinstance(graph, PoseGraph) else 'rotations'} in {graph.d}D"
+    said = f"{'poses' if graph.has_positions else 'rotations'} in {graph.d}D"
     return f"{said} with couplings" if graph.rotation.is_general else said
 
 
@@ -116,7 +116,7 @@ def with_rows(graph: Graph, chosen: BoolArray) -> Graph:
     """The graph with some rows (m + k,): of its edges, then of its blocks."""
     of_edges, *of_blocks = by_rows(graph, chosen)
     part = graph.with_edges(of_edges)
-    if not isinstance(part, PoseGraph):
+    if not part.has_positions:
         return part
     kept = zip(graph.blocks, of_blocks, strict=True)
     return part.with_blocks(*(block.subset(of) for block, of in kept if of.any()))

@@ -273,7 +273,7 @@ class Instance(Speaking):
         of_file = reading.get("weights", "file") in ("file", "mahalanobis")
         if not reading or not of_file or reading.get("information", "all") != "all":
             return False
-        if isinstance(graph, PoseGraph) and not np.isin(graph.tau, (0.0, 1.0)).all():
+        if not np.isin(graph.tau, (0.0, 1.0)).all():
             return True
         return not np.isin(graph.rotation.kappa, OF_ONES).all()
 
@@ -313,7 +313,7 @@ class Instance(Speaking):
         from certpgo.graph.trees import tree_initialization
 
         graph, known = self.graph, self.initial if self.truth is None else self.truth
-        if not isinstance(graph, PoseGraph):
+        if not graph.has_positions:
             return graph._picture()
         if known is None and graph.is_connected and not graph.is_partial:
             known = tree_initialization(graph)
@@ -337,7 +337,7 @@ class Instance(Speaking):
         times, graph = self.times_ns, self.graph
         if times is not None and self.world is not None:
             times = np.append(times, NO_TIME)
-        points = graph.points if isinstance(graph, PoseGraph) else None
+        points = graph.points
         return Keys(self.ids, times, self.names, points, self.camera)
 
     def with_edges(self, chosen: IntArray | BoolArray) -> Instance:

@@ -41,9 +41,7 @@ def require_connected(graph: Graph | Measurements) -> None:
 
 def has_matrix_weights(graph: Graph) -> bool:
     """Whether edges have couplings or arms, as those with matrix weights do."""
-    if isinstance(graph, PoseGraph):
-        return graph.arms is not None or graph.rotation.is_general
-    return graph.is_general
+    return graph.arms is not None or graph.rotation.is_general
 
 
 def has_no_unit(graph: object) -> bool:
@@ -53,18 +51,18 @@ def has_no_unit(graph: object) -> bool:
 
 def length_unit(graph: Graph) -> str:
     """The unit of lengths, in words: metres, but with nodes of unknown scale the map's own."""
-    return "units" if isinstance(graph, SimilarityGraph) else "m"
+    return "units" if graph.has_scales else "m"
 
 
 def require_one_unit(graph: Graph, it_does: str) -> None:
     """Refuse a graph with nodes of unknown scale by an InputError: ``it_does`` not take them."""
-    if isinstance(graph, SimilarityGraph):
+    if graph.has_scales:
         raise InputError(f"{it_does} not take nodes of unknown scale (similarities)")
 
 
 def require_isotropic(graph: Graph) -> None:
     """Refuse a graph whose weights are not kappa and tau alone, by an InputError."""
-    if isinstance(graph, PoseGraph) and graph.is_partial:
+    if graph.is_partial:
         raise InputError("this method takes edges that measure both rotation and translation")
     if graph.is_general:
         raise InputError(

@@ -64,7 +64,7 @@ def with_held(instance: Instance, *, hold: bool = True) -> Instance:
     others = tuple(notice for notice in instance.notices if FREED not in notice)
     instance = replace(instance, notices=others)
     poses = fixed[~instance.graph.is_point[fixed]]
-    if isinstance(instance.graph, SimilarityGraph):
+    if instance.graph.has_scales:
         said = f"{counted(len(fixed), 'node{s}')} fixed by the file: {FREED}"
         return replace(instance, notices=(*instance.notices, said))
     if not hold or instance.initial is None:
@@ -170,7 +170,7 @@ def _same(one: Instance, other: Instance) -> bool:
     for instance in (one, other):
         graph = instance.graph.with_edges(instance.is_measured)
         own = [graph.edges, graph.rotations, graph.rotation.kappa]
-        if isinstance(graph, PoseGraph):
+        if graph.has_positions:
             own += [graph.translations, graph.tau]
             if graph.information is not None:
                 own.append(graph.information.matrices)
@@ -258,7 +258,7 @@ def _with_exact(
     is_point = graph.is_point[seen[:, 1]]
     kappa = np.where(is_point, 0.0, graph.rotation.kappa.max() or 1.0)
     rotation = RotationGraph(n, seen, np.where(is_point[:, None, None], np.eye(d), R), kappa)
-    if not isinstance(graph, PoseGraph):
+    if not graph.has_positions:
         return joined([graph, rotation], n)
     tau = np.full(len(seen), graph.tau.max() or 1.0)
     absolute = seen[:, 0] == world if world is not None else None

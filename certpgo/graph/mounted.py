@@ -57,7 +57,7 @@ def mounted(graph: Graph, edges: IntArray, first: Frames, second: Frames) -> Gra
     A, B = first.rotations, second.rotations
     R = A @ graph.rotation.rotations @ np.swapaxes(B, 1, 2)
     rotation = RotationGraph(graph.num_nodes, edges, R, graph.rotation.kappa)
-    if not isinstance(graph, PoseGraph):
+    if not graph.has_positions:
         return rotation
     arms = second.translations
     if graph.arms is not None:

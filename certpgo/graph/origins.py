@@ -57,7 +57,7 @@ def _placed_once(graphs: Sequence[Graph], worlds: Sequence[int | None]) -> list[
 
 def _places(graph: Graph, world: int | None) -> bool:
     """Whether a graph measures a position from its world, or holds one there."""
-    if world is None or not isinstance(graph, PoseGraph):
+    if world is None or not graph.has_positions:
         return False
     return bool(_of_world(graph, world).any()) or measures_from(graph, world)
 
@@ -72,7 +72,7 @@ def _moved(
     graph: Graph, world: int | None, own: FloatArray | None, other: FloatArray | None
 ) -> Graph | None:
     """The graph with the world's positions from another origin; None if that is not exact."""
-    if world is None or own is other or not isinstance(graph, PoseGraph):
+    if world is None or own is other or not graph.has_positions:
         return graph
     zero = np.zeros(graph.d)
     by = _exact_sum(zero if own is None else own, zero if other is None else -other)

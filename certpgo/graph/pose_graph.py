@@ -63,8 +63,6 @@ class PoseGraph(Speaking, OfRotations):
 
     Examples
     --------
-    Around a square, each step one metre forward and a quarter turn:
-
     >>> import numpy as np
     >>> from certpgo import PoseGraph, RotationGraph
     >>> turn = np.array([[0.0, -1.0], [1.0, 0.0]])
@@ -76,6 +74,9 @@ class PoseGraph(Speaking, OfRotations):
     """
 
     kind: ClassVar[Literal["poses", "rotations"]] = "poses"
+    #: Whether nodes have positions, and whether their scale may be unknown.
+    has_positions: ClassVar[Literal[True]] = True
+    has_scales: ClassVar[bool] = False
 
     rotation: RotationGraph
     translations: FloatArray
@@ -87,7 +88,6 @@ class PoseGraph(Speaking, OfRotations):
     information: Information | None = None
     blocks: tuple[Observations, ...] = ()
 
-    #: The unit of 1 / tau.
     _area: ClassVar[str] = "m^2"
 
     def __post_init__(self) -> None:

@@ -242,7 +242,7 @@ def places_world(graph: Graph) -> BoolArray:
 
     Other edges that are no measurements hold nodes: they determine rotations, or points.
     """
-    if not isinstance(graph, PoseGraph) or graph.assumed is None:
+    if graph.assumed is None:
         return np.zeros(graph.num_edges, dtype=bool)
     return graph.assumed & ~graph.measures_rotation & ~graph.is_point[graph.edges[:, 1]]
 
@@ -258,7 +258,7 @@ def _numbers(nodes: ArrayLike) -> IntArray:
 def with_world_placed(graph: Graph, estimate: Estimate) -> Estimate:
     """An estimate whose world is where the graph assumes it to be, if nothing measures that."""
     placing = places_world(graph)
-    if not isinstance(graph, PoseGraph) or estimate.translations is None or not placing.any():
+    if not graph.has_positions or estimate.translations is None or not placing.any():
         return estimate
     e = int(np.argmax(placing))
     (world, node), t = graph.edges[e], estimate.translations.copy()
@@ -290,7 +290,7 @@ def origin_of(positions: FloatArray) -> FloatArray:
     return np.where(np.abs(middle) > FARAWAY * unit, np.rint(middle / unit) * unit, 0.0)
 
 
-def require_determined(graph: PoseGraph, named: Callable[[int], str] = "node {}".format) -> None:
+def require_determined(graph: Graph, named: Callable[[int], str] = "node {}".format) -> None:
     """Refuse a graph whose measurements leave a node free.
 
     Parameters
@@ -315,7 +315,7 @@ def require_determined(graph: PoseGraph, named: Callable[[int], str] = "node {}"
     require_held(graph, named)
 
 
-def require_held(graph: PoseGraph, named: Callable[[int], str] = "node {}".format) -> None:
+def require_held(graph: Graph, named: Callable[[int], str] = "node {}".format) -> None:
     """Refuse a graph that leaves a rotation free, by a GraphError as of `require_determined`."""
     free = free_rotations(graph)
     if free.any():
@@ -325,7 +325,7 @@ def require_held(graph: PoseGraph, named: Callable[[int], str] = "node {}".forma
         )
 
 
-def free_rotations(graph: PoseGraph, kept: BoolArray | None = None) -> BoolArray:
+def free_rotations(graph: Graph, kept: BoolArray | None = None) -> BoolArray:
     """(n,) which poses' rotations none of the ``kept`` (m,) measurements holds."""
     free = np.zeros(graph.num_nodes, dtype=bool)
     free[graph.pose_nodes] = True
@@ -334,7 +334,7 @@ def free_rotations(graph: PoseGraph, kept: BoolArray | None = None) -> BoolArray
     return free
 
 
-def levers(graph: PoseGraph) -> tuple[BoolArray, BoolArray]:
+def levers(graph: Graph) -> tuple[BoolArray, BoolArray]:
     """(m,) which edges hold the rotation of their first node, and of their second."""
     turned, moved = graph.measures_rotation, graph.measures_translation
     first = turned | (moved & graph.translations.any(axis=1))

@@ -219,11 +219,31 @@ class RotationGraph(Speaking, Pairs):
         """(n,) which nodes are points: none."""
         return frozen_flags(np.zeros(self.num_nodes))
 
-    #: Information matrices, which are of poses: none.
+    #: What only graphs whose nodes have positions measure: nothing.
+    has_positions: ClassVar[Literal[False]] = False
+    has_scales: ClassVar[bool] = False
+    is_partial: ClassVar[bool] = False
     information: ClassVar[None] = None
-    #: Distances between nodes: none.
     ranges: ClassVar[None] = None
     blocks: ClassVar[tuple[Observations, ...]] = ()
+    points: ClassVar[None] = None
+    arms: ClassVar[None] = None
+    assumed: ClassVar[None] = None
+    absolute: ClassVar[None] = None
+
+    @cached_property
+    def tau(self) -> FloatArray:
+        """(m,) translational concentrations: zeros."""
+        return frozen_floats(np.zeros(self.num_edges))
+
+    @cached_property
+    def translations(self) -> FloatArray:
+        """(m, d) measured translations: zeros, of no weight."""
+        return frozen_floats(np.zeros((self.num_edges, self.d)))
+
+    def under(self, cost: str) -> RotationGraph:
+        """The same measurements, which have the cost F alone."""
+        return self
 
     @property
     def pose_nodes(self) -> IntArray:

@@ -45,10 +45,7 @@ class Scale:
     @staticmethod
     def of(graph: Graph) -> Scale:
         """That of F: of kappa, and of tau |t_ij|^2."""
-        if isinstance(graph, PoseGraph):
-            return Scale.weighed(graph, graph.rotation.kappa, graph.tau)
-        nothing = np.zeros(graph.num_edges)
-        return Scale(graph.kappa, nothing, nothing, nothing > 0.0)
+        return Scale.weighed(graph, graph.rotation.kappa, graph.tau)
 
     @staticmethod
     def informed(graph: PoseGraph) -> Scale:
@@ -64,7 +61,7 @@ class Scale:
         return Scale.weighed(graph, turn, move)
 
     @staticmethod
-    def weighed(graph: PoseGraph, turn: FloatArray, move: FloatArray) -> Scale:
+    def weighed(graph: Graph, turn: FloatArray, move: FloatArray) -> Scale:
         """That of measurements with other weights (m,) of rotations and of translations."""
         squares = np.einsum("ma,ma->m", graph.translations, graph.translations)
         if graph.arms is not None:

@@ -59,6 +59,7 @@ class SimilarityGraph(PoseGraph):
     scales: FloatArray = field(default_factory=lambda: np.ones(0))
     free: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))
 
+    has_scales: ClassVar[bool] = True
     _area: ClassVar[str] = "square unit"
 
     def __post_init__(self) -> None:

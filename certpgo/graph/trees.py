@@ -90,7 +90,7 @@ def compose(graph: RotationGraph | PoseGraph, parents: IntArray) -> Estimate:
     if not compiled.AVAILABLE:
         return _composed(graph, rotation, parents)
     R, t, moved = np.empty((n, d, d)), None, None
-    if isinstance(graph, PoseGraph):
+    if graph.has_positions:
         t, moved = np.empty((n, d)), graph.steps
     edges = rotation.edges, rotation.rotations, None, rotation.kappa, None, moved, None
     compiled.kernel.compose(edges, d, np.ascontiguousarray(parents, dtype=np.int64), R, t)
@@ -113,7 +113,7 @@ def with_leaves_placed(graph: RotationGraph | PoseGraph, estimate: Estimate) -> 
     turn = np.where(forward[:, None, None], turn, np.swapaxes(turn, 1, 2))
     turns = graph.measures_rotation[chosen]
     R[leaf[turns]] = so.project((R[other] @ turn)[turns])
-    if not isinstance(graph, PoseGraph) or estimate.translations is None:
+    if not graph.has_positions or estimate.translations is None:
         return replace(estimate, rotations=R)
     t, arms = estimate.translations.copy(), graph.arms
     step = np.einsum("mab,mb->ma", R[i], graph.translations[chosen])
@@ -134,7 +134,7 @@ def _composed(
     R, t = np.tile(np.eye(d), (n, 1, 1)), None
     measured = rotation.rotations[edge]
     R[children] = np.where(forward[:, None, None], measured, np.swapaxes(measured, 1, 2))
-    if isinstance(graph, PoseGraph):
+    if graph.has_positions:
         step, t = graph.steps[edge], np.zeros((n, d))
         back = -np.einsum("mba,mb->ma", measured, step)
         t[children] = np.where(forward[:, None], step, back)

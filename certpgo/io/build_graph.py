@@ -65,7 +65,7 @@ def _instance(dialect: Dialect, path: Path, options: ReadOptions, content: Recor
     of_poses = dialect.named or nodes.points is not None or measured.translations.any()
     graph = _graph(nodes, measured, unit, with_translations=bool(of_poses or len(priors)))
     notices = _notices(content, nodes, graph, len(rows["sighting"]))
-    if isinstance(graph, SimilarityGraph):
+    if graph.has_scales:
         nodes, notice = in_unit_of(nodes, unit)
         notices.append(notice)
     initial, world, origin = nodes.values, None, None
@@ -81,7 +81,7 @@ def _instance(dialect: Dialect, path: Path, options: ReadOptions, content: Recor
         kind = options.weights_are
         notices.append(f"the numbers of a measurement's precision are read as its {kind}")
     ranges = _ranges(graph.num_nodes, rows.get("range"))
-    if isinstance(graph, PoseGraph) and ranges is not None:
+    if graph.has_positions and ranges is not None:
         graph = graph.with_ranges(ranges)
         notices.append(counted(ranges.num_edges, "range{s}"))
     instance = Instance(

@@ -8,7 +8,7 @@ from numbers import Real
 import numpy as np
 
 from certpgo.errors import InputError, require
-from certpgo.graph import Graph, Instance, PoseGraph
+from certpgo.graph import Graph, Instance
 from certpgo.graph.mahalanobis import mahalanobis as mahalanobis_weights
 from certpgo.graph.phrases import counted
 
@@ -65,13 +65,13 @@ class ChosenWeights:
         if self.mahalanobis:
             return _with_mahalanobis(instance)
         graph = self._overridden(instance.graph)
-        if isinstance(graph, PoseGraph) and (ranges := graph.ranges) and self.unit:
+        if graph.has_positions and (ranges := graph.ranges) and self.unit:
             graph = graph.with_ranges(replace(ranges, weights=np.ones(ranges.num_edges)))
         return replace(instance, graph=graph)
 
     def _overridden(self, graph: Graph) -> Graph:
         kappa, tau = (1.0, 1.0) if self.unit else (self.kappa, self.tau)
-        if isinstance(graph, PoseGraph):  # what is not measured keeps no weight
+        if graph.has_positions:  # what is not measured keeps no weight
             turned, moved = graph.measures_rotation, graph.measures_translation
             return graph.with_weights(
                 None if kappa is None else np.where(turned, kappa, 0.0),
@@ -94,7 +94,7 @@ class ChosenWeights:
 
 def _with_mahalanobis(instance: Instance) -> Instance:
     graph = instance.graph
-    if not isinstance(graph, PoseGraph) or graph.information is None:
+    if graph.information is None:
         raise InputError(
             f"{instance.source or instance.name}: Mahalanobis weights need poses with "
             "rotational information, about a tangent vector or a quaternion, on every edge"

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.errors import CertPGOError, FormatError, InputError, InputNotice, require
-from certpgo.graph import Estimate, Instance, PoseGraph
+from certpgo.graph import Estimate, Instance
 from certpgo.graph.components import restricted
 from certpgo.graph.graph import require_connected
 from certpgo.graph.held import displaced
@@ -141,7 +141,7 @@ def read_part(
             estimate = _of_nodes(instance, poses, found)
         else:
             _refuse_foreign(found, poses)
-            if isinstance(instance.graph, PoseGraph):
+            if instance.graph.has_positions:
                 require_translations(poses)
             nodes, estimate = known_poses(poses, instance, found)
             if instance.world is not None:
@@ -262,7 +262,7 @@ def truth_among(
     if poses.in_space is not None and instance.graph.d == 3:
         poses = poses.in_space
     poses = _fitting(poses, instance)
-    if poses.unturned and not isinstance(instance.graph, PoseGraph):
+    if poses.unturned and not instance.graph.has_positions:
         raise InputError("positions alone, but the graph measures rotations alone")
     found = match(poses, instance, how)
     nodes, estimate = known_poses(poses, instance, found)
@@ -319,9 +319,9 @@ def _of_nodes(instance: Instance, poses: LabelledPoses, found: Match) -> Estimat
     if len(found.missing):
         raise InputError(_incomplete(instance, found))
     graph, nodes = instance.graph, found.expected
-    estimate = estimate_at(poses, found.place[nodes], isinstance(graph, PoseGraph))
+    estimate = estimate_at(poses, found.place[nodes], graph.has_positions)
     n = len(found.place)
-    if len(nodes) < n and isinstance(graph, PoseGraph):
+    if len(nodes) < n and graph.has_positions:
         estimate = with_points(graph, estimate, nodes).subset(np.arange(n))
     keys = keys_of(poses, instance, found, np.arange(n))
     return with_world_placed(graph, instance.with_world(estimate.keyed(keys)))

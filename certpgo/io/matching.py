@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from certpgo.errors import InputError
-from certpgo.graph import Estimate, Instance, PoseGraph
+from certpgo.graph import Estimate, Instance
 from certpgo.graph.keys import NO_TIME, SECOND, Keys, in_seconds
 from certpgo.graph.phrases import counted
 from certpgo.io.format import LabelledPoses, estimate_at
@@ -159,7 +159,7 @@ def known_poses(
     nodes = found.known
     if not len(nodes):
         raise InputError(f"truth of another graph: no {found.by} is in the graph")
-    measured = isinstance(instance.graph, PoseGraph) and poses.translations is not None
+    measured = instance.graph.has_positions and poses.translations is not None
     estimate = estimate_at(poses, found.place[nodes], measured)
     return nodes, estimate.keyed(keys_of(poses, instance, found, nodes))
 

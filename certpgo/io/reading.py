@@ -10,7 +10,7 @@ from typing import Any, get_args
 import numpy as np
 
 from certpgo.errors import FormatError, InputError, require_path
-from certpgo.graph import Graph, Instance, PoseGraph
+from certpgo.graph import Graph, Instance
 from certpgo.graph.edges import Keep, simple_edges
 from certpgo.graph.held import with_held
 from certpgo.io.chosen_weights import ChosenWeights
@@ -184,7 +184,7 @@ def _about(graph: Graph, options: Mapping[str, str]) -> Graph:
 
     An .npz file may say it without the option, of a graph that was not read.
     """
-    if not isinstance(graph, PoseGraph) or graph.information is None:
+    if graph.information is None:
         return graph
     if options["rotation_information"] != "quaternion":
         return graph

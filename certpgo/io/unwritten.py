@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.errors import InputError
-from certpgo.graph import Instance, PoseGraph, SimilarityGraph
+from certpgo.graph import Instance
 from certpgo.graph.keys import Keys
 from certpgo.graph.kinds import Kind
 from certpgo.graph.phrases import counted
@@ -59,7 +59,7 @@ def refuse_unwritable(path: Path, whole: Instance, form: Format) -> None:
     graph = whole.graph
     if graph.rotation.is_general:
         raise InputError(f"{path}: no format holds matrix weights or couplings")
-    if isinstance(graph, SimilarityGraph) and not form.holds_scales:
+    if graph.has_scales and not form.holds_scales:
         raise InputError(f"{path}: only .g2o and .npz files hold similarities")
     if form.name != "npz":
         _refuse_arms(path, whole, form)
@@ -73,7 +73,7 @@ def refuse_unwritable(path: Path, whole: Instance, form: Format) -> None:
 
 def _refuse_partial(path: Path, whole: Instance, form: Format) -> None:
     """Refuse edges that measure a part, and are neither priors from the world nor sightings."""
-    if not isinstance(whole.graph, PoseGraph):
+    if not whole.graph.has_positions:
         return
     found = whole.measurements.are
     of_world = whole.world is None and found(Kind.POSITION, Kind.ATTITUDE).any()
@@ -92,7 +92,7 @@ def _refuse_arms(path: Path, whole: Instance, form: Format) -> None:
         raise InputError(
             f"{path}: this graph holds fixed nodes as constraints, which only .npz files do"
         )
-    if not isinstance(graph, PoseGraph) or graph.arms is None:
+    if graph.arms is None:
         return
     mounted = graph.arms.any(axis=1)
     from_world = graph.edges[:, 0] == whole.world

@@ -256,7 +256,7 @@ class Objective(Speaking, ABC):
     def tangent_layout(self) -> Layout:
         """Of Hessians and Gauss-Newton matrices: rows of translations, then of rotations."""
         d, q = self.d, so.tangent_dim(self.d)
-        moved = isinstance(self.graph, PoseGraph)
+        moved = self.graph.has_positions
         return self.pattern.layout(d + q, d) if moved else self.pattern.layout(q)
 
     @property
@@ -298,7 +298,7 @@ class Objective(Speaking, ABC):
                 "GTSAM's Values, read_estimate reads files"
             )
         require_nodes(estimate, self.n, self.d)
-        if isinstance(self.graph, PoseGraph) and estimate.translations is None:
+        if self.graph.has_positions and estimate.translations is None:
             raise InputError("the estimate has no translations, but the graph measures them")
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from certpgo.graph.kinds import Kind
 from certpgo.graph.phrases import counted
 from certpgo.graph.priors import require_determined, require_held
 from certpgo.graph.ranges import Ranges
-from certpgo.graph.similarity_graph import SimilarityGraph
 from certpgo.objective.chordal_cost import ChordalCost
 from certpgo.objective.costs import CHORDAL, COSTS
 from certpgo.objective.edge_cost import EdgeCost
@@ -80,7 +79,7 @@ def costs_of(instance: Instance) -> tuple[str, ...]:
 
 def _takes(graph: Graph, cost: str, *, more: bool = False) -> bool:
     """Whether a graph has poses and definite information matrices alone, and the cost takes it."""
-    if not isinstance(graph, PoseGraph):
+    if not graph.has_positions:
         return False
     return bool(graph.is_definite.all()) and not _unknown_to(cost, graph, more=more)
 
@@ -124,7 +123,7 @@ def problem_under(
         others = blocks[0].kind.plural
         for_these = "for certpgo solve, certify and merge, and sessions, alone"
         raise InputError(f"{said}graphs with {others} are {for_these}")
-    if isinstance(unposed, SimilarityGraph):
+    if unposed.has_scales:
         raise InputError(f"{said}{SCALED}")
     if isinstance(posed, PoseProblem | RotationProblem | InformationProblem):
         own = posed.cost_name if isinstance(posed, InformationProblem) else CHORDAL
@@ -132,7 +131,7 @@ def problem_under(
             raise InputError(f"cost={cost!r} is a choice for graphs: this problem has {own!r}")
         return posed
     graph = graph_of(posed)
-    if isinstance(posed, Instance) and isinstance(graph, PoseGraph) and graph.is_partial:
+    if isinstance(posed, Instance) and graph.is_partial:
         require_determined(graph, posed.named)
     chosen = own_cost(graph) if cost is None else cost
     if chosen not in (CHORDAL, *COSTS):
@@ -147,9 +146,9 @@ def certifiable(
     if isinstance(posed, RangeProblem | SimilarityProblem):
         return posed
     graph = _graph_of(posed)
-    if isinstance(graph, SimilarityGraph):
+    if graph.has_scales:
         return similarity_problem(posed, cost)
-    if isinstance(graph, PoseGraph) and graph.blocks:
+    if graph.blocks:
         return _problem_of_blocks(cast("PoseGraph | Instance", posed), cost)
     return problem_under(posed, cost)
 
@@ -164,7 +163,7 @@ def _problem_of_blocks(measured: PoseGraph | Instance, cost: str | None) -> Cert
     return InformationProblem(edge_cost(cast("PoseGraph", graph), CHORDAL))
 
 
-def _graph_of(posed: object) -> object:
+def _graph_of(posed: object) -> Any:
     return getattr(posed, "graph", posed)
 
 
@@ -186,7 +185,7 @@ def similarity_problem(
     if isinstance(posed, SimilarityProblem):
         return posed
     graph = _graph_of(posed)
-    if not isinstance(graph, SimilarityGraph):
+    if not graph.has_scales:
         raise InputError(f"{source}no nodes of unknown scale")
     if isinstance(posed, Instance) and graph.is_partial:
         require_determined(graph, posed.named)
@@ -274,7 +273,7 @@ def informed(measured: Graph | Instance, cost: str) -> PoseGraph:
         It has none.
     """
     graph = graph_of(measured)
-    if isinstance(graph, PoseGraph) and graph.information is not None:
+    if graph.information is not None:
         return graph
     options = measured.options if isinstance(measured, Instance) else {}
     needed = f"--cost {cost} needs poses with information matrices on every edge"
@@ -283,7 +282,7 @@ def informed(measured: Graph | Instance, cost: str) -> PoseGraph:
 
 def _lack(graph: Graph, options: Mapping[str, str]) -> str:
     """Why a graph, read with these options, has no information matrices."""
-    if not isinstance(graph, PoseGraph):
+    if not graph.has_positions:
         return "these are rotations alone"
     if options.get("weights", "file") != "file":
         return "other weights were chosen"

@@ -24,7 +24,7 @@ class EdgeSums:
 
     def __init__(self, graph: RotationGraph | PoseGraph) -> None:
         self._graph = graph
-        poses = graph if isinstance(graph, PoseGraph) else None
+        poses = graph if graph.has_positions else None
         rotation = graph if isinstance(graph, RotationGraph) else graph.rotation
         measured, K = rotation.rotations, None
         if rotation.is_general:
@@ -54,7 +54,7 @@ class EdgeSums:
 
     @property
     def _poses(self) -> bool:
-        return isinstance(self._graph, PoseGraph)
+        return self._graph.has_positions
 
     def _compiled(self, point: Point, G: FloatArray | None) -> FloatArray:
         (_, r, d), t = point.rotations.shape, None

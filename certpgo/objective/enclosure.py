@@ -61,7 +61,7 @@ def _residuals(graph: Graph, estimate: Estimate) -> tuple[FloatArray, FloatArray
     # R_j - R_i R_ij: three matrices near rotations, and a product of d terms.
     own, measured = rotation_defect(estimate.rotations), rotation_defect(rotation.rotations)
     error = np.full(len(norm), 2.0 * own + measured + 32.0 * U)
-    if not isinstance(graph, PoseGraph) or r is None:
+    if not graph.has_positions or r is None:
         return rotation.kappa, norm, error
     # The rounding of t_j - t_i is relative to its size, at most r plus the lever.
     lever = _levers(graph)
@@ -85,7 +85,7 @@ def _general(graph: Graph, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
     off = 2.0 * own + 64.0 * U
     errors = nuclear * (2.0 * off * size + off**2 + 64.0 * U)
     terms = np.einsum("mab,mab->m", E @ K, E)
-    if isinstance(graph, PoseGraph) and estimate.translations is not None:
+    if graph.has_positions and estimate.translations is not None:
         r = np.linalg.norm(operators.translation_residuals(graph, estimate), axis=1)
         off = (own + 32.0 * U) * _levers(graph) + 32.0 * U * r
         terms = np.concatenate([terms, graph.tau * r**2])

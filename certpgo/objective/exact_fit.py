@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from certpgo.graph import Estimate, Graph, PoseGraph
+from certpgo.graph import Estimate, Graph
 from certpgo.graph.observations import Observations
 from certpgo.graph.relaxed_point import Point, translations_of
 from certpgo.linalg.arrays import FloatArray
@@ -40,12 +40,12 @@ def meets(graph: Graph, point: Point) -> bool:
 
 def _meets_edges(graph: Graph, point: Point) -> bool:
     i, j = graph.edges.T
-    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    rotation = graph.rotation
     turned = _norms(operators.rotation_residuals(rotation, point.rotations))
     size = _norms(point.rotations)[j]
     if not (turned <= ROUNDING * size)[rotation.kappa != 0.0].all():
         return False
-    if not isinstance(graph, PoseGraph):
+    if not graph.has_positions:
         return True
     moved = _norms(operators.translation_residuals(graph, point))
     far, stored = _distances(point)

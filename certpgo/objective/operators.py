@@ -22,7 +22,7 @@ from certpgo.linalg.blocks import BlockPattern, scatter_sum
 
 def pattern(graph: RotationGraph | PoseGraph) -> BlockPattern:
     """The sparsity pattern shared by all matrices of the graph."""
-    points = graph.points if isinstance(graph, PoseGraph) else None
+    points = graph.points
     return BlockPattern(graph.num_nodes, graph.edges, points)
 
 
@@ -159,7 +159,7 @@ def first_order(
     (G, terms), R = gradient(graph, point), point.rotations
     turn = tangent_gradient(G[:, :, -graph.d :], R)
     tangent, largest = turn, (np.linalg.norm(turn, axis=1) / turning).max()
-    if isinstance(graph, PoseGraph):
+    if graph.has_positions:
         move = G[:, :, 0]
         tangent = np.concatenate([move, turn], axis=1)
         if moving is not None:
@@ -180,7 +180,7 @@ def gradient(graph: RotationGraph | PoseGraph, point: Point) -> tuple[FloatArray
     forces = E @ K
     terms = np.einsum("mab,mab->m", forces, E)
     turned = scatter_sum(j, forces, n) - scatter_sum(i, forces @ np.swapaxes(measured, 1, 2), n)
-    if not isinstance(graph, PoseGraph):
+    if not graph.has_positions:
         return turned, terms
     t = translations_of(point)
     r = t[j] - t[i] - (R[i] @ graph.translations[:, :, None])[:, :, 0]
@@ -202,7 +202,7 @@ def explained(graph: RotationGraph | PoseGraph, estimate: Estimate) -> RotationG
     Q = back @ estimate.rotations[j]
     N = Q @ rotation.polar[1] if rotation.is_general else None
     rotation = replace(rotation, rotations=Q, couplings=N)
-    if not isinstance(graph, PoseGraph):
+    if not graph.has_positions:
         return rotation
     t = translations_of(estimate)
     v = (back @ (t[j] - t[i])[:, :, None])[:, :, 0]
@@ -228,7 +228,7 @@ class NodeSums:
     @staticmethod
     def of(graph: RotationGraph | PoseGraph) -> NodeSums:
         """The sums of a graph."""
-        if not isinstance(graph, PoseGraph):
+        if not graph.has_positions:
             return NodeSums(spread(graph))
         first, second = moments(graph)
         degree = degrees(graph.edges, graph.tau, graph.num_nodes)
@@ -270,7 +270,7 @@ def couplings(graph: RotationGraph | PoseGraph, R: FloatArray) -> FloatArray:
         turned = -rotation.kappa[:, None, None] * _tangent_coupling(rotation.rotations, between)
     else:
         turned = -_general_coupling(rotation.couplings, between)
-    if not isinstance(graph, PoseGraph):
+    if not graph.has_positions:
         return np.asarray(turned)
     # The residual moves by dt_j - dt_i + R_i lever(t_ij) w_i - R_j lever(a) w_j.
     d, p, tau = graph.d, so.tangent_dim(graph.d), graph.tau
@@ -315,7 +315,7 @@ def lifted_hessian(
     coupling = carried @ there
     if not rotation.is_general:
         coupling *= rotation.kappa[:, None, None]
-    if not isinstance(graph, PoseGraph):
+    if not graph.has_positions:
         return (basis @ weights[:, None]).reshape(n, q, r * d) @ np.swapaxes(flat, 1, 2), -coupling
     tau = graph.tau[:, None]
     first, second = moments(graph)

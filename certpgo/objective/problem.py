@@ -18,7 +18,6 @@ from certpgo.graph.graph import require_connected
 from certpgo.graph.priors import require_determined
 from certpgo.graph.relaxed_point import Point, translations_of
 from certpgo.graph.scale import Scale
-from certpgo.graph.similarity_graph import SimilarityGraph
 from certpgo.linalg import scalar_least_squares as network
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import scatter_sum
@@ -78,7 +77,7 @@ class PoseProblem(Objective):
 
     def __post_init__(self) -> None:
         require_graph(self, PoseGraph, "a RotationGraph has no translations: RotationProblem(g)")
-        if isinstance(self.graph, SimilarityGraph) and not self.takes_scales:
+        if self.graph.has_scales and not self.takes_scales:
             raise InputError(SCALED)
         if self.graph.blocks:
             found = self.graph.blocks[0].kind.plural
@@ -244,7 +243,7 @@ Problem = RotationProblem | PoseProblem
 def problem_of(graph: RotationGraph | PoseGraph, engine: str | None = None) -> Problem:
     """The problem of a graph."""
     engine = engine or default_engine()
-    if isinstance(graph, PoseGraph):
+    if graph.has_positions:
         return PoseProblem(graph, engine)
     return RotationProblem(graph, engine)
 

@@ -23,6 +23,6 @@ def residual_norms(
     """(m,) norms of R_j - R_i R_ij, and those of t_j - t_i - R_i t_ij if there are translations."""
     E = operators.rotation_residuals(graph.rotation, estimate.rotations)
     turned = np.sqrt(np.einsum("mab,mab->m", E, E))
-    if not isinstance(graph, PoseGraph) or estimate.translations is None:
+    if not graph.has_positions or estimate.translations is None:
         return turned, None
     return turned, np.linalg.norm(operators.translation_residuals(graph, estimate), axis=1)

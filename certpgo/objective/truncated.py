@@ -30,7 +30,7 @@ from functools import cached_property
 
 import numpy as np
 
-from certpgo.graph import Graph, PoseGraph
+from certpgo.graph import Graph
 from certpgo.graph.relaxed_point import Point
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import Ball, sums
@@ -76,7 +76,7 @@ class Truncation:
     @staticmethod
     def at_point(graph: Graph, prices: FloatArray, point: Point, exact: bool = True) -> Truncation:
         """Those of a graph (k edges) at the relative poses of a point."""
-        if isinstance(graph, PoseGraph):
+        if graph.has_positions:
             v, Q = relative(graph.edges, graph.arms, point)
         else:
             R, (i, j) = point.rotations, graph.edges.T
@@ -91,18 +91,18 @@ class Truncation:
     @property
     def moved(self) -> int:
         """1 for poses, 0 for rotations alone."""
-        return int(isinstance(self.graph, PoseGraph))
+        return int(self.graph.has_positions)
 
     @property
     def translations(self) -> FloatArray:
         """(k, d) measured translations, zeros for rotations alone."""
-        return self.graph.translations if isinstance(self.graph, PoseGraph) else 0.0 * self.v
+        return self.graph.translations
 
     @cached_property
     def weights(self) -> FloatArray:
         """(k, b) diagonals of D."""
         kappa = np.repeat(self.graph.rotation.kappa[:, None], self.graph.d, axis=1)
-        if isinstance(self.graph, PoseGraph):
+        if self.graph.has_positions:
             return np.concatenate([self.graph.tau[:, None], kappa], axis=1)
         return kappa
 
@@ -239,7 +239,7 @@ class Truncation:
         if self.moved:
             tau = W[:, 0, 0]
             arms = W[:, 1:, 0] / np.where(tau > 0.0, tau, 1.0)[:, None]
-            if isinstance(self.graph, PoseGraph) and self.graph.arms is not None:
+            if self.graph.arms is not None:
                 arms = _added_exactly(arms, self.graph.arms)
         K = W[:, self.moved :, self.moved :] - tau[:, None, None] * _outer(arms, arms)
         Z = C[:, :, self.moved :]
@@ -264,7 +264,7 @@ class Truncation:
         R, kappa = self.graph.rotation.rotations, self.graph.rotation.kappa
         d, y = self.graph.d, Ball.exact(self.translations) - b
         between = Ball.exact(np.zeros(len(kappa)))
-        if isinstance(self.graph, PoseGraph):
+        if self.graph.has_positions:
             both = (tau > 0.0) & (self.graph.tau > 0.0)
             one, other = (Ball.exact(np.where(both, w, 1.0)) for w in (tau, self.graph.tau))
             between = one * other / (one + other) * np.where(both, 1.0, 0.0)
@@ -339,6 +339,6 @@ def untruncated(graph: Graph) -> Minorants:
     lost = 2.002 * math.sqrt(d) * Ball.exact(distance)
     constant = (2.0 * d * Ball.exact(kappa) - lost).lower
     zeros = np.zeros((m, d))
-    if isinstance(graph, PoseGraph):
+    if graph.has_positions:
         return Minorants(graph.tau, zeros, graph.translations, N, constant)
     return Minorants(np.zeros(m), zeros, zeros, N, constant)

@@ -287,7 +287,7 @@ class TruncatedProblem(Brief):
 
     def surrogate_of(self, minorants: Minorants) -> tuple[Problem, float]:
         """The problem and the constant that add up to minorants of all measurements."""
-        if isinstance(self.graph, PoseGraph):
+        if self.graph.has_positions:
             graph, constant = minorants.summed(self.graph, SignedGraph)
             return self._general.of_same_edges(graph), constant
         rotation, constant = minorants.summed_rotations(self.graph)
@@ -312,7 +312,7 @@ class TruncatedProblem(Brief):
     def _general(self) -> Problem:
         """A problem with all edges, whose pattern surrogates share."""
         g = self.graph
-        if isinstance(g, PoseGraph):
+        if g.has_positions:
             signed = SignedGraph(g.rotation, g.translations, g.tau, points=g.points)
             return SignedProblem(signed, self.engine)
         return RotationsOfPoses(g, self.engine)

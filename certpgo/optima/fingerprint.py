@@ -21,9 +21,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from certpgo.graph import Graph, Instance, PoseGraph, SimilarityGraph
+from certpgo.graph import Graph, Instance, PoseGraph
 from certpgo.graph.dataset import graph_of
 from certpgo.graph.information import Information
+from certpgo.graph.similarity_graph import SimilarityGraph
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.costs import CHORDAL
 
@@ -77,7 +78,7 @@ def fingerprint(graph: Graph | Instance, cost: str = CHORDAL) -> Fingerprint | N
     stated = None if measured.information is None else _upper(measured.information)
     if cost == CHORDAL:
         weights = _weights(measured)
-    elif stated is None or not isinstance(measured, PoseGraph):
+    elif stated is None or not measured.has_positions:
         return None
     else:
         weights = np.column_stack([stated, _measures(measured)])
@@ -104,13 +105,13 @@ def fingerprint(graph: Graph | Instance, cost: str = CHORDAL) -> Fingerprint | N
 
 def _turns(graph: Graph) -> FloatArray:
     """(m, 2 or 9) what determines measured rotations: in the plane, cosine and sine."""
-    R = graph.rotation.rotations if isinstance(graph, PoseGraph) else graph.rotations
+    R = graph.rotations
     return np.asarray(R[:, :, 0] if R.shape[1] == 2 else R.reshape(-1, 9))
 
 
 def _translations(graph: Graph) -> FloatArray:
     """(m, 0, d or 2 d) translations, and arms where there are any."""
-    if not isinstance(graph, PoseGraph):
+    if not graph.has_positions:
         return np.empty((graph.num_edges, 0))
     if graph.arms is None:
         return graph.translations
@@ -119,9 +120,9 @@ def _translations(graph: Graph) -> FloatArray:
 
 def _weights(graph: Graph) -> FloatArray:
     """(m, k) weights of F, and scales."""
-    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    rotation = graph.rotation
     columns = [rotation.kappa]
-    if isinstance(graph, PoseGraph):
+    if graph.has_positions:
         columns.append(graph.tau)
     if isinstance(graph, SimilarityGraph):
         columns.append(graph.scales)

@@ -209,7 +209,7 @@ def averaged_graph(
         It is not connected.
     """
     graph = instance.graph
-    if not isinstance(graph, PoseGraph) or graph.d != 3:
+    if not graph.has_positions or graph.d != 3:
         raise InputError(f"{instance.name}: no poses in space")
     require_connected(graph)
     start, trusted = initial, None

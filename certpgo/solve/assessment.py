@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from certpgo.certify import Certificate, certify
 from certpgo.errors import CertPGOError, InputError, InputNotice, kind_of
-from certpgo.graph import Estimate, Graph, Instance, PoseGraph
+from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.graph import has_no_unit
 from certpgo.io.accept_paths import AnyPath, as_instance, measured
 from certpgo.io.digits import Digits, Writing
@@ -292,7 +292,7 @@ def certify_values(
         if keys.shape != (n,) or keys.dtype.kind not in "iu" or len(np.unique(keys)) != n:
             raise InputError(f"ids must be {n} distinct integers, the key of each node")
     estimate, notice = estimate_from_values(
-        values, keys, of.d, isinstance(of, PoseGraph), exact=ids is not None
+        values, keys, of.d, of.has_positions, exact=ids is not None
     )
     if notice:
         warnings.warn(notice, InputNotice, stacklevel=2)

@@ -10,7 +10,7 @@ import numpy as np
 
 from certpgo.certify.bounds import alpha_max, fiedler_value, normalized_fiedler_value
 from certpgo.errors import GraphError
-from certpgo.graph import Estimate, Graph, Instance, PoseGraph, SimilarityGraph
+from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.bridges import bridges
 from certpgo.graph.kinds import Kind
 from certpgo.graph.trees import tree_initialization
@@ -131,9 +131,7 @@ def structure(instance: Instance) -> Structure:
         measurements={kind.name.lower(): count for kind, count in measured.counts.items()},
         bridges=len(bridges(measured.without(Kind.HELD, Kind.ASSUMED))),
         kappa=(float(kappa.min()), float(kappa.max())),
-        tau=(float(graph.tau.min()), float(graph.tau.max()))
-        if isinstance(graph, PoseGraph)
-        else None,
+        tau=(float(graph.tau.min()), float(graph.tau.max())) if graph.has_positions else None,
         misclosure_degrees=_misclosure(graph),
     )
 
@@ -159,7 +157,7 @@ def open_in_words(instance: Instance) -> str | None:
     """
     graph = instance.graph
     measured = instance.measurements
-    if not isinstance(graph, PoseGraph) or not measured.is_connected:
+    if not graph.has_positions or not measured.is_connected:
         return None
     if not measured.without(Kind.BETWEEN, Kind.PRIOR).counts:
         return None
@@ -202,10 +200,10 @@ def symmetry(instance: Instance) -> Symmetry | None:
         An eigenvalue computation failed.
     """
     graph = instance.graph
-    if not isinstance(graph, PoseGraph) or not graph.num_edges or not graph.is_connected:
+    if not graph.has_positions or not graph.num_edges or not graph.is_connected:
         return None
     of_others = instance.measurements.without(Kind.BETWEEN).counts
-    if of_others or isinstance(graph, SimilarityGraph):
+    if of_others or graph.has_scales:
         return None
     each = metrics.symmetry(graph, EigenMA().solve(PoseProblem(graph)).estimate)
     worst = int(each.argmin())

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from certpgo.errors import NumericalError
-from certpgo.graph import Estimate, Instance, PoseGraph
+from certpgo.graph import Estimate, Instance
 from certpgo.graph.held import displaced
 from certpgo.graph.information import Information
 from certpgo.graph.phrases import counted
@@ -216,7 +216,7 @@ def goodness_of_fit(
         partial = bool((ranks < problem.edge_cost.weights.shape[1]).any())
     else:
         law = _law(problem, estimate, information, mahalanobis)
-        partial = isinstance(problem.graph, PoseGraph) and problem.graph.is_general
+        partial = problem.graph.is_general
     free = _determined(problem, estimate, partial)
     if free is None or law.numbers <= free or not np.isfinite(law.chi2):
         return None

@@ -23,7 +23,7 @@ from certpgo.certify.rises import rises
 from certpgo.certify.tolerances import ATOL, RTOL
 from certpgo.certify.truncated_case import TruncatedCase
 from certpgo.errors import GraphError
-from certpgo.graph import Estimate, Graph, PoseGraph
+from certpgo.graph import Estimate, Graph
 from certpgo.graph.succession import Succession
 from certpgo.graph.trees import tree_initialization
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
@@ -72,7 +72,7 @@ def odometry(graph: Graph, order: Succession) -> BoolArray:
     """(m,) the first whole measurements from each pose to the next one, not from a world."""
     chosen = np.zeros(graph.num_edges, dtype=bool)
     next_to = _whole(graph) & order.are_steps(graph.edges)
-    if isinstance(graph, PoseGraph) and graph.absolute is not None:
+    if graph.absolute is not None:
         next_to &= ~graph.absolute
     steps = np.flatnonzero(next_to)
     _, first = np.unique(order.places[graph.edges[steps]].min(axis=1), return_index=True)

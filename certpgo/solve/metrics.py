@@ -28,7 +28,7 @@ def f_ml(graph: RotationGraph | PoseGraph, estimate: Estimate) -> float:
     i, j = rotation.edges.T
     R = estimate.rotations
     total = float(np.einsum("mab,mcb,mca->", rotation.rotations, R[j], R[i]))
-    if isinstance(graph, PoseGraph):
+    if graph.has_positions:
         r = operators.translation_residuals(graph, estimate)
         total -= 0.5 * float(np.einsum("ma,ma->", r, r))
     return total

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from certpgo.errors import GraphError
-from certpgo.graph import Estimate, Graph, PoseGraph
+from certpgo.graph import Estimate, Graph
 from certpgo.graph.concatenate import make_of, require_one_make
 from certpgo.graph.labels import Label, called
 from certpgo.linalg import rotations as so
@@ -109,7 +109,7 @@ class Track:
             self._translations = _doubled(self._translations)
         R, forward = graph.rotation.rotations[edge], graph.edges[edge, 0] == here
         self._rotations[n] = self._rotations[known] @ (R if forward else R.T)
-        if isinstance(graph, PoseGraph):
+        if graph.has_positions:
             t, back = graph.steps[edge], n if not forward else known
             step = self._rotations[back] @ t
             self._translations[n] = self._translations[known] + (step if forward else -step)

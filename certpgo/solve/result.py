@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from certpgo.certify import Certificate, Verdict
-from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph, SimilarityGraph
+from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.graph.display import Speaking, Text
 from certpgo.graph.phrases import cost_shown, counted
 from certpgo.graph.picture import circle_of, closures, drawn
@@ -168,7 +168,7 @@ class CertifiedSolution(Speaking):
         if found is not None:
             yield "outliers?", f"{found}: certpgo.solve_robustly(graph) rejects them"
         if self.verdict in (Verdict.CERTIFIED, Verdict.BOUNDED):
-            more = "" if isinstance(self.graph, SimilarityGraph) else "; answer.covariance(node)"
+            more = "" if self.graph.has_scales else "; answer.covariance(node)"
             yield "next", f"certpgo.write(path, answer){more}"
         else:
             yield "next", "the reason says what was in the way"
@@ -182,16 +182,16 @@ class CertifiedSolution(Speaking):
 
     def _picture(self) -> str:
         graph, t = self.graph, self.estimate.translations
-        if t is None or not isinstance(graph, PoseGraph):
+        if t is None or not graph.has_positions:
             return circle_of(graph.num_nodes, graph.edges)
         return drawn(t, closures(graph.edges), graph.pose_nodes)
 
     @cached_property
     def undetermined(self) -> Undetermined | None:
         """What the measurements leave open there; None if they determine all nodes."""
-        if not isinstance(self.graph, PoseGraph) or not self.graph.is_partial:
+        if not self.graph.is_partial:
             return None  # it is connected
-        if isinstance(self.graph, SimilarityGraph):
+        if self.graph.has_scales:
             return None
         world = None if self.instance is None else self.instance.world
         anchor = int(self.problem.tangent_layout.whole[0]) if world is None else world

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from certpgo.errors import InputError
-from certpgo.graph import Graph, PoseGraph
+from certpgo.graph import Graph
 from certpgo.graph.concatenate import joined
 from certpgo.graph.labels import WORLD, Label
 from certpgo.graph.origins import Measured
@@ -178,7 +178,7 @@ class RobustSession(Session):
         kept, aside, place = self.graph, self._put_aside, self._poses.numbers
         nodes = [np.arange(kept.num_nodes)]
         nodes += [np.array([place[name] for name in names]) for _, names in aside.values()]
-        points = kept.points if isinstance(kept, PoseGraph) else None
+        points = kept.points
         parts = [kept, *(one for one, _ in aside.values())]
         numbers = np.concatenate([self.edges, np.fromiter(aside, dtype=np.intp)])
         order = np.argsort(numbers)

@@ -25,7 +25,7 @@ from certpgo.certify import Certificate, Tier, Verdict
 from certpgo.certify.certificate import tier_called
 from certpgo.certify.tolerances import allowed, difference_up
 from certpgo.errors import GraphError, InputError, require
-from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
+from certpgo.graph import Estimate, Graph, Instance, RotationGraph
 from certpgo.graph.concatenate import joined, with_rows
 from certpgo.graph.display import Speaking
 from certpgo.graph.labels import WORLD, Label, called
@@ -157,7 +157,7 @@ class Session(Speaking):
             origin = measurements.origin if isinstance(measurements, Instance) else None
             part = self._in_world(part, labels, origin)
         # Graphs of rotations do not say which of their edges hold nodes: instances do.
-        known = part if isinstance(part, PoseGraph) else measurements
+        known = part if part.has_positions else measurements
         before = self._numbers.count
         self._take(part, labels, self._numbers.following(part, known.is_measured))
         self._places |= bool(places_world(part).any())

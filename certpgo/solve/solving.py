@@ -116,5 +116,5 @@ def _stored(source: Instance | None) -> Start | None:
     """The instance's own initial values, if every node has them."""
     if source is None or source.initial is None:
         return None
-    lacks = isinstance(source.graph, PoseGraph) and source.initial.translations is None
+    lacks = source.graph.has_positions and source.initial.translations is None
     return None if lacks else Start(source.initial, STORED)

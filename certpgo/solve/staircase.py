@@ -23,7 +23,7 @@ from certpgo.certify.dual import DualBound
 from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.certify.wording import early
 from certpgo.errors import InputError, NumericalError
-from certpgo.graph import Estimate, PoseGraph
+from certpgo.graph import Estimate
 from certpgo.graph.priors import mirrored_by
 from certpgo.graph.relaxed_point import Lift, Point, rounded
 from certpgo.linalg.arrays import FloatArray
@@ -309,7 +309,7 @@ class Staircase(Search):
         rank, stopped, graph = self.levels[-1].rank, self.stop.cut, self.problem.graph
         patience = self.patience if self.ended_early else None
         about = Obstacle(certificate.limited_by, True, rank, stopped, patience)
-        if certificate.verdict is Verdict.BOUNDED and isinstance(graph, PoseGraph):
+        if certificate.verdict is Verdict.BOUNDED and graph.has_positions:
             about = replace(about, mirrored=mirrored_by(graph))
         if self.has_reached_the_floor and stopped is None:
             return replace(about, kind=LimitedBy.ROUNDING, mirrored=None)

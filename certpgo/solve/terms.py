@@ -9,7 +9,7 @@ import numpy as np
 
 from certpgo.certify import certificate
 from certpgo.errors import GraphError, InputError, SpecError
-from certpgo.graph import Estimate, Graph, Instance, PoseGraph
+from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.dataset import graph_of
 from certpgo.graph.graph import require_connected
 from certpgo.graph.priors import require_determined
@@ -66,7 +66,7 @@ class Terms:
         if self.cost == CHORDAL:
             graph = graph_of(measured)
             _ = self._edge_cost(graph)  # refuses what has no terms
-            return graph.under(CHORDAL) if isinstance(graph, PoseGraph) else graph
+            return graph.under(CHORDAL)
         graph = informed(measured, self.cost)
         bad, information = np.flatnonzero(~graph.is_definite), graph.information
         if len(bad) and information is not None:
@@ -116,7 +116,7 @@ class Terms:
 
     def _edge_cost(self, graph: Graph) -> EdgeCost | None:
         """The cost of measurements as a sum of terms; None for F of poses alone."""
-        if not isinstance(graph, PoseGraph) or (self.cost == CHORDAL and not graph.blocks):
+        if not graph.has_positions or (self.cost == CHORDAL and not graph.blocks):
             return None
         return edge_cost(graph, self.cost)
 
@@ -128,6 +128,6 @@ def chordal_problem(graph: Graph, named: Callable[[int], str]) -> Problem:
 
 
 def _require_determined(graph: Graph, named: Callable[[int], str]) -> None:
-    if isinstance(graph, PoseGraph) and graph.is_partial:
+    if graph.is_partial:
         require_connected(graph)
         require_determined(graph, named)

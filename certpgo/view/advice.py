@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from certpgo.certify import Certificate, Tier, Verdict
 from certpgo.certify.obstacle import LimitedBy
-from certpgo.graph import Instance, SimilarityGraph
+from certpgo.graph import Instance
 from certpgo.objective.choose_cost import certifiable, own_cost
 from certpgo.objective.costs import CHORDAL
 from certpgo.optimize.solution import Status
@@ -46,7 +46,7 @@ class _Given(NamedTuple):
     def is_of_poses(self) -> bool:
         """Whether it has neither distances nor unknown scales, which are not rejected."""
         graph = self.instance.graph
-        return graph.ranges is None and not isinstance(graph, SimilarityGraph)
+        return graph.ranges is None and not graph.has_scales
 
     @property
     def _named(self) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from certpgo.certify.certificate import Certificate
 from certpgo.certify.wording import bound_claim, meaning, numbers, part, stated_objective, trusts
 from certpgo.errors import CertPGOError, NumericalError
-from certpgo.graph import Estimate, Graph, Instance, PoseGraph
+from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.graph import length_unit
 from certpgo.graph.phrases import bound_shown, cost_shown, counted, gap_shown
 from certpgo.io.surfaces import Surface
@@ -261,7 +261,7 @@ def _facts(instance: Instance, assessment: Assessment) -> Iterable[tuple[str, st
 
 
 def _edge_header(graph: Graph) -> tuple[str, ...]:
-    of_poses = isinstance(graph, PoseGraph)
+    of_poses = graph.has_positions
     return (*_EDGE_HEADER, f"residual, {length_unit(graph)}") if of_poses else _EDGE_HEADER
 
 
@@ -273,7 +273,7 @@ def _edge(edge: CostlyEdge, instance: Instance) -> tuple[str, ...]:
         f"{100.0 * edge.share:.3g} %",
         "" if edge.angle is None else f"{math.degrees(edge.angle):.4g}",
     )
-    if not isinstance(instance.graph, PoseGraph):
+    if not instance.graph.has_positions:
         return cells
     return (*cells, "" if edge.metres is None else f"{edge.metres:.4g}")
 

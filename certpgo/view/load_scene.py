@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from certpgo.errors import FormatError, InputError, NoMeasurements, kind_of
-from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph, SimilarityGraph
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.graph import has_no_unit, length_unit
+from certpgo.graph.similarity_graph import SimilarityGraph
 from certpgo.io.datasets.source import Source, resolve
 from certpgo.io.estimates import (
     is_in_order,
@@ -192,7 +193,7 @@ def _of_graph(
     estimates = [(name, _whole(instance, what)) for name, what in named]
     if not estimates or is_spread(instance.initial):
         estimates.insert(0, start(instance))
-    places = None if isinstance(graph, PoseGraph) else layout(graph)
+    places = None if graph.has_positions else layout(graph)
     poses = instance.poses
     last = estimates[-1][1]
     drawn = []
@@ -253,7 +254,7 @@ def _whole(instance: Instance, estimate: Estimate) -> Estimate:
             f"{instance.name}: an estimate of {n} nodes in {graph.d}D expected, not of "
             f"{estimate.num_nodes} in {estimate.d}D"
         )
-    if isinstance(graph, PoseGraph) and estimate.translations is None:
+    if graph.has_positions and estimate.translations is None:
         raise InputError(f"{instance.name}: an estimate with positions expected")
     return estimate
 
@@ -276,8 +277,8 @@ def start(instance: Instance) -> tuple[str, Estimate]:
     if isinstance(instance.graph, SimilarityGraph):
         return "start", next(starts(SimilarityProblem(instance.graph))).estimate
     graph = instance.graph
-    problem = problem_of(graph.with_ranges(None) if isinstance(graph, PoseGraph) else graph)
-    if isinstance(graph, PoseGraph) and graph.is_partial:
+    problem = problem_of(graph.with_ranges(None) if graph.has_positions else graph)
+    if graph.is_partial:
         return "start", start_of(problem).estimate
     return "dead reckoning", SpanningTree(tree="odometry").solve(problem).estimate
 

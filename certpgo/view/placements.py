@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from certpgo.graph import Estimate, Instance, PoseGraph
+from certpgo.graph import Estimate, Instance
 from certpgo.graph.graph import length_unit
 from certpgo.graph.ranges import Ranges
 from certpgo.io.exact import quaternion
@@ -48,7 +48,7 @@ def residuals(instance: Instance, estimate: Estimate) -> tuple[Measure, ...]:
     if graph.measures_rotation.any():
         angles = np.where(graph.measures_rotation, angles, NOT_MEASURED)
         found.append(Measure("degrees", _followed(angles, ranges)))
-    if isinstance(graph, PoseGraph) and estimate.translations is not None:
+    if graph.has_positions and estimate.translations is not None:
         steps = np.einsum("mab,mb->ma", R[i], graph.translations)
         if estimate.scales is not None:
             steps *= estimate.scales[i, None]
@@ -68,7 +68,7 @@ def weights(instance: Instance) -> tuple[Measure, ...]:
     graph, ranges = instance.graph, instance.graph.ranges
     rotation = graph.rotation
     listed = [("rotation weight", rotation.kappa)]
-    if isinstance(graph, PoseGraph):
+    if graph.has_positions:
         listed.append(("translation weight", graph.tau))
     found = [
         Measure(name, _followed(np.where(values > 0.0, values, NOT_MEASURED), ranges))

@@ -10,7 +10,6 @@ from scipy import linalg
 from scipy.sparse import csgraph
 
 from certpgo.errors import FileNotHere, InputError
-from certpgo.graph import PoseGraph
 from certpgo.io.datasets.source import dataset
 from certpgo.io.reading import read
 from certpgo.linalg.arrays import IntArray
@@ -23,7 +22,7 @@ def viewing_edges(name: str, data: str | Path | None = None) -> tuple[str, int, 
     if path is None:
         raise FileNotHere(f"{name}: file not here; certpgo fetch {name}")
     graph = read(path, quiet=True).graph
-    graph = graph.rotation if isinstance(graph, PoseGraph) else graph
+    graph = graph.rotation
     sizes = np.array(graph.component_sizes)
     graph = graph.subgraph(np.flatnonzero(graph.components == int(np.argmax(sizes))))
     return Path(path).stem, graph.num_nodes, graph.edges

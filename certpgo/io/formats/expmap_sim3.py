@@ -21,8 +21,9 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.errors import InputError
-from certpgo.graph import Estimate, Instance, SimilarityGraph
+from certpgo.graph import Estimate, Instance
 from certpgo.graph.keys import Keys
+from certpgo.graph.similarity_graph import SimilarityGraph
 from certpgo.io.build_graph import instance_from_lines, poses_from_lines
 from certpgo.io.dialect import Dialect, Poses, Tag, first_tags
 from certpgo.io.exact.information import InformationLayout

@@ -38,7 +38,7 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo.graph import Estimate, Graph, Instance, PoseGraph, SimilarityGraph
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph
 from certpgo.graph.information import Information
 from certpgo.graph.keys import Keys
 from certpgo.io.build_graph import instance_from_lines, poses_from_lines
@@ -135,7 +135,7 @@ def _weights(instance: Instance) -> tuple[list[str], list[str]]:
         if information.residual != DIALECT.residual or not information.is_definite.all():
             information = information.about_tangents()
         return _full(information), _full(information, d)
-    if isinstance(graph, PoseGraph):
+    if graph.has_positions:
         kappa, tau = graph.rotation.kappa.tolist(), graph.tau.tolist()
     else:
         kappa, tau = graph.kappa.tolist(), [1.0] * graph.num_edges
@@ -177,7 +177,7 @@ def _prior(
 
 def _sensors(graph: Graph) -> tuple[IntArray, list[str]]:
     """(m,) numbers of sensors at the arms of edges, 0 for the body, and the lines of these."""
-    if not isinstance(graph, PoseGraph) or graph.arms is None:
+    if graph.arms is None:
         return np.zeros(graph.num_edges, dtype=np.intp), []
     places = np.concatenate([np.zeros((1, graph.d)), graph.arms])
     distinct, number = np.unique(places, axis=0, return_inverse=True)
@@ -204,14 +204,12 @@ def _write_poses(path: Path, estimate: Estimate, keys: Keys) -> None:
 
 
 def _write_graph(path: Path, instance: Instance) -> None:
-    if isinstance(instance.graph, SimilarityGraph):
+    if instance.graph.has_scales:
         expmap_sim3.write_graph(path, instance)
         return
     graph, ids = instance.graph, instance.ids
     tag = "EDGE_SE3:QUAT" if graph.d == 3 else "EDGE_SE2"
-    rotation, t = (
-        (graph.rotation, graph.translations) if isinstance(graph, PoseGraph) else (graph, None)
-    )
+    rotation, t = (graph.rotation, graph.translations) if graph.has_positions else (graph, None)
     if t is not None and instance.origin is not None:
         t = t + np.where(graph.edges[:, :1] == instance.world, instance.origin, 0.0)
     # What information on a translation alone is about is in the frame of the first node.
@@ -225,11 +223,11 @@ def _write_graph(path: Path, instance: Instance) -> None:
     ]
     mounts, sensors = _sensors(graph)
     points = np.zeros(graph.num_nodes, dtype=bool)
-    if isinstance(graph, PoseGraph) and graph.points is not None:
+    if graph.points is not None:
         points = graph.points
         for k in np.flatnonzero(points[graph.edges[:, 1]]).tolist():
             lines[k] = _sighting(graph.d, pairs[k], numbers[k], of_positions[k])
-    if isinstance(graph, PoseGraph) and instance.world is not None:
+    if graph.has_positions and instance.world is not None:
         for k in np.flatnonzero((graph.edges == instance.world).any(axis=1)).tolist():
             node, given = ids[graph.edges[k, 1]], (weights[k], of_positions[k])
             lines[k] = _prior(graph, k, node, int(mounts[k]), numbers[k], *given)

@@ -254,7 +254,7 @@ def _with_priors(
         raise FormatError(path, None, f"{place}: a prior of a node that nothing else measures")
     R, t = reader.poses([one.pose for one in priors])
     weighing = _weighed(path, priors, R, options)
-    if not isinstance(instance.graph, PoseGraph):
+    if not instance.graph.has_positions:
         raise InputError("priors are of poses")
     rows = Rows(nodes[:, None], R, t, weighing.kappa, weighing.tau, weighing.information)
     graph, origin, notice = anchored(instance.graph, rows)

@@ -260,7 +260,7 @@ def _write_graph(path: Path, instance: Instance) -> None:
         "options": json.dumps(dict(instance.options)),
         "notices": json.dumps(instance.notices),
     }
-    if isinstance(graph, PoseGraph):
+    if graph.has_positions:
         arrays |= {"translations": graph.translations, "tau": graph.tau}
         for name in ("arms", "points", "assumed", "absolute"):
             if (given := getattr(graph, name)) is not None:

@@ -163,7 +163,7 @@ def _write_poses(path: Path, estimate: Estimate, keys: Keys) -> None:
 
 def _write_graph(path: Path, instance: Instance) -> None:
     graph = instance.graph
-    if not isinstance(graph, PoseGraph):
+    if not graph.has_positions:
         raise InputError("open3d holds poses, and this graph measures rotations alone")
     if graph.d == 2:
         raise InputError("open3d holds poses in space, and this graph is planar")

@@ -100,7 +100,7 @@ def _write_poses(path: Path, estimate: Estimate, keys: Keys) -> None:
 def _write_graph(path: Path, instance: Instance) -> None:
     """Write a graph: vertices, priors, measurements and ranges."""
     graph, known = instance.graph, slice(instance.world)
-    if not isinstance(graph, PoseGraph):
+    if not graph.has_positions:
         raise InputError("pyfg holds poses, and this graph measures rotations alone")
     if not graph.measures_translation.all():
         raise InputError("pyfg has no measurements of an attitude alone")

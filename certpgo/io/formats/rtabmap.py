@@ -188,7 +188,7 @@ def _with_priors(path: Path, instance: Instance, priors: _Links, options: ReadOp
     weighing = priors.weighed(path, options)
     weights = weighing.kappa, weighing.tau, weighing.information
     rows = Rows(nodes[:, None], priors.rotations, priors.translations, *weights)
-    if not isinstance(instance.graph, PoseGraph):
+    if not instance.graph.has_positions:
         raise TypeError("links measure poses")
     graph, origin, notice = anchored(instance.graph, rows)
     n = len(instance.ids)

@@ -29,7 +29,7 @@ def connected(problem: Problem, weights: FloatArray, costs: FloatArray) -> Float
     graph, lengths = problem.graph, np.ones(len(weights))
     rejected = np.flatnonzero(weights <= 0.0)
     lengths[rejected[np.argsort(costs[rejected], kind="stable")]] += 1.0 + np.arange(len(rejected))
-    if not (isinstance(graph, PoseGraph) and graph.is_partial):
+    if not (graph.has_positions and graph.is_partial):
         tree = minimum_spanning_tree(graph, lengths)
         return np.where((weights <= 0.0) & np.isin(lengths, tree.data), 1.0, weights)
     for kind in (graph.measures_translation, graph.measures_rotation):
