@@ -119,8 +119,8 @@ def problem_under(
         require(cost, str, "the name of a cost")
     said = source_of(posed)
     unposed = _graph_of(posed)
-    if blocks := getattr(unposed, "blocks", ()):
-        others = blocks[0].kind.plural
+    if unposed.blocks:
+        others = unposed.blocks[0].kind.plural
         for_these = "for certpgo solve, certify and merge, and sessions, alone"
         raise InputError(f"{said}graphs with {others} are {for_these}")
     if unposed.has_scales:
@@ -164,7 +164,9 @@ def _problem_of_blocks(measured: PoseGraph | Instance, cost: str | None) -> Cert
 
 
 def _graph_of(posed: object) -> Any:
-    return getattr(posed, "graph", posed)
+    graph = getattr(posed, "graph", posed)
+    require(graph, RotationGraph | PoseGraph, "a graph, an instance or a problem")
+    return graph
 
 
 def similarity_problem(
