@@ -13,7 +13,7 @@ from certpgo.linalg.ball_arithmetic import U
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.rotations import rotation_defect
 from certpgo.objective.operators import degrees
-from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.objective.problem import Problem
 
 
 def assembly_errors(
@@ -40,7 +40,7 @@ def assembly_errors(
         defect = rotation_defect(graph.rotations)
         turn = (sums + defect) * problem.rotation.node_weights * (1.0 + root)
     turn = turn + sums * np.abs(multipliers).sum(axis=2).max(axis=1)
-    if not isinstance(problem, PoseProblem):
+    if not problem.has_positions:
         return np.repeat(turn, d)
     w_t = float(w[~is_rotation][0])
     out, spread, across, degree = _lever_sums(problem.graph)

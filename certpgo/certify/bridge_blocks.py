@@ -22,7 +22,7 @@ from certpgo.graph.bridges import bridges
 from certpgo.graph.relaxed_point import Point
 from certpgo.linalg.arrays import IntArray
 from certpgo.linalg.blocks import adjacency
-from certpgo.objective.problem import PoseProblem, Problem, problem_of
+from certpgo.objective.problem import Problem, problem_of
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 
 #: Newton settings from the whole graph's point, which is nearly stationary in each part.
@@ -45,7 +45,7 @@ class Part:
     def point(self, whole: Point, *, refine: bool) -> Point:
         """A point of the whole graph restricted to the part, with its best translations."""
         point = whole.subset(self.nodes)
-        if isinstance(self.problem, PoseProblem):
+        if self.problem.has_positions:
             point = point.with_translations(np.zeros(point.rotations.shape[:2]))
         point = self.problem.with_optimal_translations(point)
         if not (refine and isinstance(point, Estimate)):
@@ -85,7 +85,7 @@ def outside(problem: Problem, found: list[Part]) -> float:
 
 
 def _length(problem: Problem) -> float:
-    if not isinstance(problem, PoseProblem):
+    if not problem.has_positions:
         return 0.0
     return float(np.linalg.norm(problem.graph.translations, axis=1).sum())
 

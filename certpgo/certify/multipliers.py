@@ -15,7 +15,7 @@ from certpgo.linalg import compiled
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import U
 from certpgo.linalg.compiled import LARGEST_RANK
-from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.objective.problem import Problem
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class Shifted:
         is_rotation = problem.held_rows
         arms, pin = np.zeros((0, point.rotations.shape[1])), None
         weights = np.ones(len(is_rotation))
-        if isinstance(problem, PoseProblem) and point.translations is not None:
+        if problem.has_positions and point.translations is not None:
             t = point.translations
             # Pinning the pose nearest the centroid costs least.
             pin = int(np.argmin(np.linalg.norm(t - t.mean(axis=0), axis=1)))

@@ -26,7 +26,7 @@ from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.rotations import rotation_defect
 from certpgo.objective import operators
-from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.objective.problem import Problem
 from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 from certpgo.optimize.similarity_descent import descend
@@ -153,7 +153,7 @@ def distances(graph: checker.Graph, R: FloatArray) -> FloatArray:
 def exact_cost(problem: Problem, graph: checker.Graph, estimate: Estimate) -> float:
     """F of the estimate, rounded up; infinite beyond the range of doubles."""
     try:
-        t = estimate.translations if isinstance(problem, PoseProblem) else None
+        t = estimate.translations if problem.has_positions else None
         s = problem.scales_of(estimate) if isinstance(problem, SimilarityProblem) else None
         return checker.upper_bound(graph, quaternions(estimate.rotations), t, s=s)
     except (checker.Refused, OverflowError):
@@ -306,12 +306,12 @@ def exact_graph(problem: Problem) -> checker.Graph:
     NumericalError
         Some have arms at their second pose, which it cannot represent.
     """
-    if isinstance(problem, PoseProblem) and problem.graph.arms is not None:
+    if problem.graph.arms is not None:
         raise NumericalError("the checker knows no arms at second poses")
     graph = problem.rotation.graph
     (i, j), m = graph.edges.T.astype(np.intp), graph.num_edges
     t, tau, points = np.zeros((m, graph.d)), np.ones(m), None
-    if isinstance(problem, PoseProblem):
+    if problem.has_positions:
         t, tau, points = problem.graph.translations, problem.graph.tau, problem.graph.points
     R, N = None, graph.couplings if graph.is_general else None
     if N is None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -72,7 +72,8 @@ class PoseProblem(Objective):
     graph: PoseGraph
     engine: str = field(default_factory=default_engine)
 
-    #: Whether scales of nodes may be unknown.
+    #: Whether nodes have positions, and whether their scales may be unknown.
+    has_positions: ClassVar[Literal[True]] = True
     takes_scales: ClassVar[bool] = False
 
     def __post_init__(self) -> None:

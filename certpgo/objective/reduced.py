@@ -15,7 +15,7 @@ from certpgo.errors import NumericalError
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal, pinned
 from certpgo.linalg.factor import Factor
-from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.objective.problem import Problem
 
 #: Shifts over the mean diagonal, tried until the factorization succeeds.
 SHIFTS = (1e-11, 1e-9, 1e-7)
@@ -58,12 +58,12 @@ class Reduced:
         self._rotations = problem.rotation_rows
         self.shape = (problem.d * len(problem.poses),) * 2
         grounded = self._matrix
-        if isinstance(problem, PoseProblem):
+        if problem.has_positions:
             grounded = pinned(grounded, np.array([0]))
         unit = 1.0
         if shifts is None:
             unit = float(problem.rotation.node_weights.mean())
-            shifts = ELIMINATED_SHIFTS if isinstance(problem, PoseProblem) else SHIFTS
+            shifts = ELIMINATED_SHIFTS if problem.has_positions else SHIFTS
 
         def build(shift: float) -> CSC:
             return add_to_diagonal(grounded, np.where(self._rotations, shift, 0.0))
@@ -76,7 +76,7 @@ class Reduced:
 
     def __matmul__(self, B: FloatArray) -> FloatArray:
         """(Q + shift I) B for B (dn, k)."""
-        if not isinstance(self._problem, PoseProblem):
+        if not self._problem.has_positions:
             return np.asarray(self._matrix @ B + self.shift * B)
         product = self._matrix @ self._padded(B)
         translations = np.zeros_like(product)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -53,6 +54,9 @@ class RotationProblem(Objective):
 
     graph: RotationGraph
     engine: str = field(default_factory=default_engine)
+
+    #: Whether nodes have positions.
+    has_positions: ClassVar[Literal[False]] = False
 
     def __post_init__(self) -> None:
         require_graph(self, RotationGraph, "of a PoseGraph g take RotationProblem(g.rotation)")

@@ -52,7 +52,7 @@ def start_of(problem: Problem) -> Start:
     because weights range over many decades, the averaged rotations are kept. Where some
     measurements are of translations alone, eigenvectors of the data matrix are used at once.
     """
-    if isinstance(problem, PoseProblem) and problem.graph.is_partial:
+    if problem.has_positions and problem.graph.is_partial:
         return _of_partial_edges(problem)
     averaged, converged = _averaged(problem, tree_initialization(problem.rotation.graph))
     if converged:
@@ -66,9 +66,9 @@ def start_of(problem: Problem) -> Start:
 
 
 def _of_eigenvectors(problem: Problem, averaged: Estimate) -> Start:
-    if isinstance(problem, PoseProblem) and problem.d == 2:
+    if problem.has_positions and problem.d == 2:
         return Start(spectral.spectral_start(problem, tol=L_TOL, start=averaged), "eigen_ma")
-    if isinstance(problem, PoseProblem):
+    if problem.has_positions:
         return Start(spectral.rough_start(problem, tol=Q_TOL, start=averaged), "eigen_q", near=True)
     return Start(spectral.rough_start(problem, tol=L_TOL, start=averaged), "eigen_ra", near=True)
 
@@ -84,7 +84,7 @@ def _of_partial_edges(problem: PoseProblem) -> Start:
 
 def _averaged(problem: Problem, tree: Estimate) -> tuple[Estimate, bool]:
     """Averaged rotations, and whether they converged fast."""
-    tolerance = ROUGH if isinstance(problem, PoseProblem) else FINE
+    tolerance = ROUGH if problem.has_positions else FINE
     patience = HASTY if problem.n < LARGE else PATIENT
     try:
         found = laplacian_gauss_newton(

@@ -19,7 +19,7 @@ from certpgo.linalg.cg import End, conjugate_gradients
 from certpgo.linalg.factor import Factor
 from certpgo.linalg.rotations import orthonormal, tangent_basis
 from certpgo.objective import operators
-from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.objective.problem import Problem
 from certpgo.objective.quadratic_model import ROUNDING
 from certpgo.optimize.monitor import Iteration, Monitor, Stopwatch, silent
 from certpgo.optimize.progress import Progress
@@ -153,7 +153,7 @@ class _Tangent:
         turn = np.einsum("nqrd,nrd->nq", self._basis, G[:, :, -problem.d :])
         size, poses = np.linalg.norm(turn, axis=1), problem.poses
         self.stationarity = float((size[poses] / problem.curvature[poses]).max())
-        moves = [G[:, :, 0]] if isinstance(problem, PoseProblem) else []
+        moves = [G[:, :, 0]] if problem.has_positions else []
         tangent = np.concatenate([*moves, turn], axis=1)
         self._layout = problem.pattern.layout(tangent.shape[1], Y.shape[1])
         self.gradient = self._layout.pack(tangent)

@@ -16,7 +16,7 @@ from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Lift, Point
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.objective.problem import Problem
 
 #: Maximal number of rotations in all candidates; minimal and maximal number of candidates, at most
 #: two per node.
@@ -84,7 +84,7 @@ class _Candidates:
         self.ahead, self.sweeps = rotations, 0
         # The curvature of an upper bound on F that projection minimises.
         weight = 2.0 * problem.rotation.node_weights
-        if isinstance(problem, PoseProblem):
+        if problem.has_positions:
             weight = weight + problem.lever_weights
             weight[weight == 0.0] = 1.0  # points, whose rotations stay as they are
         self.weight = weight[:, None, None]
@@ -112,7 +112,7 @@ class _Candidates:
         point, problem = self.stacked(self.rotations), self.problem
         E = problem.rotation.residuals(point.rotations)
         costs = np.einsum("m,mrb->r", problem.rotation.graph.kappa, E**2)
-        if isinstance(problem, PoseProblem):
+        if problem.has_positions:
             costs += problem.graph.tau @ problem.translation_residuals(point) ** 2
         return np.asarray(costs.reshape(K, d).sum(axis=1))
 

@@ -24,7 +24,7 @@ from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.cg import End
 from certpgo.objective.base import FirstOrder
-from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.objective.problem import Problem
 from certpgo.objective.quadratic_model import ROUNDING
 from certpgo.optimize.chord_method import Chord
 from certpgo.optimize.factors import Factors
@@ -322,7 +322,7 @@ def _metric(problem: Problem) -> FloatArray:
     """(n, b) positive diagonal that measures steps: the uncoupled curvature of F."""
     p = so.tangent_dim(problem.d)
     turn = np.repeat(2.0 * problem.rotation.node_weights[:, None], p, axis=1)
-    if not isinstance(problem, PoseProblem):
+    if not problem.has_positions:
         return turn
     spread = problem.lever_weights[:, None]
     move = np.repeat(problem.translation_weights[:, None], problem.d, axis=1)
@@ -334,7 +334,7 @@ def _retract(problem: Problem, point: Estimate, step: FloatArray) -> Estimate:
     steps = problem.tangent_layout.unpack(step)
     turns = steps[:, -so.tangent_dim(problem.d) :]
     turned = so.turned(point.rotations, turns)
-    if point.translations is None or not isinstance(problem, PoseProblem):
+    if point.translations is None or not problem.has_positions:
         return Estimate.trusted(turned)
     moves = steps[:, : problem.d]
     return problem.with_optimal_translations(Estimate.trusted(turned, point.translations + moves))

@@ -29,7 +29,7 @@ from certpgo.errors import CertPGOError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.cycles import is_cycle
 from certpgo.graph.phrases import bound_shown
-from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.objective.problem import Problem
 from certpgo.optimize import spectral
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 from certpgo.optimize.solution import Status
@@ -230,14 +230,14 @@ def _eigenvalues(step: Callable[[], T]) -> tuple[T | None, str, float]:
 
 
 def _spectral(problem: Problem, F: _Cost) -> Iterator[Rung]:
-    rotation, alone = problem.rotation, isinstance(problem, PoseProblem)
+    rotation, alone = problem.rotation, problem.has_positions
     value, why, seconds = _eigenvalues(
         lambda: spectral.spectral_bound(rotation, spectral.smallest_eigenpairs(rotation))
     )
     title = "eigenvalues" + ", rotations alone" * alone
     needs = f"{problem.d} eigenvalues of the rotations' matrix"
     yield _lower("spectral", title, value, F, needs, seconds, why)
-    if isinstance(problem, PoseProblem):
+    if problem.has_positions:
         poses = problem
         value, why, seconds = _eigenvalues(
             lambda: spectral.spectral_bound(poses, spectral.eliminated_eigenpairs(poses))
@@ -358,7 +358,7 @@ def _program(problem: Problem, F: _Cost, force: bool) -> Rung:
         reason = " ".join(str(error).split())
         return _sdp(None, F, time.perf_counter() - start, f"not solved: {reason}")
     seconds = time.perf_counter() - start
-    alone = ", rotations alone" * isinstance(problem, PoseProblem)
+    alone = ", rotations alone" * problem.has_positions
     why = f"no bound from it: {found.status.value}"
     rung = _sdp(found.lower_bound, F, seconds, why, alone)
     if found.relaxation is None:

@@ -28,7 +28,7 @@ from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.chi_squared import NONE, double, numbers_measured
 from certpgo.objective.choose_cost import CHORDAL, Judged
 from certpgo.objective.information_problem import InformationProblem
-from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.objective.problem import Problem
 from certpgo.objective.range_problem import RangeProblem
 from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.objective.truncated_problem import TruncatedProblem
@@ -268,7 +268,7 @@ def squares(
     if not mahalanobis:
         turning = turning / double(problem)
     moving = np.zeros_like(turning)
-    if isinstance(problem, PoseProblem):
+    if problem.has_positions:
         moving = problem.graph.tau * (problem.translation_residuals(estimate) ** 2).sum(axis=1)
     return np.stack([moving, turning], axis=1), np.stack([moved, turned], axis=1)
 

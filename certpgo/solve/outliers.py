@@ -24,7 +24,7 @@ from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.chi_squared import flagged_from, numbers_measured, quantiles
 from certpgo.objective.information_problem import InformationProblem
-from certpgo.objective.problem import PoseProblem, Problem, RotationProblem, problem_of
+from certpgo.objective.problem import Problem, RotationProblem, problem_of
 from certpgo.optimize.initialization import start_of
 from certpgo.optimize.levenberg_marquardt import descend
 from certpgo.optimize.methods._robust import connected
@@ -354,7 +354,7 @@ def _graduated(
         at_stated = [(found, 1.0)]
         if _confirms_weights(problem, found):
             return at_stated
-        if not (isinstance(problem, PoseProblem) and problem.graph.is_partial):
+        if not (problem.graph.is_partial):
             at_stated.append((SpanningTree("earliest").solve(problem), 1.0))
     if fit is None:
         start = start_of(problem)

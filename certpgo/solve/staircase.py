@@ -27,7 +27,7 @@ from certpgo.graph import Estimate
 from certpgo.graph.priors import mirrored_by
 from certpgo.graph.relaxed_point import Lift, Point, rounded
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.objective.problem import Problem
 from certpgo.optimize import low_rank_descent as low_rank
 from certpgo.optimize.initialization import Start, start_of
 from certpgo.optimize.monitor import Monitor
@@ -324,7 +324,7 @@ def _as_close_as(case: Case, settings: SolveSettings) -> SolveSettings:
     """Settings whose descents end as close to the minimum as the certificate can tell."""
     if case.tier is Tier.PROOF:
         return replace(settings, newton=replace(settings.newton, enough=0.0))
-    if isinstance(case.problem, PoseProblem):
+    if case.problem.has_positions:
         return settings
     return _of_rotations(settings)
 

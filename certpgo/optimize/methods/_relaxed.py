@@ -11,7 +11,7 @@ from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import divided
 from certpgo.linalg.eigen import krylov_schur
 from certpgo.linalg.factor import Factor
-from certpgo.objective.problem import PoseProblem, Problem, RotationProblem
+from certpgo.objective.problem import Problem, RotationProblem
 from certpgo.optimize import spectral
 from certpgo.optimize.solution import Relaxation
 
@@ -117,7 +117,7 @@ def _shifted(data: Scaled, multipliers: FloatArray, shift: float) -> Feasible | 
 def remark_on(problem: Problem, found: Relaxation) -> str:
     """What a reader should know about the relaxation behind an estimate."""
     value = f"relaxation {found.value:.10g}, rank {found.rank or 'unknown'}"
-    alone = f"; the relaxation is {ALONE}" if isinstance(problem, PoseProblem) else ""
+    alone = f"; the relaxation is {ALONE}" if problem.has_positions else ""
     return f"{found.status}, {value}{alone}"
 
 

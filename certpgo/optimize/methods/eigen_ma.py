@@ -56,7 +56,7 @@ class EigenMA(Settings):
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
         """The poses; InputError for a problem without translations."""
-        if not isinstance(problem, PoseProblem):
+        if not problem.has_positions:
             raise InputError("EigenMA needs translations; use eigen_ra for rotations alone")
         watch = Stopwatch()
         weighted = problem.with_unit_weights() if self.weights == "unit" else problem

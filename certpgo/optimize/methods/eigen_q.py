@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
-from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.objective.problem import Problem
 from certpgo.optimize import spectral
 from certpgo.optimize.iterative import Settings
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
@@ -45,7 +45,7 @@ class EigenQ(Settings):
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
         """The poses; InputError for a problem without translations."""
-        if not isinstance(problem, PoseProblem):
+        if not problem.has_positions:
             raise InputError("eigen_q needs translations; use eigen_ra for rotations alone")
         watch = Stopwatch()
         with watch.phase("eigen"):

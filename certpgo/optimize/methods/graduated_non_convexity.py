@@ -17,7 +17,7 @@ from certpgo.graph import Estimate
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.chi_squared import quantiles
-from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.objective.problem import Problem
 from certpgo.optimize.initialization import start_of
 from certpgo.optimize.iterative import Iterative
 from certpgo.optimize.methods._robust import FAINT, fitted
@@ -121,7 +121,7 @@ class GraduatedNonConvexity(Iterative):
 
 def _start(problem: Problem) -> Estimate:
     """Poses along the tree of the earliest measurements, if each measures a whole pose."""
-    if isinstance(problem, PoseProblem) and problem.graph.is_partial:
+    if problem.graph.is_partial:
         return start_of(problem).estimate
     return SpanningTree("earliest").solve(problem).estimate
 

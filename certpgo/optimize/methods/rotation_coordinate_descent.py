@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from certpgo.graph import Estimate
 from certpgo.graph.trees import tree_initialization
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.objective.problem import Problem
 from certpgo.optimize.methods._coordinates import Sweeping, stacked
 from certpgo.optimize.methods._relaxed import ALONE
 from certpgo.optimize.monitor import Iteration, Monitor, Stopwatch, silent
@@ -77,7 +77,7 @@ class RotationCoordinateDescent(Sweeping):
             iterations=len(trace),
             seconds=watch.seconds,
             trace=tuple(trace),
-            note=f"descent {ALONE}" if isinstance(problem, PoseProblem) else "",
+            note=f"descent {ALONE}" if problem.has_positions else "",
         )
 
 
