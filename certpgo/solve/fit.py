@@ -28,7 +28,7 @@ from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.chi_squared import NONE, double, numbers_measured
 from certpgo.objective.choose_cost import CHORDAL, Judged
 from certpgo.objective.information_problem import InformationProblem
-from certpgo.objective.problem import Problem
+from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.objective.range_problem import RangeProblem
 from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.objective.truncated_problem import TruncatedProblem
