@@ -40,7 +40,7 @@ def cost(graph, **settings):
 def dense(problem, weights):
     """The thesis' matrix A of weighted blocks and the degrees, by a loop over the edges."""
     rotation, d = problem.rotation.graph, problem.d
-    b = d + hasattr(problem.graph, "translations")
+    b = d + problem.graph.has_positions
     A, degree = np.zeros((problem.n, b, problem.n, b)), np.zeros(problem.n)
     for e, (i, j) in enumerate(rotation.edges):
         M = np.eye(b)

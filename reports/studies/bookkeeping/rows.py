@@ -55,7 +55,8 @@ def judge_row(
             return
         answer = Asking(rng, scene, Path(folder)).answer()
         said = answer.told.refusal
-        if rule is not None and said is not None:
+        # What is left open by what is rejected is judged as an answer.
+        if rule is not None and said is not None and "no covariances" not in said:
             _judge_refusal(found, said, rule, answer.row)
             found.require(not answer.told.out, f"refused after {answer.told.out[:80]!r}")
             return
