@@ -244,7 +244,7 @@ class OwnCostCase(Case):
         self, below: Surrogate, point: Point, cost: float, *, sharp: bool, tight: bool
     ) -> DualBound | None:
         """The bound by a surrogate at a point; of distances, by fainter tangents too."""
-        for more in FAINTER if self.problem.lifted.any() else (0.0,):
+        for more in FAINTER if self.problem.measured.ranges else (0.0,):
             problem, constant = below.at(point, more)
             found = bound_below(
                 problem,

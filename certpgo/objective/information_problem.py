@@ -391,7 +391,7 @@ def surrogate_of(problem: InformationProblem, minorants: Minorants) -> Surrogate
     if not kept.all() and not (kept.any() and graph.with_edges(kept).is_connected):
         raise NumericalError("measurements with minorants do not connect the graph")
     kind = SignedGraph if problem.measured.blocks else PoseGraph
-    if (frozen := kept & ~problem.lifted).all():
+    if (frozen := kept & ~problem.lifted if problem.measured.blocks else kept).all():
         general, constant = found.summed(graph, kind)
         return Surrogate(problem.chordal.of_same_edges(general), constant, minorants)
     general, constant = found.subset(frozen).summed(graph.with_edges(frozen), kind)

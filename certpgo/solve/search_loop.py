@@ -81,7 +81,7 @@ class Search(ABC):
         with self.stop.within(self.settings.time_limit):
             with self.stop.for_at_most():
                 self.run(initial, stored, report)
-            if self.of_edges_alone:
+            if self.of_edges_alone and (self.stop.ended_by is not None or self.holds):
                 self.place_leaves()
             return self.result(self.certificate())
 
@@ -132,6 +132,12 @@ class Search(ABC):
     def look_for_outliers(self, report: Report | None) -> None:
         """Report measurements that disagree with the rest, if that is not done yet."""
         return
+
+    @property
+    def holds(self) -> bool:
+        """Whether some edges may be constraints, which whole descents meet but to rounding."""
+        graph = self.posed.chordal.graph
+        return graph.assumed is not None or not graph.has_positions
 
     def place_leaves(self) -> None:
         """Put nodes of single measurements, as held ones are, where these have them."""
