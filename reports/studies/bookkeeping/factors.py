@@ -172,6 +172,13 @@ REFUSED = (
         partial_edges="axes",
     ),
     _is_refused(
+        "no isotropic cost is known to be below",
+        "Not every residual with cross terms has a minorant.",
+        command="outliers",
+        cost=(*_OTHERS, "own"),
+        partial_edges="axes",
+    ),
+    _is_refused(
         "not positive definite .what they leave open is along no axis",
         "Held poses turn what is not measured out of the axes.",
         held="several",
