@@ -7,10 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from certpgo.errors import InputError
+from certpgo.graph.concatenate import by_rows
 from certpgo.graph.dataset import Instance, graph_of
 from certpgo.graph.graph import Graph, require_one_unit
 from certpgo.graph.labels import Label
-from certpgo.linalg.arrays import IntArray
+from certpgo.linalg.arrays import BoolArray, IntArray
 
 
 def arrivals(measured: Graph | Instance) -> IntArray:
@@ -37,12 +38,13 @@ def streamed(
     Yields
     ------
     A graph of ``size`` edges, or an instance; and what its nodes are called: the labels of an
-    instance, else numbers.
+    instance, else numbers. Distances and other kinds of measurements come as soon as edges have
+    come of both of their nodes.
 
     Raises
     ------
     InputError
-        There are distances, which a session does not take.
+        A node has no edges, and so never comes.
 
     Examples
     --------
@@ -52,23 +54,53 @@ def streamed(
     [[0, 1], [1, 2], [2, 3], [0, 3]]
     """
     graph = graph_of(measured)
-    if graph.blocks:
-        said = f"{measured.name}: " if isinstance(measured, Instance) else ""
-        raise InputError(f"{said}{graph.blocks[0].kind.plural} cannot be streamed")
+    require_one_unit(graph, "certpgo follow does")
+    _refuse_unreached(measured)
     order = arrivals(measured)
+    come, m = np.zeros(graph.num_nodes, dtype=bool), graph.num_edges
+    waiting = np.ones(sum(block.num_edges for block in graph.blocks), dtype=bool)
+    ends = np.concatenate([graph.edges, *(block.edges for block in graph.blocks)])
     for first in range(0, len(order), size):
         edges = order[first : first + size]
-        nodes = np.unique(graph.edges[edges])
-        require_one_unit(graph, "certpgo follow does")
-        part = graph.with_edges(edges).subgraph(nodes)
+        come[graph.edges[edges]] = True
+        ready = waiting & come[ends[m:]].all(axis=1)
+        waiting &= ~ready
+        rows = np.append(edges, m + np.flatnonzero(ready))
+        nodes = np.unique(ends[rows])
+        part = _of_rows(graph, edges, ready).subgraph(nodes)
         if isinstance(measured, Instance):
-            one = _part(measured, part, nodes, edges)
+            one = _part(measured, part, nodes, rows)
             yield one, list(one.labels)
         else:
             yield part, nodes.tolist()
 
 
-def _part(whole: Instance, graph: Graph, nodes: IntArray, edges: IntArray) -> Instance:
+def _refuse_unreached(measured: Graph | Instance) -> None:
+    """Refuse nodes that only have other measurements than edges."""
+    graph = graph_of(measured)
+    for block in graph.blocks:
+        unreached = np.setdiff1d(block.edges, graph.edges)
+        if len(unreached):
+            said = f"{measured.name}: " if isinstance(measured, Instance) else ""
+            node = int(unreached[0])
+            named = measured.named(node) if isinstance(measured, Instance) else f"node {node}"
+            raise InputError(f"{said}{named} has {block.kind.plural} alone, which are not streamed")
+
+
+def _of_rows(graph: Graph, edges: IntArray, ready: BoolArray) -> Graph:
+    """The graph of some edges, in this order, and of some of the other measurements."""
+    if not graph.has_positions:
+        return graph.with_edges(edges)
+    _, *of_blocks = by_rows(graph, np.append(np.zeros(graph.num_edges, dtype=bool), ready))
+    chosen = zip(graph.blocks, of_blocks, strict=True)
+    return (
+        graph.with_blocks()
+        .with_edges(edges)
+        .with_blocks(*(block.subset(of) for block, of in chosen if of.any()))
+    )
+
+
+def _part(whole: Instance, graph: Graph, nodes: IntArray, rows: IntArray) -> Instance:
     """Some measurements of an instance, which takes time for these alone."""
     return Instance(
         whole.name,
@@ -81,5 +113,5 @@ def _part(whole: Instance, graph: Graph, nodes: IntArray, edges: IntArray) -> In
         origin=whole.origin,
         apart=None if whole.apart is None else whole.apart[nodes],
         moved_by=whole.moved_by,
-        numbers=whole.known_numbers[edges],
+        numbers=whole.known_numbers[rows],
     )

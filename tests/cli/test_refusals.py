@@ -67,7 +67,14 @@ def beacon(tmp_path):
     return graph
 
 
-@pytest.mark.parametrize("command", ["bounds", "compare", "follow"])
+def test_a_node_with_distances_alone_does_not_come(certpgo, beacon):
+    done = certpgo("follow", beacon)
+    assert done.code == 1
+    assert done.err.endswith("node 2 has distances alone, which are not streamed\n")
+    assert not done.out
+
+
+@pytest.mark.parametrize("command", ["bounds", "compare"])
 def test_distances_are_not_left_out(certpgo, beacon, command):
     """The odometry alone is optimal at no cost, which says nothing of the distances."""
     done = certpgo(command, beacon, "--components", "largest")

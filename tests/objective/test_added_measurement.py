@@ -13,6 +13,7 @@ import certpgo
 from certpgo.errors import GraphError, InputError
 from certpgo.graph.observations import Observations
 from certpgo.graph.scale import Scale
+from certpgo.graph.streaming import streamed
 from certpgo.io.datasets.synthetic import helix
 from certpgo.linalg import rotations as so
 from certpgo.linalg.ball_arithmetic import Ball
@@ -343,3 +344,27 @@ def test_costs_below_zero_of_minorants_stop_no_descent(seed):
     block = heights(rng, graph, truth, 5)
     answer = certpgo.solve(graph.with_blocks(graph.ranges, block), cost="chordal")
     assert answer.certificate.lower_bound <= answer.certificate.cost_upper
+
+
+@pytest.mark.parametrize("size", [1, 7])
+def test_it_is_streamed_with_the_later_of_its_nodes(size):
+    """Every row comes once, in a part that has its nodes; the end is the optimum of all."""
+    rng = np.random.default_rng(8)
+    graph, truth = mixture(rng, 2)
+    mixed = graph.with_blocks(graph.ranges, heights(rng, graph, truth))
+    n = graph.num_nodes
+    whole = replace(certpgo.Instance("mixed", mixed, np.arange(n)), world=n - 1)
+    session = certpgo.Session(every=None, cost="g2o")
+    come = []
+    for part, names in streamed(whole, size):
+        session.add(part, names)
+        come += part.numbers.tolist()
+    assert sorted(come) == list(range(mixed.num_edges + 12 + 8))
+    standing = session.refresh()
+    assert standing.verdict.value == "CERTIFIED"
+    assert standing.cost == pytest.approx(certpgo.solve(mixed, cost="g2o").cost, rel=1e-9)
+    assert standing.edges == len(come)
+    lonely = mixed.with_edges((mixed.edges != n - 2).all(axis=1))
+    if (lonely.ranges.edges == n - 2).any():
+        with pytest.raises(InputError, match=f"node {n - 2} has distances alone"):
+            next(streamed(lonely))

@@ -286,9 +286,16 @@ REFUSED = (
     ),
     # Commands.
     _is_refused(
+        "a robust session takes no distances",
+        "A stream rejects measurements under F, without distances.",
+        command="follow",
+        outliers="robust",
+        distances="some",
+    ),
+    _is_refused(
         "which this command does not take|is not for graphs with distances",
-        "Distances are for `solve`, `certify` and `info`.",
-        command=("follow", "outliers", "compare"),
+        "Distances are for `solve`, `certify`, `follow` and `info`.",
+        command=("outliers", "compare"),
         distances="some",
     ),
     _is_refused(

@@ -344,7 +344,7 @@ class Asking:
             return
         self._judge_name(found, document, cost)
         sizes = document["nodes"], document["edges"]
-        own = of.n, int(self.scene.counts.sum())
+        own = of.n, int(self.scene.counts.sum()) + len(of.pairs)
         found.require(sizes == own, f"follow: {sizes} nodes and edges, not {own}")
         bound, verdict = document["lower_bound"], document["verdict"]
         upper, tolerance = document["cost"], document["tolerance"]
