@@ -336,7 +336,8 @@ REFUSED = (
         file="pyfg",
     ),
     _is_refused(
-        "only .* files hold edges that measure only a rotation or a translation",
+        "only .* files hold edges that measure only a rotation or a translation|"
+        "this graph measures rotations alone",
         "PyFG has no edges of a rotation or a translation alone.",
         partial_edges=("turns", "steps"),
         file="pyfg",
