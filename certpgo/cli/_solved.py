@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import typer
 
@@ -221,7 +221,8 @@ class Solved(Result):
     @property
     def _number_kept(self) -> str:
         """The same in words."""
-        return f"{self._count_kept} of {self.part.num_measurements} measurements"
+        others = sum(block.num_edges for block in self.part.graph.blocks)
+        return f"{self._count_kept} of {self.part.num_measurements + others} measurements"
 
     @property
     def _about_kept(self) -> str:
@@ -337,10 +338,13 @@ class Solved(Result):
     @property
     def _problem(self) -> Certifiable:
         """The problem that the estimate solves."""
-        from certpgo.objective.choose_cost import RangeProblem, certifiable
+        from certpgo.objective.choose_cost import certifiable
+        from certpgo.objective.truncated_problem import as_sum
 
-        posed = certifiable(self.part, self.asked.cost)
-        return posed if isinstance(posed, RangeProblem) else self.solution.judged(posed)
+        posed: Any = certifiable(self.part, self.asked.cost)
+        if self.solution.weights is None:
+            return cast("Certifiable", posed)
+        return cast("Certifiable", self.solution.judged(as_sum(posed)))
 
     def write_page(self, out: Path, outputs: Outputs) -> None:
         """Write the page of the certificate."""

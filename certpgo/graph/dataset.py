@@ -10,6 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from certpgo.errors import GraphError, require
+from certpgo.graph.concatenate import with_rows
 from certpgo.graph.display import Speaking
 from certpgo.graph.estimate import Estimate
 from certpgo.graph.graph import Graph, PoseGraph, RotationGraph
@@ -341,8 +342,17 @@ class Instance(Speaking):
         return Keys(self.ids, times, self.names, points, self.camera)
 
     def with_edges(self, chosen: IntArray | BoolArray) -> Instance:
-        """The instance with only the chosen measurements, by index or flag, of all nodes."""
+        """The instance with only the chosen edges, by index or flag, of all nodes.
+
+        Flags of all `measurements`, where there are more than edges, choose among these.
+        """
         numbers, m, released = self.known_numbers, self.graph.num_edges, self.released
+        flags: BoolArray = np.asarray(chosen)
+        graph = self.graph
+        others = np.ones(len(numbers) - m, dtype=bool)
+        if flags.dtype == bool and len(flags) == len(numbers) > m:
+            chosen, others = flags[:m], flags[m:]
+            graph = with_rows(graph, np.append(np.ones(m, dtype=bool), others))
         chosen = chosen_rows(chosen, m, "measurements")
         if released is not None:
             left_out = np.setdiff1d(numbers[:m], numbers[:m][chosen])
@@ -350,10 +360,10 @@ class Instance(Speaking):
         return replace(
             self,
             released=released,
-            graph=self.graph.with_edges(chosen),
+            graph=graph.with_edges(chosen),
             outliers=None if self.outliers is None else self.outliers[chosen],
             stated=None if self.stated is None else self.stated[chosen],
-            numbers=np.concatenate([numbers[:m][chosen], numbers[m:]]),
+            numbers=np.concatenate([numbers[:m][chosen], numbers[m:][others]]),
         )
 
     def in_world(self, estimate: Estimate) -> Estimate:

@@ -11,7 +11,7 @@ import numpy as np
 
 from certpgo.errors import GraphError, require
 from certpgo.graph.display import Brief
-from certpgo.graph.edges import broadcast, check_edges, induced
+from certpgo.graph.edges import broadcast, check_edges, edge_name, induced
 from certpgo.graph.kinds import Kind
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_indices
 
@@ -52,6 +52,18 @@ class Observations(Brief):
         for name in self._columns:
             if len(getattr(self, name)) != k:
                 raise GraphError(f"{name} must have {k} rows, one per pair of nodes")
+        self._check_values()
+
+    def _check_values(self) -> None:
+        """Refuse numbers that are not finite, and weights that are not positive."""
+        for name in self._columns:
+            values = np.asarray(getattr(self, name), dtype=np.float64).reshape(self.num_edges, -1)
+            is_weight = name in self.weighs and values.shape[1] == 1
+            bad = ~np.isfinite(values).all(axis=1) | (is_weight & ~(values > 0.0).all(axis=1))
+            if bad.any():
+                wanted = "finite and positive" if is_weight else "finite"
+                said = f"{name} must be {wanted}"
+                raise GraphError(f"{edge_name(self.edges, np.asarray(bad))}: {said}")
 
     @property
     def num_edges(self) -> int:

@@ -74,7 +74,6 @@ class PoseGraph(Speaking, OfRotations):
     """
 
     kind: ClassVar[Literal["poses", "rotations"]] = "poses"
-    #: Whether nodes have positions, and whether their scale may be unknown.
     has_positions: ClassVar[Literal[True]] = True
     has_scales: ClassVar[bool] = False
 
@@ -160,13 +159,14 @@ class PoseGraph(Speaking, OfRotations):
         other._check_besides()
         return other
 
-    def with_blocks(self, *blocks: Observations) -> Self:
+    def with_blocks(self, *given: Observations | None) -> Self:
         """The same edges with these measurements besides, or with none.
 
         An edge that assumes where a world is goes if one of them measures from that.
         """
+        blocks = tuple(block for block in given if block is not None and len(block.edges))
         graph = self._with_besides(blocks=blocks)
-        if not (blocks and self.assumed is not None):
+        if self.assumed is None or not blocks:
             return graph
         needless = np.isin(self.edges[:, 0], np.concatenate([block.edges for block in blocks]))
         needless &= self.assumed & ~self.measures_rotation & ~self.is_point[self.edges[:, 1]]
@@ -174,8 +174,8 @@ class PoseGraph(Speaking, OfRotations):
 
     def with_ranges(self, ranges: Ranges | None) -> Self:
         """The same measurements with these distances, or with none."""
-        others = tuple(block for block in self.blocks if not isinstance(block, Ranges))
-        return self.with_blocks(*others, *([] if ranges is None else [ranges]))
+        require(ranges, Ranges | None, "distances, or None,")
+        return self.with_blocks(*(of for of in self.blocks if not isinstance(of, Ranges)), ranges)
 
     @property
     def ranges(self) -> Ranges | None:
@@ -387,7 +387,7 @@ class PoseGraph(Speaking, OfRotations):
         )
         t, tau = self.translations[chosen], self.tau[chosen]
         information = self.information and self.information.subset(chosen)
-        return PoseGraph(rotation, t, tau, arms, points, assumed, absolute, information, blocks)
+        return type(self)(rotation, t, tau, arms, points, assumed, absolute, information, blocks)
 
     @property
     def is_general(self) -> bool:

@@ -48,6 +48,8 @@ class Ranges(Observations):
         object.__setattr__(self, "distances", frozen_floats(self.distances))
         object.__setattr__(self, "weights", frozen_floats(self.weights))
         super().__post_init__()
+
+    def _check_values(self) -> None:
         if self.distances.shape != (self.num_edges,):
             raise GraphError(f"distances must be {(self.num_edges,)}, not {self.distances.shape}")
         check_weights("weight", self.weights, self.edges)

@@ -57,6 +57,9 @@ def _says(names: tuple[str, ...], ids: IntArray | None) -> bool:
 def refuse_unwritable(path: Path, whole: Instance, form: Format) -> None:
     """Refuse a graph that a format does not hold, by an InputError."""
     graph = whole.graph
+    for block in graph.blocks:
+        if not isinstance(block, Ranges):
+            raise InputError(f"{path}: no format holds {type(block).__name__}")
     if graph.rotation.is_general:
         raise InputError(f"{path}: no format holds matrix weights or couplings")
     if graph.has_scales and not form.holds_scales:
@@ -66,9 +69,6 @@ def refuse_unwritable(path: Path, whole: Instance, form: Format) -> None:
         _refuse_partial(path, whole, form)
     if not form.holds_ranges:
         _refuse_ranges(path, whole)
-    for block in graph.blocks:
-        if not isinstance(block, Ranges):
-            raise InputError(f"{path}: no format holds {type(block).__name__}")
 
 
 def _refuse_partial(path: Path, whole: Instance, form: Format) -> None:

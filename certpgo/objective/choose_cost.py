@@ -230,7 +230,7 @@ def information_problem(measured: Graph | Instance, cost: str) -> InformationPro
     require(measured, Instance | RotationGraph | PoseGraph, "a graph or an instance")
     require(cost, str, "the name of a cost")
     if cost not in COSTS:
-        raise SpecError.unknown("cost", cost, list(COSTS))
+        raise SpecError.unknown("cost", cost, [CHORDAL, *COSTS])
     graph = informed(measured, cost)
     if said := _unknown_to(cost, graph):
         raise InputError(f"{source_of(measured)}{said}")

@@ -126,6 +126,10 @@ class EdgeCost(Term):
         y = (back @ (v - self.graph.translations)[:, :, None])[:, :, 0]
         return y, back @ Q
 
+    def lengths_of_blocks(self, v: FloatArray, Q: FloatArray) -> FloatArray:
+        """(k,) norms of the residuals of other measurements than edges, metres: none."""
+        return np.zeros(0)
+
     def bend(self, v: FloatArray) -> FloatArray:
         """(m,) y^T T y for moves v of the translations, T of the information."""
         y = (np.swapaxes(self.graph.rotations, 1, 2) @ v[:, :, None])[:, :, 0]

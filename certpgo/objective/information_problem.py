@@ -279,14 +279,13 @@ class InformationProblem(Speaking):
         return self.chordal.residual_angles(estimate)
 
     def residual_lengths(self, estimate: Estimate) -> FloatArray:
-        """(m,) norms of t_j - t_i - R_i t_ij, metres."""
-        return self.chordal.residual_lengths(estimate)
+        """(m,) norms of t_j - t_i - R_i t_ij, then of other residuals that are lengths, metres."""
+        lengths = self.chordal.residual_lengths(estimate)
+        own = self.edge_cost.lengths_of_blocks(*self.relative(estimate))
+        return np.append(lengths[: len(lengths) - len(own)], own)
 
     def linearized(self, estimate: Estimate) -> NormalEquations:
-        """The cost and its linearization at an estimate.
-
-        Poses move by world-frame translations, then body-frame rotations.
-        """
+        """The cost and its linearization, in world-frame translations and body-frame rotations."""
         cost, gradient = self.equations.first(estimate)
         return NormalEquations(self, estimate, cost, self.tangent_layout.pack(gradient))
 

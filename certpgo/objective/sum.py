@@ -170,6 +170,16 @@ class Sum(EdgeCost):
 
         return padded(0), padded(1), padded(2)
 
+    def lengths_of_blocks(self, v: FloatArray, Q: FloatArray) -> FloatArray:
+        """(k,) norms of the residuals of the blocks, metres; 0 where they are no lengths."""
+        m = self.graph.num_edges
+        found = [
+            np.linalg.norm(term.residuals(v[rows], Q[rows]), axis=1) * term.in_metres
+            for rows, term in self.terms
+            if rows[0] >= m
+        ]
+        return np.concatenate([np.zeros(0), *found])
+
     def costs(self, v: FloatArray, Q: FloatArray) -> FloatArray:
         """(m,) costs."""
         return np.asarray(self._gathered(lambda term, rows: term.costs(v[rows], Q[rows])))

@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from numbers import Real
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -90,7 +91,7 @@ class TruncatedProblem(Brief):
             )
         if self.is_rejected[self.measured.num_edges :].any():
             others = self.measured.blocks[0].kind.plural
-            raise InputError(f"edges are rejected, but no {others}")
+            raise UncertifiableError(f"rejections of {others} are not certified")
         if self.graph.rotation.is_general:
             raise UncertifiableError("edges with matrix weights have no minorants")
         if isinstance(self.whole, InformationProblem):
@@ -373,7 +374,7 @@ def rejecting(
     return TruncatedProblem(problem, whole)
 
 
-def as_sum(problem: object) -> object:
+def as_sum(problem: Any) -> Any:
     """A problem of poses and distances as one of a sum of terms; others as they are."""
     if not isinstance(problem, RangeProblem):
         return problem

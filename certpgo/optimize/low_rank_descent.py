@@ -87,7 +87,7 @@ def descend(
             start = leave(problem, start, direction)
         current = _Tangent(problem, start)
     metric: Factor | None = None
-    radius, step_norm, gained = math.sqrt(current.cost), 0.0, 1.0
+    radius, step_norm, gained = math.sqrt(abs(current.cost)), 0.0, 1.0
     gain: float | None = None
     accepted = True
     while progress.advance(

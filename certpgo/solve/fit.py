@@ -150,7 +150,7 @@ def fit_of(
     if weights is not None:
         if not np.isin(weights, (0.0, 1.0)).all():
             return None
-        instance = instance.with_edges(weights[: instance.graph.num_edges] > 0.0)
+        instance = instance.with_edges(weights > 0.0)
     mahalanobis = instance.options.get("weights") == "mahalanobis"
     with np.errstate(all="ignore"), suppress(NumericalError, np.linalg.LinAlgError):
         fit = goodness_of_fit(

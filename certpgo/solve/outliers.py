@@ -34,7 +34,7 @@ from certpgo.optimize.methods.spanning_tree import SpanningTree
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 from certpgo.optimize.solution import Solution
-from certpgo.solve.selection import Posed, Selection
+from certpgo.solve.selection import Posed, Selection, near_relaxation
 
 #: Multiple of the estimated noise accepted as noise where weights do not state it: real residuals
 #: have heavier tails than normal ones.
@@ -139,7 +139,9 @@ def disagreement(
     edges = np.flatnonzero(found if stated else found & ((angles > UNREMARKABLE) | ~turned))
     if len(edges) == 0:
         return None
-    return Disagreement(edges, problem.measured.num_measurements, float(angles[edges].max()))
+    others = sum(block.num_edges for block in problem.measured.blocks)
+    total = problem.measured.num_measurements + others
+    return Disagreement(edges, total, float(angles[edges].max()))
 
 
 def agrees(problem: Posed, estimate: Estimate) -> bool:
@@ -253,16 +255,19 @@ def _begun(
     trusted: IntArray | None,
     monitor: Monitor,
 ) -> tuple[Selection, IntArray | None]:
-    """The choice by F of the edges alone, and what is trusted: all other measurements too."""
+    """The choice by F of the edges alone, with all other measurements, and what is trusted."""
     if not problem.measured.blocks:
         of_edges = problem.chordal
         chosen = select(of_edges, fit=fit, initial=initial, trusted=trusted, monitor=monitor)
         return chosen, trusted
     m, whole = problem.measured.num_edges, problem.graph.num_edges
-    alone = problem_of(problem.measured.with_blocks(), problem.engine)
+    edges = problem.measured.with_blocks()
+    if not edges.is_connected:
+        found = fit or initial or near_relaxation(problem)
+        return Selection(np.ones(whole), found, "residuals", 1.0), trusted
+    alone = problem_of(edges, problem.engine)
     chosen = select(alone, initial=initial or fit, trusted=trusted, monitor=monitor)
-    rest = np.arange(m, whole)
-    return chosen.with_more(len(rest)), rest if trusted is None else np.append(trusted, rest)
+    return chosen.with_more(whole - m), trusted
 
 
 def _beside(problem: Posed, chosen: Selection, stated: list[Selection]) -> Selection:

@@ -6,6 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from certpgo.certify.certificate import Tier
+from certpgo.certify.range_case import RangedCase
+from certpgo.certify.tolerances import ATOL, RTOL
+from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.display import Brief
 from certpgo.linalg.arrays import BoolArray, FloatArray
@@ -53,3 +57,12 @@ class Selection(Brief):
         weights = np.append(self.weights, np.ones(count))
         stated = None if self.stated is None else self.stated.with_more(count)
         return replace(self, weights=weights, stated=stated)
+
+
+def near_relaxation(problem: InformationProblem) -> Estimate:
+    """An estimate under F, for nodes that distances alone join to the others."""
+    case = RangedCase.of(problem.isotropic, Tier.STANDARD, RTOL, ATOL)
+    found = case.elsewhere()
+    if found is None:
+        raise NumericalError("no estimate of measurements with distances was found")
+    return found.point

@@ -16,7 +16,7 @@ from certpgo.graph.scale import Scale
 from certpgo.graph.streaming import streamed
 from certpgo.io.datasets.synthetic import helix
 from certpgo.linalg import rotations as so
-from certpgo.linalg.ball_arithmetic import Ball
+from certpgo.linalg.ball_arithmetic import Ball, sums
 from certpgo.objective.minorants import Minorants
 from certpgo.objective.term import Term, term_of
 from certpgo.optima.fingerprint import fingerprint
@@ -368,3 +368,101 @@ def test_it_is_streamed_with_the_later_of_its_nodes(size):
     if (lonely.ranges.edges == n - 2).any():
         with pytest.raises(InputError, match=f"node {n - 2} has distances alone"):
             next(streamed(lonely))
+
+
+@pytest.mark.parametrize("cost", COSTS)
+def test_a_wrong_distance_is_rejected(cost):
+    """It is off by 20 m; right edges stay. What is kept is certified, the choice is not."""
+    rng = np.random.default_rng([1, 3])
+    graph, truth = mixture(rng, 3)
+    ranges = graph.ranges
+    distances = ranges.distances + 20.0 * (np.arange(ranges.num_edges) == 4)
+    spoiled = graph.with_ranges(replace(ranges, distances=distances))
+    answer = certpgo.solve_robustly(spoiled, cost=cost)
+    assert answer.solution.rejected.tolist() == [graph.num_edges + 4]
+    assert answer.rejection is None
+    assert "rejections of distances are not certified" in answer.solution.note
+    kept = graph.with_ranges(ranges.subset(np.arange(ranges.num_edges) != 4))
+    assert answer.certificate.cost_upper == pytest.approx(certpgo.solve(kept, cost=cost).cost)
+    lengths = answer.problem.residual_lengths(answer.estimate)[graph.num_edges :]
+    i, j = kept.ranges.edges.T
+    t = answer.estimate.translations
+    off = np.abs(np.linalg.norm(t[j] - t[i], axis=1) - kept.ranges.distances)
+    assert lengths == pytest.approx(off, abs=1e-9)
+    with pytest.raises(InputError, match="rejections of distances are not certified"):
+        certpgo.certify(spoiled, truth, cost=cost, rejected=[graph.num_edges + 4])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Headings(Observations):
+    """Relative rotations, of a kind of their own."""
+
+    turns: np.ndarray
+    weights: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Heading(Term):
+    """w |Q - M|_F^2 = w (2 d - 2 <M, Q>), its own minorant, without any position."""
+
+    of: Headings
+    takes = Headings
+    plural = "headings"
+    edges = property(lambda self: self.of.edges)
+    weights = property(lambda self: self.of.weights[:, None, None] * np.eye(9))
+
+    @property
+    def scale(self):
+        none = 0.0 * self.of.weights
+        return Scale(self.of.weights, none, none, none > 0.0)
+
+    def residuals(self, v, Q):
+        return (Q - self.of.turns).reshape(-1, 9)
+
+    def linearized(self, v, Q):
+        turned = (Q[:, None] @ so.hat(np.eye(3))).reshape(-1, 3, 9)
+        return self.residuals(v, Q), np.zeros((len(v), 9, 3)), np.swapaxes(turned, 1, 2)
+
+    def enclosures(self, v, Q):
+        return sums((Q - self.of.turns).reshaped(len(self.edges), 9).squared()) * self.of.weights
+
+    def minorants(self, v, Q):
+        w, none = self.of.weights, np.zeros_like(v)
+        constant = 6.0 * w * (1.0 - 2.0**-48)  # 2 d = 6; M is a rotation to rounding
+        return Minorants(none[:, 0], none, none, w[:, None, None] * self.of.turns, constant)
+
+
+@pytest.mark.parametrize("cost", COSTS)
+def test_one_without_positions_is_certified_beside_distances(cost):
+    rng = np.random.default_rng(2)
+    graph, truth = mixture(rng, 3)
+    pairs = np.array([rng.choice(14, 2, replace=False) for _ in range(6)])
+    (i, j), R = pairs.T, truth.rotations
+    turns = np.swapaxes(R[i], 1, 2) @ R[j] @ so.exp(0.05 * rng.normal(size=(6, 3)))
+    block = Headings(graph.num_nodes, pairs, turns, np.full(6, 30.0))
+    answer = certpgo.solve(graph.with_blocks(graph.ranges, block), cost=cost)
+    assert answer.verdict.value == "CERTIFIED"
+    own = (independent(graph, cost, coordinates(answer.estimate)) ** 2).sum()
+    R = answer.estimate.rotations
+    off = ((np.swapaxes(R[i], 1, 2) @ R[j] - turns) ** 2).sum()
+    assert answer.cost == pytest.approx(own + 30.0 * off, rel=1e-9)
+
+
+def test_numbers_of_any_kind_are_checked():
+    rng = np.random.default_rng(1)
+    graph, truth = mixture(rng, 3)
+    block = heights(rng, graph, truth)
+    for name, value, said in (
+        ("heights", np.nan, "heights must be finite"),
+        ("weights", -1.0, "weights must be finite and positive"),
+    ):
+        values = np.array(getattr(block, name))
+        values[2] = value
+        with pytest.raises(GraphError, match=f"edge .*: {said}"):
+            replace(block, **{name: values})
+    none = np.zeros(0)
+    empty = certpgo.Ranges(graph.num_nodes, np.zeros((0, 2), dtype=int), none, none)
+    assert graph.with_ranges(empty).ranges is None
+    assert graph.with_blocks(None, block).blocks == (block,)
+    with pytest.raises(InputError, match="distances, or None"):
+        graph.with_ranges(block)

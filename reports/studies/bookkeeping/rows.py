@@ -462,11 +462,15 @@ class Asking:
         of, whole = scene.judged(scene.cost), self.cost
         rejected = self.chosen = [one["edge"] for one in document["solution"]["rejected"]]
         pairs = [one["ids"] for one in document["solution"]["rejected"]]
-        edges = scene.of.edges.tolist()
+        edges, m = [*scene.of.edges.tolist(), *scene.of.pairs.tolist()], scene.of.m
         own = [list(map(scene.called, edges[e])) for e in rejected]
         found.require(own == pairs, f"rejected {pairs}, but measurements {rejected} are {own}")
         chosen = self._indices(of, rejected)
-        kept = Cost(of.subset(np.delete(np.arange(of.m), chosen)), scene.cost)
+        near = np.delete(np.arange(len(of.pairs)), [e - m for e in rejected if e >= m])
+        rest = of.subset(np.delete(np.arange(of.m), chosen))
+        names = ("pairs", "distances", "precisions")
+        rest = replace(rest, **{name: getattr(of, name)[near] for name in names})
+        kept = Cost(rest, scene.cost)
         best = judge(found, kept, [self._claim("kept", document, kept, poses)])
         self._judge_proof(found, kept, best if not rejected else None)
         if self.row["covariances"] == "asked":
