@@ -350,7 +350,7 @@ class Instance(Speaking):
         flags: BoolArray = np.asarray(chosen)
         graph = self.graph
         others = np.ones(len(numbers) - m, dtype=bool)
-        if flags.dtype == bool and len(flags) == len(numbers) > m:
+        if flags.dtype == bool and flags.shape == numbers.shape and len(others):
             chosen, others = flags[:m], flags[m:]
             graph = with_rows(graph, np.append(np.ones(m, dtype=bool), others))
         chosen = chosen_rows(chosen, m, "measurements")

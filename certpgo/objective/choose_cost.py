@@ -156,6 +156,8 @@ def certifiable(
 def _problem_of_blocks(measured: PoseGraph | Instance, cost: str | None) -> Certifiable:
     """The problem of measurements of several kinds."""
     chosen, graph = own_cost(measured) if cost is None else cost, graph_of(measured)
+    if chosen not in (CHORDAL, *COSTS):
+        raise SpecError.unknown("cost", chosen, [CHORDAL, *COSTS])
     if chosen != CHORDAL:
         return information_problem(measured, chosen)
     if [type(block) for block in graph.blocks] == [Ranges]:
@@ -230,7 +232,7 @@ def information_problem(measured: Graph | Instance, cost: str) -> InformationPro
     require(measured, Instance | RotationGraph | PoseGraph, "a graph or an instance")
     require(cost, str, "the name of a cost")
     if cost not in COSTS:
-        raise SpecError.unknown("cost", cost, [CHORDAL, *COSTS])
+        raise SpecError.unknown("cost", cost, list(COSTS))
     graph = informed(measured, cost)
     if said := _unknown_to(cost, graph):
         raise InputError(f"{source_of(measured)}{said}")
