@@ -237,8 +237,8 @@ class Reading:
         if instance.graph.ranges is not None and not distances:
             measured = counted(instance.graph.ranges.num_edges, "distance{s}")
             raise InputError(
-                f"{source.path()}: {measured}, which this command does not take: use certpgo solve "
-                "or certpgo certify"
+                f"{source.path()}: {measured}, which this command does not take: use certpgo "
+                "solve, certify or follow"
             )
         if notices:
             self.tell(instance)

@@ -67,7 +67,6 @@ def command(
     prints what is proven by then.
     """
     from certpgo import solve_robustly
-    from certpgo.cli._options import refuse_with_distances
     from certpgo.cli._verdict import EXIT_CODES, headline
     from certpgo.optimize.solution import Status
     from certpgo.solve.outlier_report import outlier_report
@@ -76,8 +75,7 @@ def command(
     outputs.refuse()
     source = reading.resolve(graph)
     outputs.refuse_overwriting(source, *reading.others)
-    instance = reading.open(source, distances=True)
-    refuse_with_distances(instance, outliers=True)
+    instance = reading.open(source)
     instance, *others = reading.parts(instance)
     if others:
         raise InputError("measurements of one component are listed: --components largest")
