@@ -210,7 +210,8 @@ class OwnCostCase(Case):
             below = self.below(v, Q)
             if below is None:
                 return
-            for point in self._minima(below, start=point):  # noqa: B020
+            minima = self._minima(below, start=point)
+            for point in minima:
                 bound = self._bound_at(below, point, cost, sharp=sharp, tight=tight)
                 if bound is not None:
                     bound = replace(bound, support=Support(below.minorants, point))

@@ -55,7 +55,7 @@ def joined(
         rotation,
         np.concatenate([graph.translations for graph in poses]),
         np.concatenate([graph.tau for graph in poses]),
-        _arms(poses),
+        joined_arms(poses, poses[0].d),
         points,
         _flags([graph.assumed for graph in poses], poses),
         _flags([graph.absolute for graph in poses], poses),
@@ -100,11 +100,13 @@ def _flags(known: Sequence[BoolArray | None], graphs: Sequence[PoseGraph]) -> Bo
     return np.concatenate(flags)
 
 
-def _arms(graphs: Sequence[PoseGraph]) -> FloatArray | None:
-    """(m, d) arms of the edges of several graphs; None where none has any."""
-    if all(graph.arms is None for graph in graphs):
+def joined_arms(parts: Sequence[Any], d: int) -> FloatArray | None:
+    """(m, d) arms of the edges of several graphs or terms; None where none has any."""
+    if all(part.arms is None for part in parts):
         return None
-    return np.concatenate([0.0 * g.translations if g.arms is None else g.arms for g in graphs])
+    return np.concatenate(
+        [np.zeros((len(p.edges), d)) if p.arms is None else p.arms for p in parts]
+    )
 
 
 def _all(arrays: Sequence[FloatArray | None]) -> FloatArray | None:
@@ -114,12 +116,17 @@ def _all(arrays: Sequence[FloatArray | None]) -> FloatArray | None:
 
 def with_rows(graph: Graph, chosen: BoolArray) -> Graph:
     """The graph with some rows (m + k,): of its edges, then of its blocks."""
-    of_edges, *of_blocks = by_rows(graph, chosen)
-    part = graph.with_edges(of_edges)
-    if not part.has_positions:
-        return part
+    of_edges, of_blocks = np.split(chosen, [graph.num_edges])
+    return with_others(graph.with_edges(of_edges), of_blocks)
+
+
+def with_others(graph: Graph, chosen: BoolArray) -> Graph:
+    """The graph with all its edges, and some of the rows (k,) of its blocks."""
+    if not graph.has_positions:
+        return graph
+    _, *of_blocks = by_rows(graph, np.append(np.ones(graph.num_edges, dtype=bool), chosen))
     kept = zip(graph.blocks, of_blocks, strict=True)
-    return part.with_blocks(*(block.subset(of) for block, of in kept if of.any()))
+    return graph.with_blocks(*(block.subset(of) for block, of in kept if of.any()))
 
 
 def by_rows(graph: Graph, values: FloatArray | BoolArray) -> list[Any]:

@@ -10,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from certpgo.errors import GraphError, require
-from certpgo.graph.concatenate import with_rows
+from certpgo.graph.concatenate import with_others
 from certpgo.graph.display import Speaking
 from certpgo.graph.estimate import Estimate
 from certpgo.graph.graph import Graph, PoseGraph, RotationGraph
@@ -129,7 +129,7 @@ class Instance(Speaking):
     def _check_arrays(self, n: int) -> None:
         """Freeze the arrays that may be there, and refuse those of another length."""
         m, poses = self.graph.num_edges, len(self.ids[: self.world])
-        rows = m + sum(block.num_edges for block in self.graph.blocks)
+        rows = len(self.graph.pairs)
         for name, freeze, shape, what in (
             ("times_ns", frozen_indices, (poses,), f"of {poses} nodes"),
             ("outliers", frozen_flags, (m,), f"{m} flags, one per edge"),
@@ -228,9 +228,8 @@ class Instance(Speaking):
     @property
     def pairs(self) -> IntArray:
         """(m, 2) ids of the nodes that the source names in each of the `measurements`."""
-        edges = self.graph.edges if self.stated is None else self.stated
-        edges = np.concatenate([edges, *(block.edges for block in self.graph.blocks)])
-        return np.asarray(self.ids[edges])
+        # Where nodes are held, there are edges alone.
+        return np.asarray(self.ids[self.graph.pairs if self.stated is None else self.stated])
 
     @cached_property
     def known_numbers(self) -> IntArray:
@@ -243,12 +242,11 @@ class Instance(Speaking):
     @cached_property
     def measurements(self) -> Measurements:
         """All measurements with their kinds: the graph's edges, then those of its blocks."""
-        graph, blocks = self.graph, self.graph.blocks
+        graph = self.graph
         kinds = kinds_of(graph, graph.from_world | (graph.edges[:, 0] == self.world))
         kinds[~self.is_measured] = Kind.HELD if self.held else Kind.ASSUMED
-        edges = np.concatenate([graph.edges, *(block.edges for block in blocks)])
-        others = [np.full(block.num_edges, block.kind) for block in blocks]
-        return Measurements(graph.num_nodes, edges, np.concatenate([kinds, *others]))
+        others = [np.full(block.num_edges, block.kind) for block in graph.blocks]
+        return Measurements(graph.num_nodes, graph.pairs, np.concatenate([kinds, *others]))
 
     @property
     def kinds(self) -> tuple[int, int, int]:
@@ -348,19 +346,20 @@ class Instance(Speaking):
         """
         numbers, m, released = self.known_numbers, self.graph.num_edges, self.released
         flags: BoolArray = np.asarray(chosen)
-        graph = self.graph
         others = np.ones(len(numbers) - m, dtype=bool)
-        if flags.dtype == bool and flags.shape == numbers.shape and len(others):
+        if flags.dtype == bool and flags.shape == numbers.shape:
             chosen, others = flags[:m], flags[m:]
-            graph = with_rows(graph, np.append(np.ones(m, dtype=bool), others))
         chosen = chosen_rows(chosen, m, "measurements")
+        graph = self.graph.with_edges(chosen)
+        if not others.all():
+            graph = with_others(graph, others)
         if released is not None:
             left_out = np.setdiff1d(numbers[:m], numbers[:m][chosen])
             released = released.with_edges(~np.isin(released.known_numbers, left_out))
         return replace(
             self,
             released=released,
-            graph=graph.with_edges(chosen),
+            graph=graph,
             outliers=None if self.outliers is None else self.outliers[chosen],
             stated=None if self.stated is None else self.stated[chosen],
             numbers=np.concatenate([numbers[:m][chosen], numbers[m:][others]]),

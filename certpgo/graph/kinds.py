@@ -86,6 +86,10 @@ class Measuring(Protocol):
     def measures_translation(self) -> BoolArray:
         """(m,) which edges measure a translation."""
 
+    @property
+    def assumed(self) -> BoolArray | None:
+        """(m,) which edges are no measurements; None for none."""
+
 
 def kinds_of(graph: Measuring, from_world: BoolArray) -> IntArray:
     """(m,) the `Kind` of each edge, given which of them (m,) measure from a world."""
@@ -94,6 +98,16 @@ def kinds_of(graph: Measuring, from_world: BoolArray) -> IntArray:
     of_poses = np.select([turned & moved, moved], [Kind.BETWEEN, Kind.TRANSLATION], Kind.ROTATION)
     seen = graph.is_point[graph.edges].any(axis=1)
     return np.where(from_world, of_world, np.where(seen, Kind.SIGHTING, of_poses))
+
+
+def places_world(graph: Measuring) -> BoolArray:
+    """(m,) which edges put a world somewhere that nothing measures, see `certpgo.with_priors`.
+
+    Other edges that are no measurements hold nodes: they determine rotations, or points.
+    """
+    if graph.assumed is None:
+        return np.zeros(len(graph.edges), dtype=bool)
+    return graph.assumed & ~graph.measures_rotation & ~graph.is_point[graph.edges[:, 1]]
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,8 @@ import numpy as np
 from certpgo.errors import InputError
 from certpgo.graph.estimate import Estimate
 from certpgo.graph.graph import Graph, PoseGraph
-from certpgo.graph.priors import measures_from, places_world
+from certpgo.graph.kinds import places_world
+from certpgo.graph.priors import measures_from
 from certpgo.linalg.arrays import BoolArray, FloatArray
 
 #: A graph, its world, and the origin (d,) of that in the source's frame, as in `certpgo.Instance`.

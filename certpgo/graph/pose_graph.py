@@ -24,7 +24,7 @@ from certpgo.graph.edges import (
     symmetric,
 )
 from certpgo.graph.information import Information
-from certpgo.graph.kinds import Kind, kinds_of
+from certpgo.graph.kinds import Kind, kinds_of, places_world
 from certpgo.graph.observations import Observations
 from certpgo.graph.phrases import components_in_words, ranges_of_weights, size_in_words, solving
 from certpgo.graph.picture import circle_of, closures, drawn
@@ -168,8 +168,8 @@ class PoseGraph(Speaking, OfRotations):
         graph = self._with_besides(blocks=blocks)
         if self.assumed is None or not blocks:
             return graph
-        needless = np.isin(self.edges[:, 0], np.concatenate([block.edges for block in blocks]))
-        needless &= self.assumed & ~self.measures_rotation & ~self.is_point[self.edges[:, 1]]
+        needless = places_world(self)
+        needless &= np.isin(self.edges[:, 0], np.concatenate([block.edges for block in blocks]))
         return graph.with_edges(~needless) if needless.any() else graph  # type: ignore[return-value]
 
     def with_ranges(self, ranges: Ranges | None) -> Self:

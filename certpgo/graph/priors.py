@@ -15,6 +15,7 @@ from certpgo.graph.concatenate import joined
 from certpgo.graph.edges import broadcast, check_weights, components_of
 from certpgo.graph.estimate import Estimate
 from certpgo.graph.graph import Graph, has_matrix_weights, require_one_unit
+from certpgo.graph.kinds import places_world
 from certpgo.graph.pose_graph import PoseGraph
 from certpgo.graph.rotation_graph import RotationGraph
 from certpgo.linalg import rotations as so
@@ -235,16 +236,6 @@ def _unplaced(graph: PoseGraph, world: int | None) -> PoseGraph:
     """The graph without the edge that puts a world somewhere, as positions are measured from it."""
     placing = places_world(graph) & (graph.edges[:, 0] == world)
     return graph.with_edges(~placing) if placing.any() else graph
-
-
-def places_world(graph: Graph) -> BoolArray:
-    """(m,) which edges put a world somewhere that nothing measures, as `with_priors` adds one.
-
-    Other edges that are no measurements hold nodes: they determine rotations, or points.
-    """
-    if graph.assumed is None:
-        return np.zeros(graph.num_edges, dtype=bool)
-    return graph.assumed & ~graph.measures_rotation & ~graph.is_point[graph.edges[:, 1]]
 
 
 def _numbers(nodes: ArrayLike) -> IntArray:

@@ -231,6 +231,11 @@ class RotationGraph(Speaking, Pairs):
     assumed: ClassVar[None] = None
     absolute: ClassVar[None] = None
 
+    @property
+    def pairs(self) -> IntArray:
+        """(m, 2) the nodes of all measurements: of the edges."""
+        return self.edges
+
     @cached_property
     def tau(self) -> FloatArray:
         """(m,) translational concentrations: zeros."""
@@ -309,6 +314,14 @@ class OfRotations:
     """What a graph of more than rotations has of that of its relative rotations."""
 
     rotation: RotationGraph
+    blocks: tuple[Observations, ...]
+
+    @property
+    def pairs(self) -> IntArray:
+        """(m + k, 2) the nodes of all measurements: of the edges, then of the blocks."""
+        if not self.blocks:
+            return self.edges
+        return np.concatenate([self.edges, *(block.edges for block in self.blocks)])
 
     @property
     def rotations(self) -> FloatArray:

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from certpgo.errors import InputError
-from certpgo.graph.concatenate import by_rows
+from certpgo.graph.concatenate import with_others
 from certpgo.graph.dataset import Instance, graph_of
 from certpgo.graph.graph import Graph, require_one_unit
 from certpgo.graph.labels import Label
-from certpgo.linalg.arrays import BoolArray, IntArray
+from certpgo.linalg.arrays import IntArray
 
 
 def arrivals(measured: Graph | Instance) -> IntArray:
@@ -58,16 +58,16 @@ def streamed(
     _refuse_unreached(measured)
     order = arrivals(measured)
     come, m = np.zeros(graph.num_nodes, dtype=bool), graph.num_edges
-    waiting = np.ones(sum(block.num_edges for block in graph.blocks), dtype=bool)
-    ends = np.concatenate([graph.edges, *(block.edges for block in graph.blocks)])
+    pairs = graph.pairs
+    waiting = np.ones(len(pairs) - m, dtype=bool)
     for first in range(0, len(order), size):
         edges = order[first : first + size]
         come[graph.edges[edges]] = True
-        ready = waiting & come[ends[m:]].all(axis=1)
+        ready = waiting & come[pairs[m:]].all(axis=1)
         waiting &= ~ready
         rows = np.append(edges, m + np.flatnonzero(ready))
-        nodes = np.unique(ends[rows])
-        part = _of_rows(graph, edges, ready).subgraph(nodes)
+        nodes = np.unique(pairs[rows])
+        part = with_others(graph.with_edges(edges), ready).subgraph(nodes)
         if isinstance(measured, Instance):
             one = _part(measured, part, nodes, rows)
             yield one, list(one.labels)
@@ -85,19 +85,6 @@ def _refuse_unreached(measured: Graph | Instance) -> None:
             node = int(unreached[0])
             named = measured.named(node) if isinstance(measured, Instance) else f"node {node}"
             raise InputError(f"{said}{named} has {block.kind.plural} alone, which are not streamed")
-
-
-def _of_rows(graph: Graph, edges: IntArray, ready: BoolArray) -> Graph:
-    """The graph of some edges, in this order, and of some of the other measurements."""
-    if not graph.has_positions:
-        return graph.with_edges(edges)
-    _, *of_blocks = by_rows(graph, np.append(np.zeros(graph.num_edges, dtype=bool), ready))
-    chosen = zip(graph.blocks, of_blocks, strict=True)
-    return (
-        graph.with_blocks()
-        .with_edges(edges)
-        .with_blocks(*(block.subset(of) for block, of in chosen if of.any()))
-    )
 
 
 def _part(whole: Instance, graph: Graph, nodes: IntArray, rows: IntArray) -> Instance:

@@ -17,15 +17,14 @@ from certpgo.checker import FAR
 from certpgo.errors import GraphError
 from certpgo.graph.information import RotationAbout, unmeasured
 from certpgo.graph.pose_graph import PoseGraph
-from certpgo.graph.scale import Scale
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import Ball
 from certpgo.linalg.rotations import rotation_defect
-from certpgo.objective.term import Placed, Term
+from certpgo.objective.term import EdgeTerm, Placed
 
 
 @dataclass(frozen=True, eq=False)
-class EdgeCost(Term):
+class EdgeCost(EdgeTerm):
     """The cost of a program on the edges of a graph: the term of measured poses.
 
     Attributes
@@ -38,8 +37,6 @@ class EdgeCost(Term):
     GraphError
         They have none, or entries beyond the range of weights.
     """
-
-    graph: PoseGraph
 
     #: Name in options and reports.
     name: ClassVar[str]
@@ -87,21 +84,6 @@ class EdgeCost(Term):
     def is_definite(self) -> BoolArray:
         """(m,) which measurements have a cost that grows with all of their residuals."""
         return self.graph.is_definite
-
-    @property
-    def edges(self) -> IntArray:
-        """(m, 2) the nodes of each edge."""
-        return self.graph.edges
-
-    @property
-    def arms(self) -> FloatArray | None:
-        """(m, d) arms of the edges; None for zeros."""
-        return self.graph.arms
-
-    @property
-    def scale(self) -> Scale:
-        """What W of the verdicts counts of them."""
-        return Scale.informed(self.graph)
 
     @property
     def numbers(self) -> tuple[IntArray, IntArray]:

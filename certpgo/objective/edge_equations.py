@@ -43,10 +43,8 @@ class EdgeEquations:
     """
 
     def __init__(self, cost: EdgeCost, n: int) -> None:
-        self._m, self._parts = (
-            len(cost.edges),
-            [(rows, _Equations(of, n)) for rows, of in cost.terms],
-        )
+        self._m = len(cost.edges)
+        self._parts = [(rows, _Equations(term, n)) for rows, term in cost.terms]
 
     @property
     def has_more(self) -> bool:
@@ -58,9 +56,8 @@ class EdgeEquations:
         found = [part.first(point) for _, part in self._parts]
         if len(found) == 1:
             return found[0]
-        return math.fsum(cost for cost, _ in found), sum(
-            gradient for _, gradient in found[1:]
-        ) + found[0][1]
+        costs, gradients = zip(*found, strict=True)
+        return math.fsum(costs), np.sum(gradients, axis=0)
 
     def second(self, point: Estimate, *, exact: bool = False) -> tuple[FloatArray, FloatArray]:
         """Blocks of the Gauss-Newton matrix of half the cost: (n, p, p), and of edges (m, p, p).

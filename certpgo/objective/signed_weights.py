@@ -10,6 +10,7 @@ import numpy as np
 
 from certpgo.errors import GraphError
 from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.graph.concatenate import joined_arms
 from certpgo.graph.relaxed_point import Lift, Point
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import scatter_sum
@@ -47,14 +48,7 @@ class SignedGraph(PoseGraph):
         )
         tau = np.concatenate([graph.tau, *(term.scale.move for term in terms)])
         flags = padded(graph.assumed), padded(graph.absolute)
-        t, arms = padded(graph.translations), padded(graph.arms)
-        if any(term.arms is not None for term in terms):
-            own = np.zeros_like(graph.translations) if graph.arms is None else graph.arms
-            zeros = (np.zeros((len(term.edges), graph.d)) for term in terms)
-            given = (
-                z if term.arms is None else term.arms for z, term in zip(zeros, terms, strict=True)
-            )
-            arms = np.concatenate([own, *given])
+        t, arms = padded(graph.translations), joined_arms([graph, *terms], graph.d)
         return cls(of_all, t, tau, arms, graph.points, *flags)
 
 

@@ -42,12 +42,12 @@ class Sum(EdgeCost):
     between: type[EdgeCost]
 
     def __post_init__(self) -> None:
-        self.between(self.edges_alone)  # checks them
+        _ = self.of_edges  # checks them
 
-    @property
-    def edges_alone(self) -> PoseGraph:
-        """The graph without its blocks."""
-        return self.graph.with_blocks()
+    @cached_property
+    def of_edges(self) -> EdgeCost:
+        """The program's cost of the edges, whatever they measure."""
+        return self.between(self.graph.with_blocks())
 
     @cached_property
     def terms(self) -> tuple[Placed, ...]:
@@ -55,7 +55,7 @@ class Sum(EdgeCost):
         return tuple(self._terms())
 
     def _terms(self) -> Iterator[Placed]:
-        graph, m = self.edges_alone, self.graph.num_edges
+        graph, m = self.of_edges.graph, self.graph.num_edges
         turned, moved = graph.measures_rotation, graph.measures_translation
         if self.between.takes_partial:
             turned = moved = turned | moved
@@ -75,7 +75,7 @@ class Sum(EdgeCost):
     def whole(self) -> PoseGraph:
         """The graph with an edge for each row: those of blocks measure zero, by their weights."""
         others = [term_of(block) for block in self.graph.blocks]
-        return SignedGraph.with_rows_of(self.edges_alone, others) if others else self.graph
+        return SignedGraph.with_rows_of(self.of_edges.graph, others) if others else self.graph
 
     @property
     def is_definite(self) -> BoolArray:
@@ -96,7 +96,7 @@ class Sum(EdgeCost):
     @property
     def turned_share(self) -> float:
         """That of the cost of relative poses."""
-        return self.between(self.edges_alone).turned_share
+        return self.of_edges.turned_share
 
     @property
     def title(self) -> str:
@@ -104,7 +104,7 @@ class Sum(EdgeCost):
         partial = self.graph.is_partial and not self.between.takes_partial
         others = ["positions"] if partial else []
         others += [term_of(block).plural for block in self.graph.blocks]
-        title = self.between(self.edges_alone).title
+        title = self.of_edges.title
         return f"{title}{self.between.conjunction} {listed(others)}" if others else title
 
     @property
@@ -213,7 +213,7 @@ class Sum(EdgeCost):
         poses = self.graph.measures_rotation
         if self.between.takes_partial:
             return None
-        below = self.between(self.edges_alone.with_edges(poses)).relaxed()
+        below = self.between(self.of_edges.graph.with_edges(poses)).relaxed()
         if below is None:
             return None
         information = self.graph.information_matrices.copy()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from certpgo.errors import InputError
 from certpgo.graph.estimate import Estimate
 from certpgo.graph.information import unmeasured
 from certpgo.graph.observations import Observations
+from certpgo.graph.pose_graph import PoseGraph
 from certpgo.graph.relaxed_point import translations_of
 from certpgo.graph.scale import Scale
 from certpgo.linalg.arrays import FloatArray, IntArray
@@ -138,6 +140,33 @@ class Term(ABC):
         except OverflowError:
             return -math.inf, math.inf
         return math.nextafter(low, -math.inf), math.nextafter(high, math.inf)
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeTerm(Term):
+    """A term of the edges of a graph, weighed by their information.
+
+    Attributes
+    ----------
+    graph : the measurements
+    """
+
+    graph: PoseGraph
+
+    @property
+    def edges(self) -> IntArray:
+        """(m, 2) the nodes of each edge."""
+        return self.graph.edges
+
+    @property
+    def arms(self) -> FloatArray | None:
+        """(m, d) arms of the edges; None for zeros."""
+        return self.graph.arms
+
+    @property
+    def scale(self) -> Scale:
+        """What W of the verdicts counts of them."""
+        return Scale.informed(self.graph)
 
 
 class Placed(NamedTuple):

@@ -325,7 +325,7 @@ def _joined(
     read = {part.options.get(READ_AS, "tangent") for part in parts if len(part.options)}
     options = {READ_AS: read.pop()} if len(read) == 1 else {}
     merged = replace(merged, options=options)
-    # Rows are of all graphs in order, then of their distances.
+    # Rows are of all graphs in order, then of their blocks by kind.
     own_rows = [part.graph.num_edges for part in parts]
     kinds = dict.fromkeys(type(block) for part in parts for block in part.graph.blocks)
     for kind in kinds:

@@ -86,8 +86,7 @@ class Track:
         """
         require_one_make([self._make, make_of(graph)])
         begin = self.numbers or {labels[int(graph.edges[0, 0])]: 0}
-        of_all = np.concatenate([of.edges for of in (graph, *graph.blocks)])
-        touched, points = sorted(set(of_all.ravel().tolist())), _points(graph)
+        touched, points = sorted(set(graph.pairs.ravel().tolist())), _points(graph)
         for node in touched:
             known = self.numbers.get(labels[node])
             if known is not None and self.points[known] != (node in points):

@@ -51,7 +51,6 @@ ROUNDS, GAIN = 6, 0.2
 CHOICES, CLOSE = 20, 1e-6
 #: Rejected measurements that are tried again at most, and up to how many times the noise.
 TRIALS, WORTH = 30, 5.5
-#: Problems whose measurements are chosen.
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -227,7 +226,7 @@ def select(
     ('adaptive_trimming', True)
     """
     if isinstance(problem, InformationProblem):
-        begun, trusted = _begun(problem, fit, initial, trusted, monitor)
+        begun = _begun(problem, fit, initial, trusted, monitor)
         fits = [begun] if begun.stated is None else [begun, begun.stated]
         chosen, *stated = (_under(problem, one, trusted, monitor) for one in fits)
         return _beside(problem, chosen, stated)
@@ -254,20 +253,18 @@ def _begun(
     initial: Estimate | None,
     trusted: IntArray | None,
     monitor: Monitor,
-) -> tuple[Selection, IntArray | None]:
-    """The choice by F of the edges alone, with all other measurements, and what is trusted."""
+) -> Selection:
+    """The choice by F of the edges alone, with all other measurements."""
     if not problem.measured.blocks:
-        of_edges = problem.chordal
-        chosen = select(of_edges, fit=fit, initial=initial, trusted=trusted, monitor=monitor)
-        return chosen, trusted
-    m, whole = problem.measured.num_edges, problem.graph.num_edges
-    edges = problem.measured.with_blocks()
-    if not edges.is_connected:
+        edges = problem.chordal
+        return select(edges, fit=fit, initial=initial, trusted=trusted, monitor=monitor)
+    graph, rows = problem.measured.with_blocks(), problem.graph.num_edges
+    if not graph.is_connected:
         found = fit or initial or near_relaxation(problem)
-        return Selection(np.ones(whole), found, "residuals", 1.0), trusted
-    alone = problem_of(edges, problem.engine)
+        return Selection(np.ones(rows), found, "residuals", 1.0)
+    alone = problem_of(graph, problem.engine)
     chosen = select(alone, initial=initial or fit, trusted=trusted, monitor=monitor)
-    return chosen.with_more(whole - m), trusted
+    return chosen.with_more(rows - problem.measured.num_edges)
 
 
 def _beside(problem: Posed, chosen: Selection, stated: list[Selection]) -> Selection:
@@ -359,7 +356,7 @@ def _graduated(
         at_stated = [(found, 1.0)]
         if _confirms_weights(problem, found):
             return at_stated
-        if not (problem.graph.is_partial):
+        if not problem.graph.is_partial:
             at_stated.append((SpanningTree("earliest").solve(problem), 1.0))
     if fit is None:
         start = start_of(problem)

@@ -28,10 +28,10 @@ from certpgo.errors import GraphError, InputError, require
 from certpgo.graph import Estimate, Graph, Instance, RotationGraph
 from certpgo.graph.concatenate import joined, with_rows
 from certpgo.graph.display import Speaking
+from certpgo.graph.kinds import places_world
 from certpgo.graph.labels import WORLD, Label, called
 from certpgo.graph.origins import Measured, in_frame, in_one_world
 from certpgo.graph.phrases import counted
-from certpgo.graph.priors import places_world
 from certpgo.graph.scale import Scale
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.exact_fit import meets
@@ -345,7 +345,7 @@ class Session(Speaking):
         """Add the terms of what came since to F of the estimate, which was extended by it."""
         parts, nodes = zip(*self._new, strict=True)
         added = joined(parts, len(self._poses), self._are_points, nodes)
-        ends = np.unique(np.concatenate([of.edges for of in (added, *added.blocks)]))
+        ends = np.unique(added.pairs)
         part, here = added.subgraph(ends), self.estimate.subset(ends)
         self._fit = self._fit and meets(part, here)
         self._cost = difference_up(self._cost, -self._terms.upper(part, here))

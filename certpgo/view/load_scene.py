@@ -277,7 +277,7 @@ def start(instance: Instance) -> tuple[str, Estimate]:
     if isinstance(instance.graph, SimilarityGraph):
         return "start", next(starts(SimilarityProblem(instance.graph))).estimate
     graph = instance.graph
-    problem = problem_of(graph.with_ranges(None) if graph.has_positions else graph)
+    problem = problem_of(graph.with_blocks() if graph.has_positions else graph)
     if graph.is_partial:
         return "start", start_of(problem).estimate
     return "dead reckoning", SpanningTree(tree="odometry").solve(problem).estimate

@@ -12,7 +12,8 @@ import certpgo
 from certpgo.errors import InputError
 from certpgo.graph.components import connected_parts, restricted, rotations_alone
 from certpgo.graph.held import displaced, with_held
-from certpgo.graph.priors import places_world, with_world_placed
+from certpgo.graph.kinds import places_world
+from certpgo.graph.priors import with_world_placed
 from certpgo.graph.streaming import streamed
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import information_problem, problem_under

@@ -13,22 +13,20 @@ from typing import ClassVar
 
 import numpy as np
 
-from certpgo.graph import PoseGraph
 from certpgo.graph.information import unmeasured
-from certpgo.graph.scale import Scale
 from certpgo.linalg import rotations as so
-from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.ball_arithmetic import Ball
 from certpgo.objective.marginalized import blocks, is_isotropic, remainder
 from certpgo.objective.minorants import Minorants
-from certpgo.objective.term import Term
+from certpgo.objective.term import EdgeTerm
 
 #: Share of the smallest eigenvalue of T that a minorant keeps.
 SHARE = 0.99
 
 
 @dataclass(frozen=True, eq=False)
-class Positions(Term):
+class Positions(EdgeTerm):
     """Squared errors of positions, weighed by their information.
 
     Attributes
@@ -36,23 +34,7 @@ class Positions(Term):
     graph : edges with kappa = 0, the rotational part of whose information is zero
     """
 
-    graph: PoseGraph
     plural: ClassVar[str] = "positions"
-
-    @property
-    def edges(self) -> IntArray:
-        """(k, 2) the nodes of each edge."""
-        return self.graph.edges
-
-    @property
-    def arms(self) -> FloatArray | None:
-        """(k, d) arms of the edges; None for zeros."""
-        return self.graph.arms
-
-    @property
-    def scale(self) -> Scale:
-        """What W of the verdicts counts of them."""
-        return Scale.informed(self.graph)
 
     @property
     def weights(self) -> FloatArray:
