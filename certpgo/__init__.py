@@ -21,8 +21,8 @@ from certpgo.errors import (
 
 if TYPE_CHECKING:
     from certpgo import plot as plot
-    from certpgo.certify import Certificate, Tier, Verdict, certify
-    from certpgo.certify.proof_file import check, write_proof
+    from certpgo.certify import Certificate, Tier, Verdict
+    from certpgo.certify.proof_file import check
     from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph, SimilarityGraph
     from certpgo.graph.labels import WORLD
     from certpgo.graph.priors import with_directions, with_priors
@@ -39,10 +39,12 @@ if TYPE_CHECKING:
     from certpgo.registration.sequences import read_sequence
     from certpgo.registry import get_solver
     from certpgo.solve.assessment import certify_values
+    from certpgo.solve.judging import certify
     from certpgo.solve.logarithms import LogarithmFit, fit_logarithms
     from certpgo.solve.many import certify_many, solve_many
     from certpgo.solve.merging import Merged, merge
     from certpgo.solve.outliers import Disagreement
+    from certpgo.solve.proving import write_proof
     from certpgo.solve.result import CertifiedSolution
     from certpgo.solve.reweighing import Reweighed, reweigh
     from certpgo.solve.robust import solve_robustly
@@ -58,8 +60,8 @@ if TYPE_CHECKING:
 
 #: Where each public name is; it is imported on first use, to keep `import certpgo` fast.
 _HOMES = {
-    "certify": ("Certificate", "Tier", "Verdict", "certify"),
-    "certify.proof_file": ("check", "write_proof"),
+    "certify": ("Certificate", "Tier", "Verdict"),
+    "certify.proof_file": ("check",),
     "graph": ("Estimate", "Instance", "PoseGraph", "RotationGraph", "SimilarityGraph"),
     "graph.labels": ("WORLD",),
     "graph.priors": ("with_directions", "with_priors"),
@@ -76,10 +78,12 @@ _HOMES = {
     "registration.sequences": ("read_sequence",),
     "registry": ("get_solver",),
     "solve.assessment": ("certify_values",),
+    "solve.judging": ("certify",),
     "solve.logarithms": ("LogarithmFit", "fit_logarithms"),
     "solve.many": ("certify_many", "solve_many"),
     "solve.merging": ("Merged", "merge"),
     "solve.outliers": ("Disagreement",),
+    "solve.proving": ("write_proof",),
     "solve.result": ("CertifiedSolution",),
     "solve.reweighing": ("Reweighed", "reweigh"),
     "solve.robust": ("solve_robustly",),

@@ -23,10 +23,10 @@ import certificate
 
 import certpgo
 from certpgo import io
-from certpgo.certify.proof_file import write_proof
 from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.graph.components import rotations_alone
 from certpgo.io import datasets
+from certpgo.solve.proving import write_proof
 
 HERE = Path(__file__).parent
 THEORY = ("Statement", "Definite", "Check", "Bound")

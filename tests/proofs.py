@@ -9,8 +9,8 @@ import numpy as np
 
 import certpgo
 from certpgo import checker
-from certpgo.certify.proof_file import write_proof
 from certpgo.io.exact.circle import half_angle_pair
+from certpgo.solve.proving import write_proof
 
 
 def proven(folder, graph, name="graph"):

@@ -146,6 +146,21 @@ def test_no_files_import_each_other_in_a_circle():
     assert [circle for circle in circles.values() if len(circle) > 1] == []
 
 
+#: What a certificate may know of `optimize`: how work is watched and how it ended.
+WATCHED = {"monitor", "progress", "solution", "spectral"}
+
+
+def test_certificates_know_no_descent():
+    rooms = {
+        other.removeprefix("certpgo.optimize.").partition(".")[0]
+        for path in FILES
+        if inner(path, PACKAGE)[0] == "certify"
+        for other in imports(path)
+        if other.startswith("certpgo.optimize.")
+    }
+    assert rooms <= WATCHED
+
+
 def test_the_library_imports_nothing_of_the_checkout():
     for path in FILES:
         heads = {name.partition(".")[0] for name in imports(path)}
@@ -256,7 +271,7 @@ def test_the_package_and_its_help_load_no_numerics():
 
 def test_functions_win_over_the_subpackages_of_their_names():
     code = (
-        "import certpgo.solve.fit, certpgo.certify.judge, certpgo\n"
+        "import certpgo.solve.fit, certpgo.solve.judging, certpgo\n"
         "assert callable(certpgo.solve) and callable(certpgo.certify)\n"
         "from certpgo import certify, solve\n"
         "assert certify is certpgo.certify and solve is certpgo.solve"

@@ -17,11 +17,11 @@ from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 
 import certpgo
 from certpgo import checker
-from certpgo.certify.proof_file import write_proof
 from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.graph.components import rotations_alone
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.io.exact import circle, information, quaternion
+from certpgo.solve.proving import write_proof
 
 U = 2.0**-53
 #: How many proofs are damaged, in their arrays and in the container; more on demand.

@@ -13,13 +13,13 @@ from strategies import dimensions, rng_of, seeds
 import certpgo
 from certpgo import InputError, checker
 from certpgo.certify.proof import exact_graph, prove
-from certpgo.certify.proof_file import write_proof
 from certpgo.errors import FormatError
 from certpgo.io.datasets.synthetic import helix
 from certpgo.io.exact.circle import half_angle_pair
 from certpgo.io.precision_kind import position_weights
 from certpgo.linalg import rotations as so
 from certpgo.objective.problem import problem_of
+from certpgo.solve.proving import write_proof
 
 #: How many proofs of the small graph are damaged.
 MUTATIONS = 300

@@ -12,8 +12,8 @@ from test_checker_map import map_text, proven, tried
 
 import certpgo
 from certpgo import checker
-from certpgo.certify.proof_file import write_proof
 from certpgo.errors import FormatError
+from certpgo.solve.proving import write_proof
 
 #: How many proofs of each small graph are damaged.
 MUTATIONS = 150

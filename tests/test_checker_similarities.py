@@ -25,8 +25,8 @@ from certpgo import (
     checker,
     integer_checker,
 )
-from certpgo.certify.proof_file import write_proof
 from certpgo.io.datasets.monocular import in_one_unit, random_maps
+from certpgo.solve.proving import write_proof
 
 BOTH = (checker, integer_checker)
 

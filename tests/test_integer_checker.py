@@ -18,8 +18,8 @@ from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 import certpgo
 from certpgo import checker
 from certpgo import integer_checker as exact
-from certpgo.certify.proof_file import write_proof
 from certpgo.graph.components import rotations_alone
+from certpgo.solve.proving import write_proof
 from reports.studies.damaged_proofs import (
     compared,
     compared_reading,

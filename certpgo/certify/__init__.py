@@ -3,7 +3,6 @@
 from certpgo.certify.bounds import Bounds, bounds
 from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.dual import DualBound, dual_bound
-from certpgo.certify.judge import certify
 from certpgo.objective.problem import cost_upper
 
 __all__ = [
@@ -13,7 +12,6 @@ __all__ = [
     "Tier",
     "Verdict",
     "bounds",
-    "certify",
     "cost_upper",
     "dual_bound",
 ]

@@ -17,16 +17,11 @@ import numpy as np
 from scipy.sparse import csgraph
 
 from certpgo.certify.dual import DualBound
-from certpgo.graph import Estimate
 from certpgo.graph.bridges import bridges
 from certpgo.graph.relaxed_point import Point
 from certpgo.linalg.arrays import IntArray
 from certpgo.linalg.blocks import adjacency
 from certpgo.objective.problem import Problem, problem_of
-from certpgo.optimize.riemannian_newton import NewtonSettings, newton
-
-#: Newton settings from the whole graph's point, which is nearly stationary in each part.
-FEW_STEPS = NewtonSettings(max_iterations=20)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,16 +37,12 @@ class Part:
     nodes: IntArray
     problem: Problem
 
-    def point(self, whole: Point, *, refine: bool) -> Point:
+    def point(self, whole: Point) -> Point:
         """A point of the whole graph restricted to the part, with its best translations."""
         point = whole.subset(self.nodes)
         if self.problem.has_positions:
             point = point.with_translations(np.zeros(point.rotations.shape[:2]))
-        point = self.problem.with_optimal_translations(point)
-        if not (refine and isinstance(point, Estimate)):
-            return point
-        refined = newton(self.problem, point, FEW_STEPS, near=True).estimate
-        return self.problem.with_optimal_translations(refined)
+        return self.problem.with_optimal_translations(point)
 
 
 def parts(problem: Problem) -> list[Part]:

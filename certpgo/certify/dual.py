@@ -12,7 +12,7 @@ the residual is measured instead (`Symbolic.residual`).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -89,6 +89,7 @@ class DualBound(Brief):
         rounding
     attained : the cost of the point whose multipliers gave it: what is missing to that, is rounding
         unless it is loose
+    ambiguous : indices of rejected measurements whose prices are not part of it, ascending
     """
 
     value: float
@@ -99,6 +100,7 @@ class DualBound(Brief):
     support: Support | None = None
     loose: bool = False
     attained: float = math.inf
+    ambiguous: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
 
 
 def dual_bound(

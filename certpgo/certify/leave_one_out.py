@@ -2,8 +2,9 @@
 
 Leaving a kept measurement out costs its price c_e. That is never cheaper, whatever else changes, if
 the optimum x of f_T is also that of the cost in which its term is min(f_e, c_e): by the bound of
-`certpgo.certify.truncated_case` with an edge of negative weight instead of f_e, which has its value
-and its gradient at x. It takes W off S, the certificate matrix with all kept measurements, where
+`certpgo.certify.truncated_bound` with an edge of negative weight instead of f_e, which has its
+value and its gradient at x. It takes W off S, the certificate matrix with all kept measurements,
+where
 
     tr(E (D^-1 - W^-1)^-1 E^T) <= c_e,    W > D,    E = F - M:
 
@@ -18,7 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from certpgo.certify.resistances import FULL, Resistances, together
-from certpgo.certify.truncated_case import TruncatedCase
+from certpgo.certify.truncated_bound import Truncated, below_with, bound_with
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
 from certpgo.graph.bridges import bridges
@@ -30,33 +31,35 @@ from certpgo.objective.truncated_problem import TruncatedProblem
 MANY = 1500
 
 
-def worth_keeping(case: TruncatedCase, estimate: Estimate, prices: FloatArray) -> BoolArray:
+def worth_keeping(normalized: Truncated, estimate: Estimate, prices: FloatArray) -> BoolArray:
     """(m,) which kept measurements cost more if they are left out, proven; False for rejected ones.
 
-    Up to the tolerance of the case, over all estimates and all choices of rejected measurements.
+    Up to the tolerance, over all estimates and all choices of rejected measurements.
     False where the estimate is not certified, or a stop was requested before.
 
     Parameters
     ----------
     estimate : an optimum of the truncated cost
-    prices : (m,) of all measurements, in units of the case; only those of kept ones count
+    prices : (m,) of all measurements, in normalized units; only those of kept ones count
 
     Raises
     ------
     InputError
         The cost is that of another program.
     """
-    if not case.problem.whole.is_chordal:
+    problem = normalized.problem
+    if not problem.whole.is_chordal:
         raise InputError("kept measurements are proven to be worth keeping under F alone")
-    problem, kept = case.problem, np.flatnonzero(~case.problem.is_rejected)
+    kept = np.flatnonzero(~problem.is_rejected)
     proven = np.zeros(len(prices), dtype=bool)
     W_rejected = problem.truncation(estimate).plain()
     # Not a bound by other weights: S has to be that of the bound.
-    cost = case.cost_upper(estimate)
-    if not _holds(case, case, estimate, cost, W_rejected):
+    cost = normalized.cost_upper(estimate)
+    least = cost - normalized.tolerance(cost)
+    if not _holds(normalized, estimate, cost, least, W_rejected):
         return proven
     proven[kept] = _is_bridge(problem, kept)
-    below, _ = problem.surrogate(estimate, W_rejected)
+    below = below_with(problem, estimate, W_rejected)
     own = Truncation.at_point(problem.graph.with_edges(kept), prices[kept], estimate)
     found = Resistances.of(below, below.certificate_matrix(below.multipliers(estimate)), own)
     if found is None:
@@ -67,27 +70,25 @@ def worth_keeping(case: TruncatedCase, estimate: Estimate, prices: FloatArray) -
     parts = [order[k : k + size] for k in range(0, len(order), size)]
     whole = W + own.weights[:, :, None] * np.eye(found.b)
     waiting = [g for part in parts for g in together(found, whole, part, FULL - loads[part])]
-    while waiting and not case.stop.should_stop():
+    while waiting and not normalized.stop.should_stop():
         group = waiting.pop()
         priced = problem.prices.copy()
         priced[kept[group]] = prices[kept[group]]
-        with_group = replace(case, problem=TruncatedProblem(problem.whole, priced))
+        with_group = replace(normalized, problem=TruncatedProblem(problem.whole, priced))
         weights = np.zeros((len(priced), found.b, found.b))
         weights[problem.rejected], weights[kept[group]] = W_rejected, W[group]
         weights = weights[with_group.problem.rejected]
-        if _holds(case, with_group, estimate, cost, weights):
+        if _holds(with_group, estimate, cost, least, weights):
             proven[kept[group]] = True
         elif len(group) > 1:
             waiting += [group[::2], group[1::2]]
     return proven
 
 
-def _holds(
-    case: TruncatedCase, truncated: TruncatedCase, point: Estimate, cost: float, W: FloatArray
-) -> bool:
-    """Whether nothing costs less than the point, up to the tolerance."""
-    bound = truncated.bound_by(point, cost, W, sharp=True, tight=True)
-    return bound is not None and bound.value >= cost - case.tolerance(cost)
+def _holds(truncated: Truncated, point: Estimate, cost: float, least: float, W: FloatArray) -> bool:
+    """Whether nothing costs less than that."""
+    bound = bound_with(truncated, point, cost, W)
+    return bound is not None and bound.value >= least
 
 
 def _is_bridge(problem: TruncatedProblem, kept: IntArray) -> BoolArray:

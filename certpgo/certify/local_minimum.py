@@ -9,10 +9,25 @@ from certpgo.graph import Estimate
 
 
 @dataclass(frozen=True)
+class Climbed:
+    """How far the relaxation of measured distances was minimised.
+
+    Attributes
+    ----------
+    solved : whether its minimum is known
+    rank : of the last point
+    """
+
+    solved: bool
+    rank: int
+
+
+@dataclass(frozen=True)
 class LocalMinimum:
     """The end of a descent, whether it converged, and the bound by its multipliers.
 
-    Without descent, it is the estimate with its best translations.
+    Without descent, it is the estimate with its best translations. With distances, the bound is
+    that of a relaxation above this space.
     """
 
     point: Estimate
@@ -20,6 +35,7 @@ class LocalMinimum:
     settled: bool
     bound: DualBound | None
     descended: bool = True
+    climbed: Climbed | None = None
 
     def is_at(self, estimate: Estimate) -> bool:
         """Whether the point is this very estimate, in the same memory."""

@@ -28,8 +28,6 @@ from certpgo.linalg.rotations import rotation_defect
 from certpgo.objective import operators
 from certpgo.objective.problem import Problem
 from certpgo.objective.similarity_problem import SimilarityProblem
-from certpgo.optimize.riemannian_newton import NewtonSettings, newton
-from certpgo.optimize.similarity_descent import descend
 
 #: First shift tried, in units of rounding of the mean diagonal (for poses, times the growth), and
 #: its growth per attempt.
@@ -43,8 +41,6 @@ UNITS, MARGIN = 0.05, 1.5
 #: compensate this multiple of the translations' amounts.
 SAFETY = 1.2
 ROUNDS = 10
-#: The descent to a stationary point.
-CLOSE = NewtonSettings(tolerance=1e-11)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +68,6 @@ def prove(
     point: Point,
     fallback: FloatArray | None = None,
     *,
-    at_rest: bool = False,
     spare: FloatArray | None = None,
 ) -> tuple[FloatArray, Witness] | None:
     """Multipliers Lam' (n, d, d) with a witness that F* >= tr(Lam'); None if there are none.
@@ -83,10 +78,9 @@ def prove(
     Parameters
     ----------
     graph : the problem's measurements, to the last bit
-    point : near-stationary, of any rank; an estimate first descends to where it is stationary, as a
-        proof shows more digits than a descent for other purposes finds
+    point : stationary, of any rank, to more digits than descents for other purposes have, as of
+        `certpgo.optimize.descent.rested`
     fallback : less sharp multipliers, e.g. of another point if the relaxation is loose
-    at_rest : whether the estimate does not descend
     spare : (n,) by which multipliers of unknown scales are raised, so that those without it leave
         a matrix that exceeds a positive semidefinite one by as much there
     """
@@ -94,8 +88,6 @@ def prove(
 
     # Threads slow down the checker's many small products.
     with threadpool_limits(limits=1):
-        if isinstance(point, Estimate) and not at_rest:
-            point = _at_rest(problem, problem.with_optimal_translations(point))
         prover = _Prover(problem, graph, problem.with_optimal_translations(point), spare)
         shift = FIRST_SHIFT * prover.shifted.unit * (1.0 if prover.shifted.pin is None else GROWTH)
         for _ in range(SHIFTS):
@@ -109,21 +101,15 @@ def prove(
         return prover.settle(lambda _: other)
 
 
-def _at_rest(problem: Problem, point: Estimate) -> Estimate:
-    """Where descent from an estimate ends."""
-    if isinstance(problem, SimilarityProblem):
-        return descend(problem, point).estimate
-    return newton(problem, point, CLOSE, near=True).estimate
-
-
 def proven_bound(
     problem: Problem, graph: checker.Graph, point: Estimate, bound: DualBound
 ) -> DualBound | None:
     """A bound of the standard tier, proven without trusting a factorization; None if that fails.
 
-    The proof is about rotations from quaternions, the bound about the rotations nearest to the
-    stored matrices. An edge adds the blocks -kappa (D, D^T) to the difference of their M, where |D|
-    is at most the `distances`; this is bounded below by -kappa |D| on both nodes' diagonals.
+    The point is as of `prove`. The proof is about rotations from quaternions, the bound about the
+    rotations nearest to the stored matrices. An edge adds the blocks -kappa (D, D^T) to the
+    difference of their M, where |D| is at most the `distances`; this is bounded below by -kappa |D|
+    on both nodes' diagonals.
     """
     weights = distances(graph, problem.rotation.graph.rotations) * graph.kappa
     if graph.scales is not None:
@@ -165,15 +151,13 @@ def proven_surrogate(
     constants: FloatArray,
     point: Point,
     bound: DualBound,
-    *,
-    at_rest: bool = False,
 ) -> DualBound | None:
     """A bound on a surrogate's cost plus constants (m,), proven without trusting a factorization.
 
     The couplings, arms and weights are the data, to the last bit; None if that fails.
     """
     graph = exact_graph(problem)
-    found = prove(problem, graph, point, bound.multipliers, at_rest=at_rest)
+    found = prove(problem, graph, point, bound.multipliers)
     if found is None:
         return None
     diagonal = np.einsum("naa->na", found[0])

@@ -3,7 +3,7 @@
 An .npz archive without pickles. Its layout, with b = d for rotations alone and d + 1 for poses;
 nodes are those of the edges, by ascending id:
 
-    claim         JSON as bytes: the graph file and its reading options (see `_claim`)
+    claim         JSON as bytes: the graph file and its reading options (see `claim_and_graph`)
     rotations     (n, 4) quaternions x y z w of any norm, or (n, 2) half-angle pairs cos sin
     translations  (n, d); absent for rotations alone
     multipliers   (n, d (d + 1) / 2) upper triangles of Lam', row by row
@@ -27,29 +27,19 @@ Version 4 is about similarities, in a g2o file or an .npz file, and has the esti
 from __future__ import annotations
 
 import hashlib
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from certpgo import checker
-from certpgo.certify.certificate import CHORDAL, Certificate, Tier
-from certpgo.certify.chordal_case import Case
-from certpgo.certify.cost_proof import cost_evidence, problem_of_certificate
-from certpgo.certify.proof import Witness, proof_of, prove
-from certpgo.certify.rejection_proof import rejection_evidence
-from certpgo.errors import FormatError, InputError, NumericalError, require, require_path
-from certpgo.graph import Estimate, Instance, SimilarityGraph
+from certpgo.errors import FormatError, InputError, NumericalError, require_path
+from certpgo.graph import Instance, SimilarityGraph
 from certpgo.graph.held import HELD
 from certpgo.io.compressed import is_compressed
 from certpgo.io.format import format_of
 from certpgo.io.pipes import readable
-from certpgo.io.writing import atomically
-from certpgo.linalg.arrays import FloatArray
 from certpgo.objective import choose_cost as costs
-from certpgo.objective.problem import problem_of
-from certpgo.objective.truncated_problem import TruncatedProblem
 
 #: Formats that the checker can read, of poses and of similarities, and what they are called.
 FORMATS = {False: ("g2o", "1dsfm"), True: ("sim3", "npz")}
@@ -69,122 +59,20 @@ def refuse_unreadable(source: Path, instance: Instance, cost: str) -> None:
     InputError
         The checker cannot read the file, or rotations alone have priors.
     """
-    _refuse_priors_of_rotations(instance)
+    refuse_priors_of_rotations(instance)
     graph, chosen = instance.graph, {"fixed", "also", "weights_are"} & {*instance.options}
     unusual = bool(graph.blocks) or graph.is_partial
     unusual |= graph.information is not None and bool(graph.information.is_partial.any())
     # Other files are read by both alike, and only once that is needed.
     if unusual or chosen or _map_of(instance):
-        _claim(source, instance, None if cost == costs.CHORDAL else cost)
+        claim_and_graph(source, instance, None if cost == costs.CHORDAL else cost)
 
 
-def _refuse_priors_of_rotations(instance: Instance) -> None:
+def refuse_priors_of_rotations(instance: Instance) -> None:
+    """Refuse rotations alone with priors by an InputError."""
     if not instance.graph.has_positions and _map_of(instance):
         said = "a proof about rotations alone is of a graph without priors (--no-priors)"
         raise InputError(f"{instance.source}: {said}")
-
-
-def write_proof(
-    path: str | Path,
-    source: str | Path,
-    instance: Instance,
-    estimate: Estimate,
-    certificate: Certificate,
-    *,
-    prices: FloatArray | None = None,
-) -> checker.Answer:
-    """Write the proof that an estimate of a graph file is as good as its certificate says.
-
-    It is about the certificate's cost, F or that of g2o or F truncated, of the numbers in the file,
-    to the last bit, and is only written if the checker accepts it.
-
-    Parameters
-    ----------
-    path : path of the proof
-    source : the g2o or 1DSfM file (or folder) that the instance was read from
-    instance : the whole graph of the file, connected
-    estimate : the estimate for the upper bound
-    certificate : certificate of that estimate, or of another of the same graph
-    prices : (m,) where the certificate is about a truncated cost: of rejected measurements, and
-        infinite for kept ones, as in ``rejection.problem.prices``
-
-    Returns
-    -------
-    The bounds verified by the checker.
-
-    Raises
-    ------
-    InputError
-        The source has another format, or the instance is only a part of it; or the certificate is
-        about a cost for which there are no proofs.
-    NumericalError
-        There is no proof, or the checker refuses it.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import certpgo
-    >>> from certpgo.io.datasets.synthetic import helix
-    >>> certpgo.write("helix.g2o", helix(3, np.random.default_rng(0)))
-    >>> instance = certpgo.read("helix.g2o")
-    >>> result = certpgo.solve(instance, cost="chordal")
-    >>> proven = certpgo.write_proof(
-    ...     "helix.cert", "helix.g2o", instance, result.estimate, result.certificate
-    ... )
-    >>> proven.lower <= proven.upper
-    True
-    """
-    require_path(path, "a proof")
-    require_path(source, "a graph")
-    require(instance, Instance, "the instance that was read")
-    require(estimate, Estimate, "an Estimate")
-    require(certificate, Certificate, "a Certificate")
-    source = provable(source, instance)
-    claim, proof = _proof(source, instance, estimate, certificate, prices)
-    found: list[checker.Answer] = []
-
-    def accepted(beside: Path) -> None:
-        header = np.frombuffer(json.dumps(claim).encode(), dtype=np.uint8)
-        with beside.open("wb") as file:
-            np.savez(file, claim=header, **_arrays(proof))
-        try:
-            found.append(checker.check(readable(source), beside))
-        except (checker.Refused, checker.Unreadable) as reason:
-            raise NumericalError(f"the checker does not accept the proof: {reason}") from None
-
-    atomically(Path(path), accepted)
-    return found[0]
-
-
-def _proof(
-    source: Path,
-    instance: Instance,
-    estimate: Estimate,
-    certificate: Certificate,
-    prices: FloatArray | None,
-) -> tuple[dict[str, Any], checker.Proof]:
-    """What the proof is about, and its content."""
-    _refuse_priors_of_rotations(instance)
-    minorants, rejections = None, None
-    if prices is not None:
-        claim, graph = _claim(source, instance)
-        cut = TruncatedProblem(problem_of(instance.graph), prices)
-        multipliers, witness, rejections = rejection_evidence(cut, graph, certificate)
-        claim |= {"version": 3}
-    elif instance.graph.has_scales or certificate.objective == CHORDAL:
-        claim, graph = _claim(source, instance)
-        multipliers, witness = _evidence(instance, graph, certificate)
-    else:
-        problem = problem_of_certificate(instance, certificate)
-        claim, graph = _claim(source, instance, problem.edge_cost.name)
-        evidence = cost_evidence(problem, graph, certificate)
-        multipliers, witness = evidence.multipliers, evidence.witness
-        minorants = evidence.minorants
-    claim |= {"pin": witness.pin, "exponent": witness.exponent}
-    proof = proof_of(estimate, multipliers, witness, minorants)
-    if instance.graph.has_scales:
-        proof = proof._replace(s=costs.similarity_problem(instance).scales_of(estimate))
-    return claim, proof._replace(rejections=rejections)
 
 
 class RefusedProof(NumericalError, checker.Refused):  # noqa: N818 - the condition is the name
@@ -263,10 +151,10 @@ def claim_of(source: Path, instance: Instance, cost: str | None = None) -> dict[
     InputError
         A proof cannot be about it.
     """
-    return _claim(source, instance, cost)[0]
+    return claim_and_graph(source, instance, cost)[0]
 
 
-def _claim(
+def claim_and_graph(
     source: Path, instance: Instance, cost: str | None = None
 ) -> tuple[dict[str, Any], checker.Graph]:
     """The subject of the proof (hashes, kind, reading options), and the graph the checker reads."""
@@ -363,24 +251,8 @@ def _overridden(weights: str) -> tuple[float | None, float | None]:
     return kappa, tau
 
 
-def _evidence(
-    instance: Instance, graph: checker.Graph, certificate: Certificate
-) -> tuple[FloatArray, Witness]:
-    """Multipliers and witness of a bound for the file's exact numbers."""
-    if certificate.multipliers is None:
-        raise NumericalError("there is no lower bound above zero to prove")
-    similar = instance.graph.has_scales
-    problem = costs.similarity_problem(instance) if similar else problem_of(instance.graph)
-    case = Case.of(problem, Tier.PROOF, certificate.rtol, certificate.atol)
-    graph = graph._replace(kappa=graph.kappa / case.unit, tau=graph.tau / case.unit)
-    multipliers = certificate.multipliers / case.unit
-    found = prove(case.problem, graph, certificate.refined, multipliers)
-    if found is None:
-        raise NumericalError("the lower bound cannot be proven without trusting a factorization")
-    return case.unit * found[0], found[1]
-
-
-def _arrays(proof: checker.Proof) -> dict[str, Any]:
+def arrays_of(proof: checker.Proof) -> dict[str, Any]:
+    """The arrays of a proof file, but for the claim."""
     arrays = {
         "rotations": proof.q,
         "multipliers": proof.multipliers,

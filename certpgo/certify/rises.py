@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from certpgo.certify.resistances import together
-from certpgo.certify.truncated_case import TruncatedCase
+from certpgo.certify.truncated_bound import Truncated, bound_with, resistances
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.truncated import Truncation, largest
@@ -26,28 +26,28 @@ LOAD, SHARED = 0.8, 0.18
 MANY = 1500
 
 
-def rises(case: TruncatedCase, estimate: Estimate) -> FloatArray:
+def rises(normalized: Truncated, point: Estimate) -> FloatArray:
     """(k,) by how much F of the kept measurements rises at least if one more is taken, proven.
 
     Zero where nothing is proven, or a stop was requested.
 
     Parameters
     ----------
-    estimate : near the optimum of the kept measurements
+    point : the optimum of the kept measurements
     """
-    point = case.optimum_of_kept(estimate)
-    proven = np.zeros(len(case.problem.rejected))
-    found = case.resistances(point)
+    problem = normalized.problem
+    proven = np.zeros(len(problem.rejected))
+    found = resistances(problem, point)
     if found is None:
         return proven
-    uncut = case.problem.with_prices_of(point)
-    own = replace(case, problem=uncut)
+    uncut = problem.with_prices_of(point)
+    own = replace(normalized, problem=uncut)
     at, cost = uncut.truncation(point), uncut.kept.enclosure(point)[1]
     W, _ = at.loaded(found.blocks, LOAD)
     size = max(MANY // found.b, 1)
     parts = [np.arange(at, min(at + size, len(W))) for at in range(0, len(W), size)]
     waiting = [group for part in parts for group in together(found, W, part, SHARED + 0.0 * part)]
-    while waiting and not case.stop.should_stop():
+    while waiting and not normalized.stop.should_stop():
         group = waiting.pop()
         risen = _proven(own, point, cost, at, W, group)
         if risen is None and len(group) > 1:
@@ -58,7 +58,7 @@ def rises(case: TruncatedCase, estimate: Estimate) -> FloatArray:
 
 
 def _proven(
-    case: TruncatedCase,
+    normalized: Truncated,
     point: Estimate,
     cost: float,
     at: Truncation,
@@ -68,7 +68,7 @@ def _proven(
     """The rises of measurements that are proven together; None if they are not."""
     chosen = np.zeros_like(W)
     chosen[group] = W[group]
-    bound = case.bound_by(point, cost, chosen, sharp=True, tight=True)
+    bound = bound_with(normalized, point, cost, chosen)
     if bound is None:
         return None
     most = largest(at.subset(group).minorants(W[group]))

@@ -9,7 +9,7 @@ that disagree.
 
 from __future__ import annotations
 
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -17,14 +17,13 @@ from certpgo.errors import GraphError
 from certpgo.graph.bridges import bridges
 from certpgo.graph.scale import typical
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.information_problem import InformationProblem
-from certpgo.objective.problem import Problem
+from certpgo.objective.truncated_problem import TruncatedProblem
 
 #: How many times the typical weight of other measurements a bridge may have, and one in a cycle,
 #: which then loses about one over that of the cost.
 BRIDGE, IN_CYCLE = 2.0**10, 2.0**21
 
-AnyProblem = TypeVar("AnyProblem", bound=Problem | InformationProblem)
+AnyProblem = TypeVar("AnyProblem", bound=Any)
 
 
 def eased(problem: AnyProblem, *, cycles: bool = True) -> AnyProblem:
@@ -34,6 +33,14 @@ def eased(problem: AnyProblem, *, cycles: bool = True) -> AnyProblem:
     ----------
     cycles : whether also in cycles, which moves the optimum a little
     """
+    if isinstance(problem, TruncatedProblem):
+        # Not its surrogate: minorants may be below zero, and lower weights would raise these, were
+        # it by rounding.
+        whole = eased(problem.whole, cycles=cycles)
+        same = whole is problem.whole
+        return problem if same else cast("AnyProblem", TruncatedProblem(whole, problem.prices))
+    if problem.is_lifted or problem.takes_scales:
+        return problem
     graph = problem.graph
     weights = graph.rotation.kappa, graph.tau
     if not any(_may_be_stiff(w[w > 0.0], graph.num_nodes) for w in weights):

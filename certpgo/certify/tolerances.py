@@ -6,7 +6,7 @@ import math
 from numbers import Real
 
 from certpgo.errors import InputError, require
-from certpgo.objective.choose_cost import Judged
+from certpgo.objective.objective import Objective
 
 #: CERTIFIED means gap <= rtol F + min(atol W, NEGLIGIBLE F), or that of an exact fit.
 RTOL, ATOL = 1e-5, 1e-12
@@ -66,7 +66,7 @@ def refuse_time_limit(seconds: float | None) -> None:
         raise InputError(f"the time limit must not be negative: {seconds}")
 
 
-def refuse_unprovable(problem: Judged) -> None:
+def refuse_unprovable(problem: Objective) -> None:
     """Refuse a problem whose cost the checker does not know.
 
     Raises

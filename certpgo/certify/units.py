@@ -14,11 +14,10 @@ import numpy as np
 from certpgo.certify.certificate import Certificate
 from certpgo.errors import InputError
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.problem import Problem
-from certpgo.objective.range_problem import RangeProblem
+from certpgo.objective.objective import Objective
 
 
-def unit_of(problem: Problem | RangeProblem) -> float:
+def unit_of(problem: Objective) -> float:
     """The power of two nearest W.
 
     Raises

@@ -34,7 +34,7 @@ def prove(
     Returns False, with a notice, if there is no proof; the verdict stands without it.
     """
     from certpgo.certify.certificate import CHORDAL
-    from certpgo.certify.proof_file import write_proof
+    from certpgo.solve.proving import write_proof
 
     try:
         with working(f"proving the bound for {instance.name}"):

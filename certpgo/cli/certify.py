@@ -123,11 +123,11 @@ def command(
 
     Ctrl-C or SIGTERM prints what is proven by then; a second Ctrl-C aborts.
     """
-    from certpgo.certify.judge import Judge
     from certpgo.io.digits import writing_of
     from certpgo.io.matching import Matching
     from certpgo.io.timestamps import file_of_times, timed, timed_by
     from certpgo.solve.batch import JudgedGraph
+    from certpgo.solve.judging import Judge
 
     _refuse_mixtures(estimates, csv, truth=truth, best=best, proof=proof, html=html)
     refuse_rejected(rejected, quantile, html=html)

@@ -333,9 +333,9 @@ def _by_method(
     status: Any,
     asked: Asked,
 ) -> Solved:
-    from certpgo.certify import certify
     from certpgo.certify.certificate import of_instance
     from certpgo.objective.problem import problem_of
+    from certpgo.solve.judging import certify
 
     problem = problem_of(part.graph)
     with ends_at_once() if getattr(solver, "compiled", False) else nullcontext():

@@ -1,4 +1,4 @@
-"""The base of rotation and pose problems: pattern, ordering and analyses of one graph."""
+"""F as a quadratic form: the base of rotation and pose problems, with their analyses."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Self, TypeVar
+from typing import ClassVar, Self, TypeVar
 
 import numpy as np
 
 from certpgo.errors import InputError, kind_of
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
-from certpgo.graph.display import Brief, Speaking
+from certpgo.graph.display import Brief
 from certpgo.graph.graph import has_matrix_weights
 from certpgo.graph.relaxed_point import Point, require_nodes
 from certpgo.linalg import factor
@@ -24,12 +24,13 @@ from certpgo.linalg.factor import Analysis, Factor, Symbolic
 from certpgo.objective import operators
 from certpgo.objective.edge_sums import EdgeSums
 from certpgo.objective.enclosure import edge_enclosures, enclosure
+from certpgo.objective.objective import Objective, Surrogate
 
 #: What the cost of isotropic weights is called.
 CHORDAL = "F"
 
 AnyPoint = TypeVar("AnyPoint", bound=Point)
-AnyProblem = TypeVar("AnyProblem", bound="Objective")
+AnyProblem = TypeVar("AnyProblem", bound="Quadratic")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -54,24 +55,16 @@ class FirstOrder(Brief):
     stationarity: float
 
 
-class Objective(Speaking, ABC):
-    """The base of rotation and pose problems."""
+class Quadratic(Objective, ABC):
+    """F, a quadratic form of rotations and translations: the base of rotation and pose problems."""
 
     graph: RotationGraph | PoseGraph
-    engine: str
-
-    @property
-    def _headline(self) -> str:
-        return f"{type(self).__name__}: {self.graph.size_in_words}"
 
     def _facts(self) -> Iterator[tuple[str, str]]:
         *measured, _ = self.graph._facts()
         yield "cost", "F, of residuals weighed by kappa and tau; problem.cost(estimate)"
         yield from measured
         yield "next", "certpgo.certify(problem, estimate); certpgo.solve(problem)"
-
-    def _picture(self) -> str:
-        return self.graph._picture()
 
     def first_order(self, estimate: Estimate) -> FirstOrder:
         """Cost, gradient, multipliers and stationarity at an estimate."""
@@ -104,11 +97,9 @@ class Objective(Speaking, ABC):
         """What the cost is."""
         return CHORDAL
 
-    #: The cost's name in options, whether it is F, which its own matrix states, and whether its
-    #: bound is that of a point above this space.
-    cost_name = "chordal"
     is_chordal = True
-    is_lifted = False
+    #: Whether weights may be negative, and bounds below zero useful.
+    is_signed: ClassVar[bool] = False
 
     @property
     def chordal(self) -> Self:
@@ -120,9 +111,34 @@ class Objective(Speaking, ABC):
         """The measurements without distances: all of them."""
         return self.graph
 
-    def surrogate(self, point: Point) -> tuple[Self, float]:
-        """A problem under F, and a constant: together nowhere above the cost, and equal there."""
-        return self, 0.0
+    @property
+    def eliminates(self) -> bool:
+        """Whether translations are best for rotations where their equations are solved."""
+        return True
+
+    @abstractmethod
+    def complete(self, rotations: FloatArray) -> Estimate:
+        """The estimate of these rotations with the best translations."""
+
+    def settled(self, estimate: Estimate) -> Estimate:
+        """The estimate with its best translations: elsewhere, bounds are valid, but useless."""
+        return self.complete(estimate.rotations)
+
+    def surrogate(self, point: Point) -> Surrogate:
+        """The cost itself."""
+        return Surrogate(self)
+
+    def blocks(self, point: Point) -> Point:
+        """A point of the relaxation: the same, unless scales are unknown."""
+        return point
+
+    def shares(self, rank: int) -> tuple[float, ...]:
+        """Shares of the multipliers to give up at points of this rank, until there is a bound."""
+        return (0.0,)
+
+    def tangents(self, point: Point) -> Iterator[tuple[Self, float]]:
+        """The problem itself, which is its own tangent at any point; see `Surrogate.at`."""
+        yield self, 0.0
 
     @property
     def unprovable(self) -> str:
@@ -180,16 +196,6 @@ class Objective(Speaking, ABC):
     def stationarity(self, estimate: Estimate) -> float:
         """Distance from stationarity, radians; see `FirstOrder`."""
         return self.first_order(estimate).stationarity
-
-    @property
-    def n(self) -> int:
-        """Number of nodes."""
-        return self.graph.num_nodes
-
-    @property
-    def d(self) -> int:
-        """Dimension of space, 2 or 3."""
-        return self.graph.d
 
     @cached_property
     def pattern(self) -> BlockPattern:
@@ -302,7 +308,7 @@ class Objective(Speaking, ABC):
             raise InputError("the estimate has no translations, but the graph measures them")
 
 
-def require_graph(problem: Objective, kind: type, otherwise: str) -> None:
+def require_graph(problem: Quadratic, kind: type, otherwise: str) -> None:
     """Refuse another kind of graph by an InputError, which says what to take instead."""
     if not isinstance(problem.graph, kind):
         found, expecting = type(problem.graph).__name__, type(problem).__name__

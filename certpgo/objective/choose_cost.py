@@ -18,13 +18,13 @@ from certpgo.graph.ranges import Ranges
 from certpgo.objective.chordal_cost import ChordalCost
 from certpgo.objective.costs import CHORDAL, COSTS
 from certpgo.objective.edge_cost import EdgeCost
-from certpgo.objective.information_problem import InformationProblem, surrogate
+from certpgo.objective.information_problem import InformationProblem
+from certpgo.objective.objective import Surrogate
 from certpgo.objective.problem import SCALED, PoseProblem, Problem, problem_of
 from certpgo.objective.range_problem import RangeProblem
 from certpgo.objective.rotation_problem import RotationProblem
 from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.objective.sum import Sum
-from certpgo.objective.surrogate import Surrogate
 from certpgo.objective.truncated_problem import TruncatedProblem
 
 #: What estimates are certified for.
@@ -49,7 +49,6 @@ __all__ = [
     "problem_under",
     "range_problem",
     "similarity_problem",
-    "surrogate",
 ]
 
 

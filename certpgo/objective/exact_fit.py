@@ -14,8 +14,8 @@ from certpgo.graph.observations import Observations
 from certpgo.graph.relaxed_point import Point, translations_of
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective import operators
-from certpgo.objective.choose_cost import Judged
 from certpgo.objective.edge_equations import relative
+from certpgo.objective.objective import Objective
 from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.objective.term import term_of
 
@@ -26,7 +26,7 @@ ROUNDING = 2.0**-36
 STORED = 2.0**-50
 
 
-def fits_exactly(problem: Judged, estimate: Estimate) -> bool:
+def fits_exactly(problem: Objective, estimate: Estimate) -> bool:
     """Whether every residual of an estimate is rounding, whatever its weight."""
     if isinstance(problem, SimilarityProblem):
         return meets(problem.form, problem.blocks(estimate))

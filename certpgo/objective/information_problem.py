@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import cast
@@ -13,23 +12,22 @@ import numpy as np
 from certpgo.errors import GraphError, InputError, NumericalError
 from certpgo.graph import Estimate, PoseGraph
 from certpgo.graph.concatenate import by_rows
-from certpgo.graph.display import Speaking
 from certpgo.graph.graph import require_connected
 from certpgo.graph.priors import require_determined
 from certpgo.graph.relaxed_point import Point, translations_of
 from certpgo.linalg import rotations as so
-from certpgo.linalg.arrays import CSC, BoolArray, FloatArray, frozen_floats
+from certpgo.linalg.arrays import CSC, BoolArray, FloatArray, IntArray, frozen_floats
 from certpgo.linalg.blocks import Layout
 from certpgo.linalg.factor import LinearSolver, Symbolic, default_engine
 from certpgo.linalg.refined import SingleFirst
 from certpgo.objective.edge_cost import EdgeCost
 from certpgo.objective.edge_equations import EdgeEquations, relative
 from certpgo.objective.minorants import Minorants
+from certpgo.objective.objective import Objective, Surrogate
 from certpgo.objective.problem import PoseProblem
 from certpgo.objective.quadratic_model import ROUNDING, largest_step
 from certpgo.objective.range_problem import RangeProblem
 from certpgo.objective.signed_weights import SignedGraph, SignedProblem
-from certpgo.objective.surrogate import Surrogate
 
 #: Damping after the first step that fails without any.
 FIRST_DAMPING = 1e-6
@@ -102,7 +100,7 @@ class NormalEquations:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class InformationProblem(Speaking):
+class InformationProblem(Objective):
     """Minimise the cost of another program, f = sum e^T Omega e over the edges, over SE(d)^n.
 
     Attributes
@@ -127,17 +125,6 @@ class InformationProblem(Speaking):
             )
         if self.graph.is_partial:
             require_determined(self.graph)
-
-    @property
-    def _headline(self) -> str:
-        return f"{type(self).__name__}: {self.graph.size_in_words}"
-
-    def _facts(self) -> Iterator[tuple[str, str]]:
-        yield "cost", self.edge_cost.title
-        yield "next", "certpgo.solve(problem); certpgo.certify(problem, estimate)"
-
-    def _picture(self) -> str:
-        return self.graph._picture()
 
     @property
     def graph(self) -> PoseGraph:
@@ -172,12 +159,60 @@ class InformationProblem(Speaking):
             lifted[rows] = term.lifts and self.measured.ranges is not None
         return lifted
 
-    is_chordal = is_lifted = False
+    most_ranks = 3
 
-    def surrogate(self, point: Point) -> tuple[PoseProblem, float]:
-        """A problem under F, and a constant: together nowhere above the cost, and equal there."""
-        below = surrogate_at(self, *self.relative(point))
-        return below.at(point)
+    def surrogate(self, point: Point) -> Surrogate:
+        """The problem of the tangent minorants at an estimate, which touches the cost there.
+
+        If the estimate is stationary for the cost, it is for the surrogate, and a lower bound of
+        the surrogate's cost plus the constant is one of the cost. Measurements without a minorant
+        there are left out: their terms are at least zero.
+
+        Raises
+        ------
+        InputError
+            Some information matrices are not positive definite.
+        NumericalError
+            The measurements that have minorants there do not connect the graph.
+        """
+        return self.expanded(*self.relative(point))
+
+    def expanded(self, v: FloatArray, Q: FloatArray) -> Surrogate:
+        """The same of minorants at v (m, d) and Q (m, d, d), of whatever origin."""
+        self.refuse_indefinite()
+        return self.surrogate_of(self.edge_cost.minorants(v, so.project(Q)))
+
+    def surrogate_of(self, minorants: Minorants) -> Surrogate:
+        """The problem of minorants of all measurements.
+
+        Raises
+        ------
+        NumericalError
+            The measurements whose minorants exist do not connect the graph.
+        """
+        graph, found, kept = self.graph, minorants, minorants.exist
+        if not kept.all() and not (kept.any() and graph.with_edges(kept).is_connected):
+            raise NumericalError("measurements with minorants do not connect the graph")
+        kind = SignedGraph if self.measured.blocks else PoseGraph
+        if (frozen := kept & ~self.lifted if self.measured.blocks else kept).all():
+            general, constant = found.summed(graph, kind)
+            return Surrogate(self.chordal.of_same_edges(general), constant, minorants)
+        general, constant = found.subset(frozen).summed(graph.with_edges(frozen), kind)
+        if (ranges := self.measured.ranges) is None:
+            return Surrogate(self.chordal.of_same_edges(general), constant, minorants)
+        below = RangeProblem(general.with_blocks(ranges), self.engine)
+        return Surrogate(below, constant, minorants)
+
+    def relaxed(self) -> InformationProblem | None:
+        """With relative poses of a lower cost, see `EdgeCost.relaxed`."""
+        cost = self.edge_cost.relaxed()
+        if cost is None or not cost.graph.is_definite.all():
+            return None
+        return self.with_cost(cost)
+
+    def without_minorants(self, estimate: Estimate) -> IntArray:
+        """(k,) indices of the measurements that have no minorant at an estimate."""
+        return np.flatnonzero(~self.edge_cost.minorants(*self.relative(estimate)).exist)
 
     @property
     def cost_name(self) -> str:
@@ -199,16 +234,6 @@ class InformationProblem(Speaking):
         if self.edge_cost.provable:
             return ""
         return f"proofs and their tier are for the chordal cost and g2o's, not for {self.title}"
-
-    @property
-    def n(self) -> int:
-        """Number of poses."""
-        return self.graph.num_nodes
-
-    @property
-    def d(self) -> int:
-        """Dimension of space, 2 or 3."""
-        return self.graph.d
 
     @cached_property
     def scale(self) -> float:
@@ -232,10 +257,6 @@ class InformationProblem(Speaking):
         other = InformationProblem(edge_cost, self.engine)
         other.__dict__["chordal"] = self.chordal.of_same_edges(edge_cost.whole)
         return other
-
-    def check(self, estimate: Estimate) -> None:
-        """Refuse an estimate of another graph by an InputError."""
-        self.chordal.check(estimate)
 
     def relative(self, point: Point) -> tuple[FloatArray, FloatArray]:
         """(m, d) vectors v = R_i^T (t_j + R_j a - t_i) and (m, d, d) rotations Q = R_i^T R_j."""
@@ -262,10 +283,6 @@ class InformationProblem(Speaking):
             self.__dict__["_costs"] = estimate, costs
         return cast("FloatArray", costs)
 
-    def cost(self, estimate: Estimate) -> float:
-        """The cost f of an estimate."""
-        return float(self.edge_costs(estimate).sum())
-
     def enclosure(self, estimate: Estimate) -> tuple[float, float]:
         """Lower and upper bounds on f of an estimate, whose translations are taken as stored."""
         return self.edge_cost.enclosure(estimate)
@@ -273,10 +290,6 @@ class InformationProblem(Speaking):
     def edge_enclosures(self, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
         """(m,) lower and upper bounds on the terms of f."""
         return self.edge_cost.edge_enclosures(estimate)
-
-    def residual_angles(self, estimate: Estimate) -> FloatArray:
-        """(m,) angles between R_i R_ij and R_j, radians."""
-        return self.chordal.residual_angles(estimate)
 
     def residual_lengths(self, estimate: Estimate) -> FloatArray:
         """(m,) norms of t_j - t_i - R_i t_ij, then of other residuals that are lengths, metres."""
@@ -350,50 +363,3 @@ class InformationProblem(Speaking):
                 f"{where}{of_all} are {information.indefinite}: "
                 f"{self.edge_cost.title} has no proven lower bound there (--cost chordal has)"
             )
-
-
-def surrogate(problem: InformationProblem, estimate: Estimate) -> Surrogate:
-    """The pose graph of the tangent minorants at an estimate.
-
-    With equality there, up to rounding: if the estimate is stationary for the cost, it is for the
-    surrogate, and a lower bound of the surrogate's cost plus the constant is one of the cost.
-    Measurements without a minorant there are left out: their terms are at least zero.
-
-    Raises
-    ------
-    InputError
-        Some information matrices are not positive definite.
-    NumericalError
-        The measurements that have minorants there do not connect the graph.
-    """
-    return surrogate_at(problem, *problem.relative(estimate))
-
-
-def surrogate_at(problem: InformationProblem, v: FloatArray, Q: FloatArray) -> Surrogate:
-    """The pose graph of the minorants expanded at v (m, d) and Q (m, d, d), of whatever origin.
-
-    It raises what `surrogate` does.
-    """
-    problem.refuse_indefinite()
-    return surrogate_of(problem, problem.edge_cost.minorants(v, so.project(Q)))
-
-
-def surrogate_of(problem: InformationProblem, minorants: Minorants) -> Surrogate:
-    """The pose graph of minorants of all measurements of a problem.
-
-    Raises
-    ------
-    NumericalError
-        The measurements whose minorants exist do not connect the graph.
-    """
-    graph, found, kept = problem.graph, minorants, minorants.exist
-    if not kept.all() and not (kept.any() and graph.with_edges(kept).is_connected):
-        raise NumericalError("measurements with minorants do not connect the graph")
-    kind = SignedGraph if problem.measured.blocks else PoseGraph
-    if (frozen := kept & ~problem.lifted if problem.measured.blocks else kept).all():
-        general, constant = found.summed(graph, kind)
-        return Surrogate(problem.chordal.of_same_edges(general), constant, minorants)
-    general, constant = found.subset(frozen).summed(graph.with_edges(frozen), kind)
-    if (ranges := problem.measured.ranges) is None:
-        return Surrogate(problem.chordal.of_same_edges(general), constant, minorants)
-    return Surrogate(RangeProblem(general.with_blocks(ranges), problem.engine), constant, minorants)

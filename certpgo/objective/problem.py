@@ -16,14 +16,15 @@ from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.graph import require_connected
 from certpgo.graph.priors import require_determined
-from certpgo.graph.relaxed_point import Point, translations_of
+from certpgo.graph.relaxed_point import Lift, Point, translations_of
 from certpgo.graph.scale import Scale
 from certpgo.linalg import scalar_least_squares as network
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.factor import Factor, default_engine
 from certpgo.objective import operators
-from certpgo.objective.base import AnyPoint, Objective, require_graph
+from certpgo.objective.base import AnyPoint, Quadratic, require_graph
+from certpgo.objective.objective import Objective
 from certpgo.objective.rotation_problem import RotationProblem, RotationsOfPoses
 
 #: Why unknown scales are refused, and what takes them.
@@ -36,7 +37,7 @@ __all__ = ["PoseProblem", "Problem", "RotationProblem", "problem_of"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PoseProblem(Objective):
+class PoseProblem(Quadratic):
     """Pose-graph optimization: minimise F(R, t) over SE(d)^n.
 
     F(R, t) = sum kappa ||R_j - R_i R_ij||_F^2 + sum tau ||t_j - t_i - R_i t_ij||^2.
@@ -72,9 +73,8 @@ class PoseProblem(Objective):
     graph: PoseGraph
     engine: str = field(default_factory=default_engine)
 
-    #: Whether nodes have positions, and whether their scales may be unknown.
+    #: Whether nodes have positions.
     has_positions: ClassVar[Literal[True]] = True
-    takes_scales: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         require_graph(self, PoseGraph, "a RotationGraph has no translations: RotationProblem(g)")
@@ -110,11 +110,6 @@ class PoseProblem(Objective):
         return operators.data_matrix(self.pattern, self.graph, self._sums.node_sums)
 
     @property
-    def eliminates(self) -> bool:
-        """Whether translations are best for rotations where their equations are solved."""
-        return True
-
-    @property
     def matrix(self) -> CSC:
         """The objective's matrix: the data matrix."""
         return self.data_matrix
@@ -127,6 +122,10 @@ class PoseProblem(Objective):
         """(k, r) rows of X^T whose lengths no constraint fixes, the pinned pose at the origin."""
         t = translations_of(point)
         return self.position_rows(t - t[pin]).reshape(-1, t.shape[1])
+
+    def rising(self, rows: FloatArray) -> Lift:
+        """The move into new dimensions along (n, b) rows of the certificate matrix."""
+        return Lift(rows[:, None, -self.d :], rows[:, :1])
 
     @cached_property
     def translation_laplacian(self) -> CSC:
@@ -190,10 +189,6 @@ class PoseProblem(Objective):
         """(m,) norms of the translation residuals, metres."""
         return np.asarray(np.linalg.norm(self.translation_residuals(estimate), axis=1))
 
-    def cost(self, point: Point) -> float:
-        """F of the point."""
-        return float(self.edge_costs(point).sum())
-
     def edge_costs(self, point: Point) -> FloatArray:
         """(m,) terms of F, one per edge."""
         return self._sums.terms(point)
@@ -249,6 +244,6 @@ def problem_of(graph: RotationGraph | PoseGraph, engine: str | None = None) -> P
     return RotationProblem(graph, engine)
 
 
-def cost_upper(problem: Problem, estimate: Estimate) -> float:
-    """An upper bound on F of the estimate, whose translations are taken as stored."""
+def cost_upper(problem: Objective, estimate: Estimate) -> float:
+    """An upper bound on the cost of the estimate, whose translations are taken as stored."""
     return problem.enclosure(estimate)[1]

@@ -10,15 +10,15 @@ after its unit vectors are eliminated, without nodes for them. In the plane ours
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import cast
+from typing import ClassVar, cast
 
 import numpy as np
 
 from certpgo.errors import GraphError
 from certpgo.graph import Estimate, PoseGraph
-from certpgo.graph.display import Brief
 from certpgo.graph.edges import components_of
 from certpgo.graph.priors import require_held
 from certpgo.graph.ranges import Ranges
@@ -31,7 +31,8 @@ from certpgo.linalg.factor import Factor, Symbolic, default_engine
 from certpgo.linalg.rotations import orthonormal
 from certpgo.objective import operators
 from certpgo.objective.edge_sums import EdgeSums
-from certpgo.objective.families.distances import SHORTEST, Distances
+from certpgo.objective.families.distances import FAINT, SHORTEST, Distances
+from certpgo.objective.objective import Objective, Surrogate
 from certpgo.objective.problem import PoseProblem
 from certpgo.objective.quadratic_model import ROUNDING, largest_step
 from certpgo.objective.signed_weights import OrientedProblem, SignedGraph, SignedProblem
@@ -44,7 +45,7 @@ GAUGE, DAMPING = 1e-9, 1e-4
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RangeProblem(Brief):
+class RangeProblem(Objective):
     """Minimise F over poses and points, plus the terms of measured distances.
 
     Attributes
@@ -77,16 +78,6 @@ class RangeProblem(Brief):
     def ranges(self) -> Ranges:
         """The distances."""
         return cast("Ranges", self.measured.ranges)
-
-    @property
-    def n(self) -> int:
-        """Number of nodes."""
-        return self.measured.num_nodes
-
-    @property
-    def d(self) -> int:
-        """Dimension of space, 2 or 3."""
-        return self.measured.d
 
     @property
     def poses(self) -> IntArray:
@@ -131,8 +122,8 @@ class RangeProblem(Brief):
         distances = self.ranges.weights @ self.ranges.distances**2
         return self.alone.scale + float(distances)
 
-    cost_name = "chordal"
-    is_chordal, is_lifted = False, True
+    is_lifted = climbs = True
+    most_steps = 250
 
     @property
     def chordal(self) -> PoseProblem:
@@ -157,10 +148,6 @@ class RangeProblem(Brief):
         of_sum = (len(distances) + 16) * 2.0 * U
         return low * (1.0 - of_sum), math.nextafter(high * (1.0 + of_sum), math.inf)
 
-    def check(self, estimate: Estimate) -> None:
-        """Refuse an estimate of another graph by an InputError."""
-        self.alone.check(estimate)
-
     def lengths(self, point: Point) -> FloatArray:
         """(k,) lengths of t_j - t_i."""
         i, j = self.ranges.edges.T
@@ -179,18 +166,10 @@ class RangeProblem(Brief):
         length = np.maximum(self.lengths(point), np.maximum(least, np.finfo(float).tiny))
         return (t[j] - t[i]) / length[:, None], length
 
-    def cost(self, point: Point) -> float:
-        """The cost f of a point of any rank."""
-        return float(self.edge_costs(point).sum())
-
     def edge_costs(self, point: Point) -> FloatArray:
         """Terms of f: of the measurements, then of the distances."""
         of_ranges = self.ranges.weights * (self.ranges.distances - self.lengths(point)) ** 2
         return np.concatenate([self._sums.terms(point), of_ranges])
-
-    def residual_angles(self, estimate: Estimate) -> FloatArray:
-        """Angles between R_i R_ij and R_j, radians; 0 where no rotation is measured."""
-        return self.whole.residual_angles(estimate)
 
     def residual_lengths(self, estimate: Estimate) -> FloatArray:
         """Norms of t_j - t_i - R_i t_ij, then errors of the distances, metres."""
@@ -215,6 +194,30 @@ class RangeProblem(Brief):
         pull = (self.ranges.weights * (length - self.ranges.distances))[:, None] * direction
         G[:, :, 0] += scatter_sum(j, pull, self.n) - scatter_sum(i, pull, self.n)
         return G
+
+    def blocks(self, point: Point) -> Lift:
+        """The point, of any rank."""
+        return Lift(point.rotations, point.translations)
+
+    def multipliers(self, point: Point) -> FloatArray:
+        """(n, d, d) multipliers of the rotations at a point of any rank."""
+        return self.whole.constrained(self.gradient(point)[:, :, -self.d :], point.rotations)
+
+    #: The node that a way down does not move.
+    root: ClassVar[int] = 0
+
+    @property
+    def row_weights(self) -> FloatArray:
+        """(N,) the size of each row of a certificate matrix."""
+        return np.asarray(np.abs(self.whole.matrix.diagonal()))
+
+    def sizes_of(self, Y: FloatArray) -> FloatArray:
+        """(n,) scales of blocks (n, r, d): ones."""
+        return np.ones(len(Y))
+
+    def retracted(self, moved: FloatArray, Y: FloatArray) -> FloatArray:
+        """The nearest admissible blocks (n, r, d) to those that were moved from Y."""
+        return orthonormal(moved)
 
     def linearized(self, point: Point) -> RangeModel:
         """The quadratic model of f at a point of any rank."""
@@ -270,20 +273,23 @@ class RangeProblem(Brief):
         """The symbolic analysis of a matrix of the whole pattern."""
         return self.whole.symbolic(A)
 
-    def surrogate(self, point: Point, more: float = 0.0) -> tuple[SignedProblem, float]:
-        """The pose graph's problem of tangents at a point of any rank, and the constant.
+    def surrogate(self, point: Point) -> Surrogate:
+        """The cost itself, which has a value at points of any rank."""
+        return Surrogate(self)
 
-        The constant is rounded down for exactly the weights of the problem.
+    def tangents(self, point: Point) -> Iterator[tuple[SignedProblem, float]]:
+        """Pose graphs whose edges are tangents at a point of any rank, and the constants.
 
-        Parameters
-        ----------
-        more : added to the weights, over those of the distances
+        These are rounded down for exactly the weights of the problems. The second ones have faint
+        weights more, where those of the first leave positions free, as of points that the minimum
+        has on a line.
         """
         _, length = self._apart(point)
-        tau, constants = self.distances.tangents(length, more)
-        constant = math.nextafter(math.fsum(constants), -math.inf)
-        weights = np.r_[self.measured.tau, tau]
-        return self.whole.of_same_edges(replace(self.graph, tau=weights)), constant
+        for more in (0.0, FAINT):
+            tau, constants = self.distances.tangents(length, more)
+            constant = math.nextafter(math.fsum(constants), -math.inf)
+            weights = np.r_[self.measured.tau, tau]
+            yield self.whole.of_same_edges(replace(self.graph, tau=weights)), constant
 
 
 class RangeModel:

@@ -17,11 +17,11 @@ from certpgo.graph.scale import Scale
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.factor import default_engine
 from certpgo.objective import operators
-from certpgo.objective.base import AnyPoint, Objective, require_graph
+from certpgo.objective.base import AnyPoint, Quadratic, require_graph
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RotationProblem(Objective):
+class RotationProblem(Quadratic):
     """Rotation averaging: minimise F(R) = sum kappa ||R_j - R_i R_ij||_F^2 over SO(d)^n.
 
     Attributes
@@ -106,10 +106,6 @@ class RotationProblem(Objective):
         """(m, r, d) matrices R_j - R_i R_ij, for rotations (n, r, d); R_j - R_i P if N = P K."""
         return operators.rotation_residuals(self.graph, R)
 
-    def cost(self, point: Point) -> float:
-        """F of the point's rotations."""
-        return float(self.edge_costs(point).sum())
-
     def edge_costs(self, point: Point) -> FloatArray:
         """(m,) terms of F, one per edge."""
         return self._sums.terms(point)
@@ -161,7 +157,9 @@ class RotationProblem(Objective):
 
 
 class RotationsOfPoses(RotationProblem):
-    """The rotations of a pose graph, of which some measurements may have weight 0."""
+    """The rotations of a pose graph, of which some measurements may have weight 0, or less."""
+
+    is_signed = True
 
     def __post_init__(self) -> None:
         pass  # what determines the nodes is the pose problem's affair

@@ -55,6 +55,7 @@ class SignedGraph(PoseGraph):
 class SignedProblem(PoseProblem):
     """The problem of a pose graph whose edges need not determine the nodes."""
 
+    is_signed = True
     #: Dimensions by which points of the relaxation rise.
     dimensions = 1
 
@@ -88,10 +89,6 @@ class SignedProblem(PoseProblem):
     def frames(self, basis: FloatArray) -> tuple[FloatArray, ...]:
         """(r, d) frames of the subspace of an orthonormal basis, one of each handedness."""
         return basis, basis * np.r_[-1.0, np.ones(self.d - 1)]
-
-    def rising(self, rows: FloatArray) -> Lift:
-        """The move into new dimensions along (n, b) rows of the certificate matrix."""
-        return Lift(rows[:, None, -self.d :], rows[:, :1])
 
 
 class OrientedProblem(SignedProblem):

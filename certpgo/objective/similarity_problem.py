@@ -35,6 +35,8 @@ from certpgo.objective.similarity_rounding import enclosure, entry_errors
 
 #: What the cost is called.
 SIMILAR = "F over similarities"
+#: Shares of the multipliers that are given up for a bound.
+SHARES = (1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4)
 IN_KNOWN, IN_MEAN = "the poses of known scale", "the root mean square scale"
 
 
@@ -65,7 +67,26 @@ class SimilarityProblem(PoseProblem):
         """What the cost is."""
         return f"{SIMILAR}, in the unit of {IN_MEAN if self.in_mean_unit else IN_KNOWN}"
 
-    takes_scales = True
+    takes_scales = climbs = True
+    most_steps, polished = 300, 1e-11
+
+    @property
+    def eliminates(self) -> bool:
+        """Not at once with scales."""
+        return False
+
+    def settled(self, estimate: Estimate) -> Estimate:
+        """The estimate with its best translations."""
+        if estimate.scales is None:
+            estimate = self.complete(estimate.rotations)
+        return self.with_optimal_translations(estimate)
+
+    def shares(self, rank: int) -> tuple[float, ...]:
+        """Shares of the multipliers to give up where rounding has no other compensation.
+
+        That is at points of higher rank, whose kernel need not meet the poses of known scale.
+        """
+        return SHARES if rank > self.d and not self.in_mean_unit else (0.0,)
 
     @cached_property
     def form(self) -> PoseGraph:
@@ -263,6 +284,16 @@ class SimilarityProblem(PoseProblem):
     def gauss_newton(self, estimate: Estimate) -> CSC:
         """Refused: there are no covariances of similarities."""
         raise InputError("covariances are for poses of known scale, not for similarities")
+
+    @property
+    def row_weights(self) -> FloatArray:
+        """(N,) the size of each row of a certificate matrix."""
+        return np.asarray(self.matrix.diagonal())
+
+    def retracted(self, moved: FloatArray, A: FloatArray) -> FloatArray:
+        """The nearest admissible blocks (n, r, d) of the scales of A to those moved from there."""
+        scales = self.sizes_of(A)[:, None, None]
+        return np.asarray(scales * so.orthonormal(moved / scales))
 
     def linearized(self, point: Point) -> SimilarityModel:
         """The quadratic model of F at a point of any rank."""

@@ -18,7 +18,6 @@ from numpy.typing import ArrayLike
 
 from certpgo.errors import InputError, require
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
-from certpgo.graph.display import Brief
 from certpgo.graph.relaxed_point import Point
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_floats
 from certpgo.linalg.ball_arithmetic import U
@@ -28,6 +27,7 @@ from certpgo.objective.costs import CHORDAL
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.marginalized import isotropic_below
 from certpgo.objective.minorants import Minorants
+from certpgo.objective.objective import Objective, Surrogate
 from certpgo.objective.problem import PoseProblem, Problem, RotationProblem
 from certpgo.objective.range_problem import RangeProblem
 from certpgo.objective.rotation_problem import RotationsOfPoses
@@ -35,6 +35,8 @@ from certpgo.objective.signed_weights import SignedGraph, SignedProblem
 from certpgo.objective.sum import Sum
 from certpgo.objective.truncated import Truncation, untruncated
 
+#: Share of the smallest price that a tolerated gap may be; a larger one says nothing about choices.
+OF_PRICE = 0.01
 #: Relative difference of costs that are computed in two ways.
 SAME = 1e-12
 
@@ -44,7 +46,7 @@ class UncertifiableError(InputError):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TruncatedProblem(Brief):
+class TruncatedProblem(Objective):
     """Minimise the cost of kept measurements and the truncated costs of rejected ones.
 
     Attributes
@@ -147,7 +149,14 @@ class TruncatedProblem(Brief):
         """(m,) terms of the cost of all measurements, whether truncated or not."""
         return self.whole.edge_costs(estimate)
 
-    is_chordal = is_lifted = False
+    @property
+    def cap(self) -> float:
+        """The largest gap that says something about choices."""
+        return OF_PRICE * float(self.prices.min())
+
+    def settled(self, estimate: Estimate) -> Estimate:
+        """The estimate with the best translations for the measurements that count there."""
+        return self.counting(self.counted(estimate)).settled(estimate)
 
     @property
     def is_of_f(self) -> bool:
@@ -168,16 +177,6 @@ class TruncatedProblem(Brief):
     def unprovable(self) -> str:
         """Why the cost has no proof tier; empty if it has."""
         return self.whole.unprovable
-
-    @property
-    def n(self) -> int:
-        """Number of nodes."""
-        return self.whole.n
-
-    @property
-    def d(self) -> int:
-        """Dimension of space, 2 or 3."""
-        return self.whole.d
 
     @property
     def engine(self) -> str:
@@ -218,17 +217,9 @@ class TruncatedProblem(Brief):
         prices[self.rejected] = np.maximum(costs, np.finfo(float).tiny)
         return TruncatedProblem(self.whole, prices)
 
-    def check(self, estimate: Estimate) -> None:
-        """Refuse an estimate of another graph by an InputError."""
-        self.whole.check(estimate)
-
     def edge_costs(self, estimate: Estimate) -> FloatArray:
         """(m,) terms of the cost."""
         return np.minimum(self.terms(estimate), self.prices)
-
-    def cost(self, estimate: Estimate) -> float:
-        """The truncated cost of an estimate."""
-        return float(self.edge_costs(estimate).sum())
 
     def enclosure(self, estimate: Estimate) -> tuple[float, float]:
         """Lower and upper bounds on the cost, whose translations are taken as stored."""
@@ -242,10 +233,6 @@ class TruncatedProblem(Brief):
             math.nextafter((low + less) * (1.0 - 4.0 * U), -math.inf),
             math.nextafter((high + more) * (1.0 + 4.0 * U), math.inf),
         )
-
-    def residual_angles(self, estimate: Estimate) -> FloatArray:
-        """(m,) angles between R_i R_ij and R_j, radians."""
-        return self.whole.residual_angles(estimate)
 
     def residual_lengths(self, estimate: Estimate) -> FloatArray | None:
         """(m,) norms of t_j - t_i - R_i t_ij, metres; None where only rotations are measured."""
@@ -273,11 +260,10 @@ class TruncatedProblem(Brief):
         negative = at.minorants(at.plain() if W is None else W)
         return self._untruncated(point).replaced(self.is_rejected, negative)
 
-    def surrogate(self, point: Point, W: FloatArray | None = None) -> tuple[Problem, float]:
-        """A problem under F, and a constant: together nowhere above the cost.
+    def surrogate(self, point: Point, W: FloatArray | None = None) -> Surrogate:
+        """The problem of minorants, which touches the cost at a point if all have one there.
 
-        They are equal to it at the point, if all measurements have minorants there. The constant is
-        rounded down for exactly the weights of the problem.
+        Its constant is rounded down for exactly the weights of the problem.
 
         Parameters
         ----------
@@ -286,13 +272,13 @@ class TruncatedProblem(Brief):
         """
         return self.surrogate_of(self.minorants(point, W))
 
-    def surrogate_of(self, minorants: Minorants) -> tuple[Problem, float]:
-        """The problem and the constant that add up to minorants of all measurements."""
+    def surrogate_of(self, minorants: Minorants) -> Surrogate:
+        """The problem of minorants of all measurements."""
         if self.graph.has_positions:
             graph, constant = minorants.summed(self.graph, SignedGraph)
-            return self._general.of_same_edges(graph), constant
+            return Surrogate(self._general.of_same_edges(graph), constant, minorants)
         rotation, constant = minorants.summed_rotations(self.graph)
-        return self._general.of_same_edges(rotation), constant
+        return Surrogate(self._general.of_same_edges(rotation), constant, minorants)
 
     def _untruncated(self, point: Point) -> Minorants:
         """Minorants of the measurements' costs that touch at a point, zero where there are none."""

@@ -18,7 +18,7 @@ import numpy as np
 
 from certpgo import checker
 from certpgo.certify import Certificate, Tier
-from certpgo.certify.proof_file import check, claim_of, write_proof
+from certpgo.certify.proof_file import check, claim_of
 from certpgo.certify.tolerances import ATOL, RTOL
 from certpgo.errors import CertPGOError, InputError, NumericalError
 from certpgo.graph import Estimate, Instance
@@ -30,6 +30,7 @@ from certpgo.optima.fingerprint import fingerprint
 from certpgo.optima.recognition import sizes_of
 from certpgo.optima.register import Absent, Optimum, Register, is_name, merged_names
 from certpgo.solve.fit import fit_of
+from certpgo.solve.proving import write_proof
 from certpgo.solve.solving import solve
 
 #: Bytes up to which a proof file is kept, and of all that are.

@@ -7,12 +7,11 @@ serves later steps as long as they converge fast.
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
 from certpgo.graph import Estimate
-from certpgo.linalg import rotations as so
 from certpgo.linalg.blocks import add_to_diagonal
 from certpgo.objective.quadratic_model import QuadraticModel
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
@@ -37,8 +36,11 @@ class Modelled(Protocol):
     def check(self, estimate: Estimate) -> None:
         """Refuse an estimate of another graph by an InputError."""
 
-    def linearized(self, point: Estimate) -> QuadraticModel:
+    def linearized(self, point: Any) -> QuadraticModel:
         """The model at an estimate."""
+
+    def estimate_of(self, point: Any) -> Estimate:
+        """The nearest estimate to the end of a descent."""
 
 
 AnyModel = TypeVar("AnyModel", bound=QuadraticModel)
@@ -80,9 +82,7 @@ def descend(
     problem.check(start)
     progress = Progress(monitor, tolerance, max_iterations, watch or Stopwatch())
     end = minimise(problem.linearized(start), progress)
-    # Steps leave some rounding, which would widen the enclosure of the cost.
-    rotations = so.project(end.point.rotations)
-    return progress.solution(Estimate(rotations, end.point.translations), end.cost)
+    return progress.solution(problem.estimate_of(end.point), end.cost)
 
 
 def minimise(here: AnyModel, progress: Progress) -> AnyModel:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from certpgo.certify import Certificate, certify
+from certpgo.certify import Certificate
 from certpgo.errors import CertPGOError, InputError, InputNotice, kind_of
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.graph import has_no_unit
@@ -22,6 +22,7 @@ from certpgo.objective.choose_cost import CHORDAL, Judged, certifiable
 from certpgo.objective.truncated_problem import TruncatedProblem
 from certpgo.solve import metrics
 from certpgo.solve.fit import Fit
+from certpgo.solve.judging import certify
 
 #: Number of costliest edges listed.
 EDGES = 5

@@ -7,7 +7,6 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 from certpgo.certify.certificate import of_instance
-from certpgo.certify.judge import Judge
 from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate, Instance
 from certpgo.io.csv_files import write_csv
@@ -15,6 +14,7 @@ from certpgo.io.digits import Writing
 from certpgo.objective.choose_cost import Judged
 from certpgo.solve.assessment import Assessment, assess
 from certpgo.solve.fit import fit_of
+from certpgo.solve.judging import Judge
 
 #: Verdict for estimates that could not be read or certified.
 ERROR = "ERROR"

@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple, TypeVar
 import numpy as np
 
 from certpgo import registry
-from certpgo.certify import Certificate, Verdict, certify
+from certpgo.certify import Certificate, Verdict
 from certpgo.certify.bounds import (
     alpha_max,
     cycle_bound,
@@ -33,6 +33,7 @@ from certpgo.objective.problem import Problem
 from certpgo.optimize import spectral
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 from certpgo.optimize.solution import Status
+from certpgo.solve.judging import certify
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.solving import solve
 

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 from certpgo import registry
-from certpgo.certify import Certificate, certify
+from certpgo.certify import Certificate
 from certpgo.certify.certificate import CHORDAL as OF_F
 from certpgo.errors import CertPGOError, SpecError, require
 from certpgo.graph import Estimate, Graph, Instance
@@ -23,6 +23,7 @@ from certpgo.objective.choose_cost import (
 )
 from certpgo.objective.problem import Problem
 from certpgo.optimize.solution import Solution, Solver, Status
+from certpgo.solve.judging import certify
 from certpgo.solve.metrics import TrajectoryErrors, f_ml
 
 

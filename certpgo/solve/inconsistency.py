@@ -19,9 +19,9 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from certpgo.certify.leave_one_out import worth_keeping
+from certpgo.certify.normalized import NormalizedProblem
 from certpgo.certify.rises import rises
 from certpgo.certify.tolerances import ATOL, RTOL
-from certpgo.certify.truncated_case import TruncatedCase
 from certpgo.errors import GraphError
 from certpgo.graph import Estimate, Graph
 from certpgo.graph.succession import Succession
@@ -32,6 +32,7 @@ from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import problem_of
 from certpgo.objective.truncated_problem import TruncatedProblem
 from certpgo.optimize.progress import Stop
+from certpgo.solve.rejection_bounds import optimum_of_kept
 from certpgo.solve.selection import Posed
 
 #: Length of a trusted measurement, over that of another one.
@@ -56,16 +57,17 @@ def budgets(problem: Posed, level: float = LEVEL, scale: float = 1.0) -> FloatAr
 
 def proven_rises(problem: TruncatedProblem, estimate: Estimate, stop: Stop) -> FloatArray:
     """(k,) by how much the cost rises at least if a rejected measurement is taken back."""
-    case = replace(TruncatedCase.of(problem, "standard", RTOL, ATOL), stop=stop)
-    return np.asarray(case.unit * rises(case, estimate))
+    normalized = replace(NormalizedProblem.of(problem, "standard", RTOL, ATOL), stop=stop)
+    point = optimum_of_kept(normalized, estimate)
+    return np.asarray(normalized.unit * rises(normalized, point))
 
 
 def proven_worth(
     problem: TruncatedProblem, estimate: Estimate, prices: FloatArray, stop: Stop
 ) -> BoolArray:
     """(m,) which kept measurements cost more if they are left out, each for its price, proven."""
-    case = replace(TruncatedCase.of(problem, "standard", RTOL, ATOL), stop=stop)
-    return worth_keeping(case, estimate, prices / case.unit)
+    normalized = replace(NormalizedProblem.of(problem, "standard", RTOL, ATOL), stop=stop)
+    return worth_keeping(normalized, estimate, prices / normalized.unit)
 
 
 def odometry(graph: Graph, order: Succession) -> BoolArray:

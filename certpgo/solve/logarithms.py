@@ -14,9 +14,10 @@ from certpgo.linalg.ball_arithmetic import U
 from certpgo.objective.choose_cost import similarity_problem
 from certpgo.objective.logarithms import LogarithmProblem
 from certpgo.objective.similarity_problem import SimilarityProblem
+from certpgo.optimize.levenberg_marquardt import descend
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.progress import Stop
-from certpgo.optimize.similarity_descent import descend, separate_start
+from certpgo.optimize.similarity_starts import separate_start
 from certpgo.optimize.solution import Solution
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.settings import SolveSettings, settings_from

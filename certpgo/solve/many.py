@@ -14,7 +14,6 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, TypeVar
 
 from certpgo.certify.certificate import Certificate
-from certpgo.certify.judge import certify
 from certpgo.errors import CertPGOError, InputError, kind_of
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.io.accept_paths import AnyPath
@@ -23,6 +22,7 @@ from certpgo.objective.choose_cost import Judged
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.range_problem import RangeProblem
 from certpgo.optimize.monitor import Monitor
+from certpgo.solve.judging import certify
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.settings import SolveSettings, settings_from
 from certpgo.solve.solving import solve

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 from certpgo.certify.certificate import Certificate
-from certpgo.certify.chordal_case import Case
+from certpgo.certify.normalized import NormalizedProblem
 from certpgo.certify.obstacle import Obstacle
-from certpgo.certify.range_case import CLIMB_SHARE, RangedCase, Relaxed
+from certpgo.certify.verdict import of_relaxation
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Lift, Point
 from certpgo.graph.trees import tree_initialization
 from certpgo.objective.range_problem import RangeProblem
+from certpgo.optimize.descent import descend
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.solution import Solution, Status
+from certpgo.solve.relaxation import CLIMB_SHARE, Relaxed
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.search_loop import Report, Search
 from certpgo.solve.settings import SolveSettings
@@ -30,12 +33,13 @@ class RangeSearch(Search):
 
     posed: RangeProblem
     problem: RangeProblem
-    case: RangedCase
     of_edges_alone = False
 
-    def __init__(self, posed: RangeProblem, case: Case, settings: SolveSettings) -> None:
-        super().__init__(posed, case, settings)
-        self.relaxed = Relaxed(self.case, settings.max_rank)
+    def __init__(
+        self, posed: RangeProblem, normalized: NormalizedProblem[Any], settings: SolveSettings
+    ) -> None:
+        super().__init__(posed, normalized, settings)
+        self.relaxed = Relaxed(self.normalized, settings.max_rank)
 
     def solved(
         self, initial: Start | None, stored: Start | None, report: Report | None
@@ -81,7 +85,7 @@ class RangeSearch(Search):
     def descend(self, start: Estimate, *, monitor: Monitor | None = None) -> Solution:
         """Levenberg and Marquardt's method."""
         with self.watch.phase("round"):
-            return self.case.descent(start, monitor)
+            return descend(self.problem, start, monitor=monitor or self.stop, watch=self.watch)
 
     def improve_bound(self, point: Point) -> None:
         """Nothing: estimates have no bounds of their own worth their time."""
@@ -93,4 +97,4 @@ class RangeSearch(Search):
 
     def obstacle(self, certificate: Certificate) -> Obstacle:
         """What keeps the gap open after the search."""
-        return self.relaxed.obstacle(certificate)
+        return of_relaxation(certificate, self.relaxed.reached, self.stop.cut)

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo.certify.certificate import Certificate, Tier, Verdict
-from certpgo.certify.truncated_case import TruncatedCase
+from certpgo.certify.normalized import NormalizedProblem
+from certpgo.certify.verdict import verdict
 from certpgo.certify.wording import meaning, reason_of
 from certpgo.graph import Estimate
 from certpgo.graph.display import Brief
@@ -19,6 +20,8 @@ from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import Problem
 from certpgo.objective.truncated_problem import TruncatedProblem, rejecting
 from certpgo.optimize.monitor import Monitor, silent
+from certpgo.solve import bounding
+from certpgo.solve.minima import local_minimum
 from certpgo.solve.settings import DEFAULT, SolveSettings
 
 
@@ -162,9 +165,9 @@ def certify_rejection(
     chosen = settings or DEFAULT
     tier = Tier.STANDARD if chosen.tier is None or problem.unprovable else chosen.tier
     truncated = rejecting(problem, rejected, quantile, scale=scale)
-    case = TruncatedCase.of(truncated, tier, chosen.rtol, chosen.atol, monitor)
-    with case.stop.within(chosen.time_limit):
-        own = case.raised(case.basin(estimate, True))
-        certificate = case.certificate(estimate, own)
+    normalized = NormalizedProblem.of(truncated, tier, chosen.rtol, chosen.atol, monitor)
+    with normalized.stop.within(chosen.time_limit):
+        own = bounding.raised(normalized, local_minimum(normalized, estimate))
+        certificate = verdict(normalized, estimate, own)
     known = flagged_from(problem) if quantile is None else quantile
     return Rejection(truncated, estimate, certificate, known, scale)

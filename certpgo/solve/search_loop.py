@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from certpgo.certify.cases import case_of
 from certpgo.certify.certificate import Certificate, Tier
-from certpgo.certify.chordal_case import Case
 from certpgo.certify.dual import DualBound
 from certpgo.certify.local_minimum import LocalMinimum
+from certpgo.certify.normalized import NormalizedProblem
 from certpgo.certify.obstacle import Obstacle
+from certpgo.certify.verdict import verdict
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Lift, Point
@@ -27,6 +27,7 @@ from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor, Stopwatch
 from certpgo.optimize.progress import Hopeful
 from certpgo.optimize.solution import Level, Solution, Status
+from certpgo.solve import bounding
 from certpgo.solve.outliers import Disagreement
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.settings import SolveSettings
@@ -44,7 +45,7 @@ class Search(ABC):
     Parameters
     ----------
     posed : the problem in the units of the graph
-    case : the normalized problem, its tolerances and the monitor of all phases
+    normalized : the problem in units of one, its tolerances and the monitor of all phases
     """
 
     problem: Any
@@ -54,13 +55,16 @@ class Search(ABC):
     #: Whether all terms of the cost are of edges between nodes of one scale.
     of_edges_alone: bool = True
 
-    def __init__(self, posed: Certifiable, case: Case, settings: SolveSettings) -> None:
+    def __init__(
+        self, posed: Certifiable, normalized: NormalizedProblem[Any], settings: SolveSettings
+    ) -> None:
         # Cheaper bounds than those of the proof tier suffice to guide the search.
-        self.case = replace(case, tier=Tier.STANDARD) if case.tier is Tier.PROOF else case
-        self.tier = None if settings.tier is None else case.tier
+        proof = normalized.tier is Tier.PROOF
+        self.normalized = replace(normalized, tier=Tier.STANDARD) if proof else normalized
+        self.tier = None if settings.tier is None else normalized.tier
         self.asked = settings
-        self.posed, self.problem, self.settings = posed, case.problem, settings
-        self.stop = case.stop
+        self.posed, self.problem, self.settings = posed, normalized.problem, settings
+        self.stop = normalized.stop
         self.patience = settings.patience if settings.time_limit is None else math.inf
         self.counts: Counter[str] = Counter()
         self.cost = math.inf
@@ -145,7 +149,7 @@ class Search(ABC):
         if estimate is self.best.estimate:
             return
         self.best = replace(self.best, estimate=estimate, cost=self.problem.cost(estimate))
-        self.cost = self.case.cost_upper(estimate)
+        self.cost = self.normalized.cost_upper(estimate)
 
     def finish(self) -> None:
         """What is left to try at the end."""
@@ -187,7 +191,7 @@ class Search(ABC):
 
     def keep(self, best: Solution) -> None:
         """Make a solution the best so far, and compute its bound if the gap is open."""
-        self.best, self.cost = best, self.case.cost_upper(best.estimate)
+        self.best, self.cost = best, self.normalized.cost_upper(best.estimate)
         if self.bound is None or not self.is_certified:
             self.improve_bound(best.estimate)
 
@@ -212,13 +216,13 @@ class Search(ABC):
     @property
     def is_certified(self) -> bool:
         """Whether the gap is closed."""
-        closed = self.cost - self.basin.value <= self.case.tolerance(self.cost)
+        closed = self.cost - self.basin.value <= self.normalized.tolerance(self.cost)
         return closed or self._fits(self.best)
 
     def _fits(self, best: Solution) -> bool:
         """Whether the best estimate meets all measurements."""
         if self._fit is None or self._fit[0] is not best:
-            self._fit = best, self.case.fits(best.estimate)
+            self._fit = best, self.normalized.fits(best.estimate)
         return self._fit[1]
 
     @property
@@ -249,16 +253,16 @@ class Search(ABC):
     def certificate(self) -> Certificate:
         """At the tier asked for; by default the proof tier if only rounding is in the way."""
         tier = self.tier
-        certificate = self.case.certificate(self.best.estimate, self.basin)
+        certificate = verdict(self.normalized, self.best.estimate, self.basin)
         escalates = tier is None and self._may_be_proven(certificate)
         if not (tier is Tier.PROOF or escalates):
             return certificate
         with self.watch.phase("prove"):
-            case, basin = replace(self.case, tier=Tier.PROOF), self.basin
-            basin = replace(basin, cost=case.cost_upper(basin.point))
+            exact, basin = replace(self.normalized, tier=Tier.PROOF), self.basin
+            basin = replace(basin, cost=exact.cost_upper(basin.point))
             # A search stopped before the requested proof must not return a weaker tier instead.
-            bound = None if self.stop.should_stop() else case.proven(basin)
-            proven = case.certificate(basin.point, replace(basin, bound=bound))
+            bound = None if self.stop.should_stop() else bounding.proven(exact, basin)
+            proven = verdict(exact, basin.point, replace(basin, bound=bound))
         better = proven.lower_bound > certificate.lower_bound
         return proven if tier is Tier.PROOF or better else certificate
 
@@ -285,7 +289,7 @@ class Search(ABC):
             solution,
             certificate,
             self.start,
-            tuple(replace(level, cost=self.case.unit * level.cost) for level in self.levels),
+            tuple(replace(level, cost=self.normalized.unit * level.cost) for level in self.levels),
             self.asked,
             self.posed,
             self.disagreement,
@@ -293,7 +297,9 @@ class Search(ABC):
         )
 
 
-def case_under(problem: Certifiable, settings: SolveSettings, monitor: Monitor) -> Case:
+def normalized_for(
+    problem: Certifiable, settings: SolveSettings, monitor: Monitor
+) -> NormalizedProblem[Any]:
     """The normalized problem with the tier and tolerances of a search."""
     tier = settings.tier or Tier.STANDARD
-    return case_of(problem, tier, settings.rtol, settings.atol, monitor)
+    return NormalizedProblem.of(problem, tier, settings.rtol, settings.atol, monitor)

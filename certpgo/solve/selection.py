@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from certpgo.certify.certificate import Tier
-from certpgo.certify.range_case import RangedCase
+from certpgo.certify.normalized import NormalizedProblem
 from certpgo.certify.tolerances import ATOL, RTOL
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
@@ -16,6 +16,7 @@ from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import Problem
 from certpgo.optimize.methods._robust import remark
+from certpgo.solve import relaxation
 
 #: What measurements are chosen for.
 Posed = Problem | InformationProblem
@@ -61,8 +62,8 @@ class Selection(Brief):
 
 def near_relaxation(problem: InformationProblem) -> Estimate:
     """An estimate under F, for nodes that distances alone join to the others."""
-    case = RangedCase.of(problem.isotropic, Tier.STANDARD, RTOL, ATOL)
-    found = case.elsewhere()
+    isotropic = NormalizedProblem.of(problem.isotropic, Tier.STANDARD, RTOL, ATOL)
+    found = relaxation.near_relaxation(isotropic)
     if found is None:
         raise NumericalError("no estimate of measurements with distances was found")
     return found.point

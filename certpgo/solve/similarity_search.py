@@ -6,22 +6,26 @@ import math
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from certpgo.certify.certificate import Certificate, Verdict
-from certpgo.certify.chordal_case import Case
+from certpgo.certify.normalized import NormalizedProblem
 from certpgo.certify.obstacle import LimitedBy, Obstacle
-from certpgo.certify.similarity_case import MORE_RANKS, SOLVED, SimilarCase
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Lift, Point, main_subspace, translations_of
 from certpgo.linalg import rotations as so
 from certpgo.objective.similarity_problem import SimilarityProblem
+from certpgo.optimize.descent import descend
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor
-from certpgo.optimize.similarity_descent import climb, starts
+from certpgo.optimize.similarity_starts import starts
 from certpgo.optimize.solution import Level, Solution
+from certpgo.optimize.staircase import climb
+from certpgo.solve import bounding
+from certpgo.solve.relaxation import SOLVED
 from certpgo.solve.search_loop import Report, Search
 from certpgo.solve.settings import SolveSettings
 
@@ -31,12 +35,13 @@ class SimilaritySearch(Search):
 
     posed: SimilarityProblem
     problem: SimilarityProblem
-    case: SimilarCase
     of_edges_alone = False
 
-    def __init__(self, posed: SimilarityProblem, case: Case, settings: SolveSettings) -> None:
-        super().__init__(posed, case, settings)
-        self.highest = settings.max_rank or self.problem.d + MORE_RANKS
+    def __init__(
+        self, posed: SimilarityProblem, normalized: NormalizedProblem[Any], settings: SolveSettings
+    ) -> None:
+        super().__init__(posed, normalized, settings)
+        self.highest = settings.max_rank or self.problem.d + posed.most_ranks
         self.at_minimum = False
 
     def begin(self, initial: Start | None, report: Report | None) -> None:
@@ -63,13 +68,13 @@ class SimilaritySearch(Search):
         """Escape to higher ranks until the gap is closed or the relaxation is solved."""
         if self.ends():
             return
-        for point, cost, status in climb(self.problem, self.best.estimate, self.highest, self.stop):
-            self.levels.append(Level(point.rank, cost, status))
-            yield point
+        for end in climb(self.problem, self.best.estimate, self.highest, self.stop):
+            self.levels.append(Level(end.point.rank, end.cost, end.status))
+            yield end.point
             if self.ends():
                 return
-            self.improve_bound(point)
-            if self.is_certified or self.basin.value >= (1.0 - SOLVED) * cost:
+            self.improve_bound(end.point)
+            if self.is_certified or self.basin.value >= (1.0 - SOLVED) * end.cost:
                 return
         self.at_minimum = True
 
@@ -88,18 +93,18 @@ class SimilaritySearch(Search):
 
     def descend(self, start: Estimate, *, monitor: Monitor | None = None) -> Solution:
         """Levenberg and Marquardt's method."""
-        return self.case.descent(start, monitor)
+        return descend(self.problem, start, monitor=monitor or self.stop, watch=self.watch)
 
     def given(self, initial: Start) -> Start:
         """An initial estimate with its best translations."""
-        return replace(initial, estimate=self.case.completed(initial.estimate))
+        return replace(initial, estimate=self.problem.settled(initial.estimate))
 
     def improve_bound(self, point: Point) -> None:
         """Compute the bound of a point and keep it if it is better."""
         if self.stop.should_stop():
             return
         with self.watch.phase("certify"), suppress(NumericalError, np.linalg.LinAlgError):
-            bound = self.case.bound(point, self.cost, sharp=False)
+            bound = bounding.bound_near(self.normalized, point, self.cost, sharp=False)
             if bound is not None:
                 self.counts["factorizations"] += bound.factorizations
             self.keep_bound(bound)

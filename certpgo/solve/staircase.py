@@ -13,13 +13,13 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from certpgo.certify.certificate import Certificate, Tier, Verdict
-from certpgo.certify.chordal_case import Case
-from certpgo.certify.curvature import negative_curvature, resolution
 from certpgo.certify.dual import DualBound
+from certpgo.certify.normalized import NormalizedProblem
 from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.certify.wording import early
 from certpgo.errors import InputError, NumericalError
@@ -29,18 +29,17 @@ from certpgo.graph.relaxed_point import Lift, Point, rounded
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import Problem
 from certpgo.optimize import low_rank_descent as low_rank
+from certpgo.optimize.curvature import negative_curvature, resolution
 from certpgo.optimize.initialization import Start, start_of
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.randomized_rounding import roundings
 from certpgo.optimize.riemannian_newton import newton
 from certpgo.optimize.solution import Level, Solution, Status
+from certpgo.solve import bounding
 from certpgo.solve.outliers import agrees, disagreement
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.search_loop import Report, Search
 from certpgo.solve.settings import OUTLIERS_PATIENCE, SolveSettings
-
-#: Ranks that the staircase may add to d.
-MORE_RANKS = 7
 
 
 class Staircase(Search):
@@ -59,11 +58,13 @@ class Staircase(Search):
     posed: Problem
     problem: Problem
 
-    def __init__(self, posed: Problem, case: Case, settings: SolveSettings) -> None:
-        super().__init__(posed, case, settings)
-        self.settings = _as_close_as(case, settings)
+    def __init__(
+        self, posed: Problem, normalized: NormalizedProblem[Any], settings: SolveSettings
+    ) -> None:
+        super().__init__(posed, normalized, settings)
+        self.settings = _as_close_as(normalized, settings)
         d, limit = self.problem.d, settings.max_rank
-        self.highest = d + MORE_RANKS if limit is None else limit
+        self.highest = d + posed.most_ranks if limit is None else limit
         if self.highest < d:
             raise InputError(f"the maximal rank must be at least {d}, not {self.highest}")
         self.impatient = math.inf
@@ -81,7 +82,7 @@ class Staircase(Search):
     def start_again(self, initial: str) -> None:
         """Descend from a computed initialization; keep the better result."""
         # The weight of a bridge may raise the tolerance above a possible improvement.
-        if self.case.is_sharp(self.basin) or self.stop.should_stop():
+        if self.normalized.is_sharp(self.basin) or self.stop.should_stop():
             return
         with suppress(NumericalError, np.linalg.LinAlgError):
             own = self.own_start()
@@ -138,10 +139,10 @@ class Staircase(Search):
             self.ended_early = self.is_impatient
             if eigenvalue is None or rank > self.highest or self.ended_early:
                 return
-            before = self.case.eased.cost(self.point)
+            before = self.normalized.eased.cost(self.point)
             self.point = lift = self.escape(self.point, rank, direction)
             lower = self.levels[-1].cost
-            negligible = self.settings.negligible * self.case.tolerance(lower)
+            negligible = self.settings.negligible * self.normalized.tolerance(lower)
             if before - lower <= negligible and not self.is_done:
                 self.floor = lower  # the eigenvalue was rounding
                 return
@@ -168,15 +169,15 @@ class Staircase(Search):
         the eigenvalue predicts a useful one and the climb may take long.
         """
         with self.watch.phase("escape"):
-            eigenvalue, direction = negative_curvature(self.case.eased, point)
+            eigenvalue, direction = negative_curvature(self.normalized.eased, point)
         level = self.levels[-1]
         # No point of the relaxation is lower by more than this.
         fall = -eigenvalue * direction.size
-        negligible = self.settings.negligible * self.case.tolerance(self.best.cost)
-        if -eigenvalue <= resolution(self.case.eased) or fall <= negligible:
-            self.floor = self.case.eased.cost(point)
+        negligible = self.settings.negligible * self.normalized.tolerance(self.best.cost)
+        if -eigenvalue <= resolution(self.normalized.eased) or fall <= negligible:
+            self.floor = self.normalized.eased.cost(point)
             return None, direction
-        self.levels[-1] = replace(level, eigenvalue=self.case.unit * eigenvalue)
+        self.levels[-1] = replace(level, eigenvalue=self.normalized.unit * eigenvalue)
         if level.rank > self.problem.d and level.cost - fall > self.basin.value:
             self.improve_bound(point, tight=False)
         return eigenvalue, direction
@@ -186,7 +187,7 @@ class Staircase(Search):
         residual = math.sqrt(self.cost / self.problem.scale)
         inner = self.settings.newton
         found = low_rank.descend(
-            self.case.eased,
+            self.normalized.eased,
             point,
             rank,
             direction=direction,
@@ -241,7 +242,7 @@ class Staircase(Search):
         if self.stop.should_stop():
             return
         with self.watch.phase("certify"):
-            bound = self.case.bound(point, self.cost, sharp=False, tight=tight)
+            bound = bounding.bound_near(self.normalized, point, self.cost, sharp=False, tight=tight)
         if not tight or (bound is not None and self.is_of_all(bound, point)):
             self.exhausted = point
         if bound is None:
@@ -253,8 +254,8 @@ class Staircase(Search):
 
     def is_of_all(self, bound: DualBound, point: Point) -> bool:
         """Whether a tight bound leaves out no part of the graph, as one by parts may."""
-        cost = self.case.eased.cost(point)
-        return cost - bound.value <= self.case.tolerance(cost) or not self.case.parts
+        cost = self.normalized.eased.cost(point)
+        return cost - bound.value <= self.normalized.tolerance(cost) or not self.normalized.parts
 
     def settle_for_less(self, point: Point) -> None:
         """Bounds weakened by a negative eigenvalue, if there is no other."""
@@ -267,7 +268,7 @@ class Staircase(Search):
     @property
     def has_reached_the_floor(self) -> bool:
         """Whether no point of the relaxation is lower than the best estimate, beyond rounding."""
-        return self.best.cost - self.floor <= self.case.tolerance(self.best.cost)
+        return self.best.cost - self.floor <= self.normalized.tolerance(self.best.cost)
 
     @property
     def is_done(self) -> bool:
@@ -320,11 +321,11 @@ class Staircase(Search):
         return replace(about, kind=LimitedBy.STOPPED if self.ended_early else LimitedBy.LOOSE)
 
 
-def _as_close_as(case: Case, settings: SolveSettings) -> SolveSettings:
+def _as_close_as(normalized: NormalizedProblem[Any], settings: SolveSettings) -> SolveSettings:
     """Settings whose descents end as close to the minimum as the certificate can tell."""
-    if case.tier is Tier.PROOF:
+    if normalized.tier is Tier.PROOF:
         return replace(settings, newton=replace(settings.newton, enough=0.0))
-    if case.problem.has_positions:
+    if normalized.problem.has_positions:
         return settings
     return _of_rotations(settings)
 

@@ -12,15 +12,16 @@ import math
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from certpgo.certify.certificate import Certificate, Tier, Verdict
-from certpgo.certify.chordal_case import Case
 from certpgo.certify.dual import DualBound
 from certpgo.certify.local_minimum import LocalMinimum
+from certpgo.certify.normalized import NormalizedProblem
 from certpgo.certify.obstacle import LimitedBy, Obstacle
-from certpgo.certify.surrogate_case import RANKS, OwnCostCase
+from certpgo.certify.verdict import loses_to_rounding
 from certpgo.certify.wording import early
 from certpgo.errors import GraphError, NumericalError
 from certpgo.graph import Estimate
@@ -29,12 +30,14 @@ from certpgo.graph.priors import mirrored_by
 from certpgo.graph.relaxed_point import Lift, Point, rounded
 from certpgo.graph.trees import tree_initialization
 from certpgo.objective.information_problem import InformationProblem
+from certpgo.optimize.descent import descend
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.solution import Level, Solution, Status
+from certpgo.solve import bounding
 from certpgo.solve.outliers import disagreement, ignore
 from certpgo.solve.range_search import RangeSearch
-from certpgo.solve.search_loop import Report, Search, case_under
+from certpgo.solve.search_loop import Report, Search, normalized_for
 from certpgo.solve.settings import OUTLIERS_PATIENCE, SolveSettings
 from certpgo.solve.staircase import Staircase
 
@@ -51,12 +54,16 @@ class SurrogateSearch(Search):
 
     posed: InformationProblem
     problem: InformationProblem
-    case: OwnCostCase
 
-    def __init__(self, posed: InformationProblem, case: Case, settings: SolveSettings) -> None:
-        super().__init__(posed, case, settings)
-        ranks = RANKS if settings.max_rank is None else max(settings.max_rank - posed.d, 0)
-        self.case = replace(self.case, ranks=min(ranks, RANKS))
+    def __init__(
+        self,
+        posed: InformationProblem,
+        normalized: NormalizedProblem[Any],
+        settings: SolveSettings,
+    ) -> None:
+        super().__init__(posed, normalized, settings)
+        asked, most = settings.max_rank, posed.most_ranks
+        self.ranks = most if asked is None else min(max(asked - posed.d, 0), most)
         self.hurried, self.surrogates = False, 0
         self.of_edges_alone = not posed.measured.blocks
 
@@ -80,9 +87,9 @@ class SurrogateSearch(Search):
             patience=0.5 * self.settings.patience,
             time_limit=None if limit is None else 0.5 * limit,
         )
-        case = case_under(problem, half, self.stop.monitor)
+        normalized = normalized_for(problem, half, self.stop.monitor)
         kind: type[Search] = RangeSearch if problem.is_lifted else Staircase
-        self.chordal = found = kind(problem, case, half).solved(None, None, ignore)
+        self.chordal = found = kind(problem, normalized, half).solved(None, None, ignore)
         for phase, seconds in found.solution.seconds.items():
             self.watch.seconds[phase] = self.watch.seconds.get(phase, 0.0) + seconds
         self.stop.interrupted |= found.solution.status is Status.INTERRUPTED
@@ -120,7 +127,9 @@ class SurrogateSearch(Search):
         """Minimise surrogates, and begin again where that leads to a lower cost."""
         while not self.ends() and self.surrogates < SURROGATES:
             before, tried = self.best, 0
-            for found in self.case.reached(before.estimate, self.cost):
+            for found in bounding.reached(
+                self.normalized, before.estimate, self.cost, ranks=self.ranks
+            ):
                 self.keep_bound(found.bound)
                 if isinstance(found.point, Lift) and not self.ends():
                     tried = found.number + 1
@@ -140,17 +149,17 @@ class SurrogateSearch(Search):
     def finish(self) -> None:
         """A bound by a lower cost, if there is no other."""
         if self.basin.value <= 0.0 and not self.ends():
-            self.keep_bound(self.case.lowered_bound(self.best.estimate))
+            self.keep_bound(bounding.lowered_bound(self.normalized, self.best.estimate))
         self.ended_early = self.patience < math.inf and self.stop.cut is Status.TIME_LIMIT
         self.levels = [Level(self.problem.d, self.best.cost, self.status)]
 
     def descend(self, start: Estimate, *, monitor: Monitor | None = None) -> Solution:
         """Levenberg and Marquardt's method."""
-        return self.case.descent(start, monitor)
+        return descend(self.problem, start, monitor=monitor or self.stop, watch=self.watch)
 
     def keep(self, best: Solution) -> None:
         """Make a solution the best so far, and compute its bound."""
-        self.best, self.cost = best, self.case.cost_upper(best.estimate)
+        self.best, self.cost = best, self.normalized.cost_upper(best.estimate)
         self.improve_bound(best.estimate)
 
     def improve_bound(self, point: Point) -> None:
@@ -158,7 +167,7 @@ class SurrogateSearch(Search):
         if self.stop.should_stop():
             return
         with self.watch.phase("certify"), suppress(NumericalError, np.linalg.LinAlgError):
-            self.keep_bound(self.case.bound(point, self.cost))
+            self.keep_bound(bounding.bound_near(self.normalized, point, self.cost))
 
     def keep_bound(self, bound: DualBound | None) -> None:
         """Keep a bound if it is the best so far; the first useful one begins the end."""
@@ -176,7 +185,7 @@ class SurrogateSearch(Search):
     @property
     def is_tight(self) -> bool:
         """Whether only rounding keeps the gap open."""
-        return self.case.loses_to_rounding(self.bound, self.cost)
+        return loses_to_rounding(self.normalized, self.bound, self.cost)
 
     @property
     def ending(self) -> str:

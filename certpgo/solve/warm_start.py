@@ -9,15 +9,18 @@ from functools import cached_property
 import numpy as np
 
 from certpgo.certify import Certificate, Tier
-from certpgo.certify.cases import case_of
 from certpgo.certify.local_minimum import LocalMinimum
+from certpgo.certify.normalized import NormalizedProblem
 from certpgo.certify.units import scaled_down, scaled_up
+from certpgo.certify.verdict import verdict
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import Problem
+from certpgo.optimize.descent import polished
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.solution import Status
+from certpgo.solve import bounding
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.search import search
 from certpgo.solve.settings import SolveSettings
@@ -47,24 +50,25 @@ def descended(
     problem: Problem | InformationProblem, start: Estimate, settings: SolveSettings
 ) -> Found | None:
     """The end of descent from an estimate, if that is certified."""
-    case = case_of(problem, settings.tier or Tier.STANDARD, settings.rtol, settings.atol)
+    tier = settings.tier or Tier.STANDARD
+    normalized = NormalizedProblem.of(problem, tier, settings.rtol, settings.atol)
     newtons = settings.newton
     nearer = replace(newtons, enough=max(ENOUGH, newtons.enough), near=max(NEAR, newtons.near))
     try:
-        end = case.short_descent(start, nearer)
-        cost = case.cost_upper(end)
-        bound = case.bound(end, cost, sharp=False, tight=True)
+        end = polished(normalized.problem, start, nearer)
+        cost = normalized.cost_upper(end)
+        bound = bounding.bound_near(normalized, end, cost, sharp=False, tight=True)
     except (NumericalError, np.linalg.LinAlgError):
         return None
-    basin = LocalMinimum(end, cost, True, bound)
-    if not case.is_closed(basin):
+    minimum = LocalMinimum(end, cost, True, bound)
+    if not normalized.is_closed(minimum):
         return None
-    unit = case.unit
+    unit = normalized.unit
     return Found(
         end,
         scaled_up(unit, cost),
-        scaled_down(unit, basin.value),
-        lambda: case.certificate(end, basin),
+        scaled_down(unit, minimum.value),
+        lambda: verdict(normalized, end, minimum),
     )
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from certpgo.certify import Certificate
-from certpgo.certify.curvature import smallest_eigenvalues
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.choose_cost import Certifiable
 from certpgo.objective.problem import Problem
+from certpgo.optimize.curvature import smallest_eigenvalues
 
 
 class CertificateMatrix(NamedTuple):
@@ -44,6 +44,6 @@ def certificate_matrix(problem: Certifiable, certificate: Certificate) -> Certif
         if certificate.multipliers is None:
             return None
         return CertificateMatrix(problem.chordal, certificate.multipliers)
-    below, constant = problem.surrogate(certificate.refined)
+    below, constant = next(problem.surrogate(certificate.refined).at(certificate.refined))
     point = below.with_optimal_translations(certificate.refined)
     return CertificateMatrix(below, below.multipliers(point), below.cost(point) + constant)

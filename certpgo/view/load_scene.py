@@ -32,7 +32,7 @@ from certpgo.objective.problem import problem_of
 from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.optimize.initialization import start_of
 from certpgo.optimize.methods.spanning_tree import SpanningTree
-from certpgo.optimize.similarity_descent import starts
+from certpgo.optimize.similarity_starts import starts
 from certpgo.optimize.solution import Solution
 from certpgo.solve.result import CertifiedSolution
 from certpgo.view.layout import Arrangement, layout

@@ -25,7 +25,7 @@ from certpgo.graph import Estimate
 from certpgo.io import datasets
 from certpgo.io.datasets.synthetic import grid3d
 from certpgo.linalg import rotations as so
-from certpgo.objective.choose_cost import InformationProblem, information_problem, surrogate
+from certpgo.objective.choose_cost import InformationProblem, information_problem
 from certpgo.objective.costs.g2o import G2oCost
 from certpgo.objective.costs.gtsam import GtsamCost
 from certpgo.optimize.levenberg_marquardt import descend
@@ -226,7 +226,7 @@ def smallest_eigenvalues(below, at, count=4):
     return found[:count] / found[-1]
 
 
-below = surrogate(problem, x)
+below = problem.surrogate(x)
 f, minorised = problem.cost(x), below.problem.cost(x) + below.constant
 spectrum = smallest_eigenvalues(below, x)
 print(f"f(x) = {f:.9f}")
@@ -256,7 +256,7 @@ print(f"relative gap {certificate.relative_gap:.1e}")
 
 # %%
 wrong = descend(problem, start).estimate
-there = surrogate(problem, wrong)
+there = problem.surrogate(wrong)
 wrong_spectrum = smallest_eigenvalues(there, wrong)
 print(f"f = {problem.cost(wrong):.4f}, F' + C = {there.problem.cost(wrong) + there.constant:.4f}")
 print("smallest eigenvalues of S:", " ".join(f"{value:.1e}" for value in wrong_spectrum))
@@ -357,7 +357,7 @@ after = {}
 for share in (1.0, 0.1, 0.01, 0.001):
     R = so.project(share * chordal.estimate.rotations + (1.0 - share) * x.rotations)
     t = share * chordal.estimate.translations + (1.0 - share) * x.translations
-    expanded = surrogate(problem, Estimate(R, t))
+    expanded = problem.surrogate(Estimate(R, t))
     bound = solve(expanded.problem, time_limit=1.0).certificate.lower_bound
     after[share] = bound + expanded.constant
     print(f"{share:6}: f* >= {after[share]:12.4f}, f* = {f:.4f}")

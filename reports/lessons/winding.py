@@ -20,11 +20,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import certpgo
-from certpgo.certify.curvature import negative_curvature
 from certpgo.graph.relaxed_point import Lift
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import rotations as so
 from certpgo.objective import operators
+from certpgo.optimize.curvature import negative_curvature
 from certpgo.optimize.low_rank_descent import descend, tangent_basis
 from certpgo.optimize.methods.cycle_closed_form import stationary_point
 from certpgo.optimize.riemannian_newton import newton

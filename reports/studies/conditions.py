@@ -21,7 +21,7 @@ from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate, Instance, PoseGraph
 from certpgo.io import datasets
 from certpgo.linalg import rotations as so
-from certpgo.objective.choose_cost import COSTS, InformationProblem, surrogate
+from certpgo.objective.choose_cost import COSTS, InformationProblem
 from reports.harness.experiments.timing import one_core
 
 NAMES = ("smallGrid3D", "sphere2500")
@@ -65,7 +65,7 @@ def row(problem: InformationProblem) -> str:
     f, gap = found.cost, found.certificate.relative_gap
     surrogates = (found.solution.note or "").partition("; ")[2].partition(" ")[0]
     try:
-        below = surrogate(problem, found.estimate)
+        below = problem.surrogate(found.estimate)
         missed = 1.0 - (below.problem.cost(found.estimate) + below.constant) / f
         shown = f"{missed:.1e}"
     except CertPGOError:

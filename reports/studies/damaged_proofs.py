@@ -21,8 +21,8 @@ import numpy as np
 
 import certpgo
 from certpgo import CertPGOError, checker, integer_checker
-from certpgo.certify.proof_file import write_proof
 from certpgo.graph.components import rotations_alone
+from certpgo.solve.proving import write_proof
 from reports.studies.bookkeeping.drawing import draw
 from reports.studies.bookkeeping.readers import respelled
 

@@ -36,7 +36,6 @@ from scipy import io as matlab
 from scipy import sparse
 
 from certpgo import checker, io
-from certpgo.certify.proof_file import write_proof
 from certpgo.errors import CertPGOError, InputNotice
 from certpgo.graph import Estimate, Instance
 from certpgo.io.datasets.synthetic import helix
@@ -44,6 +43,7 @@ from certpgo.io.digits import writing_of
 from certpgo.io.exact import quaternion
 from certpgo.io.format import formats
 from certpgo.registration.scans import read_scan
+from certpgo.solve.proving import write_proof
 from certpgo.solve.solving import solve
 from reports.studies import _containers as containers
 

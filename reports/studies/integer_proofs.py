@@ -13,10 +13,10 @@ from pathlib import Path
 
 import certpgo
 from certpgo import checker, integer_checker, io
-from certpgo.certify.proof_file import write_proof
 from certpgo.graph import PoseGraph
 from certpgo.graph.components import rotations_alone
 from certpgo.io import datasets
+from certpgo.solve.proving import write_proof
 from reports.studies.large_proofs import measured
 
 OUT = Path(__file__).parents[1] / "results" / "integer_proofs.md"

@@ -38,7 +38,7 @@ EQUIVALENT = ROOT / "reports" / "studies" / "mutants.toml"
 TESTS = {
     "certpgo/linalg/factor.py": ("linalg/test_factor*",),
     "certpgo/certify/bounds.py": ("certify/test_bounds*",),
-    "certpgo/certify/chordal_case.py": (
+    "certpgo/certify/verdict.py": (
         "certify/test_case*",
         "certify/test_parts*",
         "certify/test_extremes*",
@@ -47,9 +47,9 @@ TESTS = {
     ),
     "certpgo/certify/certificate.py": ("certify/test_certificate*", "certify/test_certify*"),
     "certpgo/certify/cost_proof.py": ("certify/test_cost_proof*",),
-    "certpgo/certify/curvature.py": ("certify/test_curvature*",),
+    "certpgo/optimize/curvature.py": ("optimize/test_curvature*",),
     "certpgo/certify/dual.py": ("certify/test_dual*", "certify/test_residual*"),
-    "certpgo/certify/judge.py": (
+    "certpgo/solve/judging.py": (
         "certify/test_judge*",
         "certify/test_certify*",
         "certify/test_attacks*",

@@ -13,11 +13,11 @@ import time
 from pathlib import Path
 
 from certpgo import checker, io, solve
-from certpgo.certify.proof_file import write_proof
 from certpgo.graph import Instance, PoseGraph
 from certpgo.graph.components import rotations_alone
 from certpgo.io import datasets
 from certpgo.linalg import factor
+from certpgo.solve.proving import write_proof
 from reports.harness.experiments.reference import factorization
 from reports.harness.experiments.timing import one_core, paired
 

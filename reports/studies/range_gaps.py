@@ -28,13 +28,15 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 import certpgo
-from certpgo.certify.range_case import RangedCase
+from certpgo.certify.normalized import NormalizedProblem
 from certpgo.graph.relaxed_point import Lift, translations_of
 from certpgo.io import datasets
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import range_problem
 from certpgo.objective.range_problem import RangeProblem
 from certpgo.objective.signed_weights import SignedProblem
+from certpgo.optimize.descent import descend
+from certpgo.solve.relaxation import Relaxed
 
 DATASETS = ("goats_15", "goats_16", "mrclam5a", "plaza2")
 ROW = "{:14}{:>12}{:>9}{:>9}{:>8}{:>11}{:>9}"
@@ -188,29 +190,38 @@ def lowest_mean(problem: RangeProblem, starts: list[Lift], scale: float, copies:
     return cost
 
 
+def climbed(normalized: NormalizedProblem) -> Relaxed:
+    """The relaxation at its minimum."""
+    relaxed = Relaxed(normalized)
+    for _ in relaxed.bounds():
+        pass
+    return relaxed
+
+
 def row(name: str, copies: int) -> str:
     """The line of a dataset."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         problem = range_problem(datasets.load(name))
     best = certpgo.solve(problem).cost
-    case = RangedCase.of(problem, "standard", 1e-5, 1e-9)
-    relaxed, point = case.relaxation, case.relaxation.point
+    normalized = NormalizedProblem.of(problem, "standard", 1e-5, 1e-9)
+    unit, relaxed = normalized.unit, climbed(normalized)
+    point = relaxed.point
 
     def gap(value: float) -> str:
         return f"{100.0 * (1.0 - value / best):.2f} %"
 
     real = "same"
-    if case.problem.d == 2:
-        flat = RangedCase.of(problem, "standard", 1e-5, 1e-9)
+    if problem.d == 2:
+        flat = NormalizedProblem.of(problem, "standard", 1e-5, 1e-9)
         whole = flat.problem.whole
         flat.problem.__dict__["whole"] = SignedProblem(whole.graph, whole.engine)
-        real = gap(case.unit * flat.relaxation.bound.value)
+        real = gap(unit * climbed(flat).bound.value)
     starts = [*islice(relaxed.projections(), PROJECTED)]
-    costs = np.array([case.unit * case.descent(start).cost for start in starts])
+    costs = np.array([unit * descend(normalized.problem, start).cost for start in starts])
     found = int((costs < (1.0 + SAME) * best).sum())
     lowest = lowest_mean(problem, starts, np.sqrt(point.rank / problem.d), copies)
-    ours = gap(case.unit * relaxed.bound.value)
+    ours = gap(unit * relaxed.bound.value)
     violated = f"{triangles(problem, translations_of(point)):.1e}"
     return ROW.format(
         name, f"{best:.8g}", real, ours, f"{found}/{len(starts)}", violated, gap(lowest)

@@ -38,7 +38,8 @@ from certpgo.io.datasets.monocular import drifting, in_one_unit, keyframes, odom
 from certpgo.linalg.arrays import IntArray
 from certpgo.objective.logarithms import LogarithmProblem
 from certpgo.objective.similarity_problem import SimilarityProblem
-from certpgo.optimize.similarity_descent import descend, separate_start
+from certpgo.optimize.levenberg_marquardt import descend
+from certpgo.optimize.similarity_starts import separate_start
 from certpgo.optimize.solution import Status
 from certpgo.solve.logarithms import STEPS, TOLERANCE
 from certpgo.solve.metrics import position_errors

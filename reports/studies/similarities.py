@@ -32,14 +32,14 @@ import numpy as np
 
 import certpgo
 from certpgo import Estimate
-from certpgo.certify.proof_file import write_proof
 from certpgo.errors import CertPGOError
 from certpgo.graph import Instance, SimilarityGraph
 from certpgo.io.datasets.monocular import random_maps
 from certpgo.linalg import rotations as so
 from certpgo.objective.logarithms import LogarithmProblem
 from certpgo.objective.similarity_problem import SimilarityProblem
-from certpgo.optimize.similarity_descent import descend
+from certpgo.optimize.levenberg_marquardt import descend
+from certpgo.solve.proving import write_proof
 from reports.studies.damaged_proofs import damaged, packed, verdicts
 
 #: Noise of rotations, radians, of logarithms of scales, and of translations.

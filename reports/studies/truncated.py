@@ -40,8 +40,8 @@ from certpgo import (
 )
 from certpgo.certify import Certificate
 from certpgo.certify.leave_one_out import worth_keeping
+from certpgo.certify.normalized import NormalizedProblem
 from certpgo.certify.tolerances import ATOL, RTOL
-from certpgo.certify.truncated_case import TruncatedCase
 from certpgo.errors import GraphError
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray
@@ -116,9 +116,9 @@ def examined(seed: int, most: int) -> tuple[str, Counter[str]]:
         lowest = min(cost + prices @ (1.0 - np.array(choice)) for choice, cost in costs)
         found["damaged accepted" if is_damaged else "proofs"] += 1
         found["false proofs"] += lower > lowest * (1.0 + SAME)
-    case = TruncatedCase.of(problem, "standard", RTOL, ATOL)
+    normalized = NormalizedProblem.of(problem, "standard", RTOL, ATOL)
     prices_of_all = np.full(len(doubtful), price)
-    worth = worth_keeping(case, certificate.refined, prices_of_all / case.unit)
+    worth = worth_keeping(normalized, certificate.refined, prices_of_all / normalized.unit)
     found["worth keeping"] += int(worth.sum())
     for e in rng.permutation(np.flatnonzero(worth))[:LEFT_OUT].tolist():
         lowest = min(

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from certpgo import registry
-from certpgo.certify import certify
+from certpgo import certify, registry
 from certpgo.errors import SpecError
 from certpgo.io.datasets import synthetic
 from certpgo.linalg import rotations as so

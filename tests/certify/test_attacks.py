@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from certpgo.certify import Verdict, certify, dual_bound
-from certpgo.certify import chordal_case as case
+from certpgo import certify
+from certpgo.certify import Verdict, dual_bound
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.io.datasets.synthetic import helix, winding_cycle
@@ -16,6 +16,7 @@ from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import CSC
 from certpgo.linalg.rounding_bound import RoundingBound, is_cholesky
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.optimize import descent
 from certpgo.optimize.methods.eigen_ra import EigenRA
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 from certpgo.optimize.solution import Status
@@ -133,7 +134,7 @@ def test_descent_that_has_not_settled_refutes_nothing(monkeypatch):
         instance.truth.translations,
     )
     assert newton(problem, start, NewtonSettings(max_iterations=2)).status is Status.ITERATION_LIMIT
-    monkeypatch.setattr(case, "DESCENT", NewtonSettings(max_iterations=2))
+    monkeypatch.setattr(descent, "DESCENT", NewtonSettings(max_iterations=2))
     certificate = certify(problem, start)
     assert certificate.verdict is not Verdict.REFUTED
     monkeypatch.undo()

@@ -11,17 +11,20 @@ from hypothesis import strategies as st
 from strategies import pose_graph
 
 from certpgo.certify import Tier, Verdict
-from certpgo.certify import chordal_case as module
-from certpgo.certify.chordal_case import Case
+from certpgo.certify import bound as module
 from certpgo.certify.dual import DualBound
 from certpgo.certify.local_minimum import LocalMinimum
+from certpgo.certify.normalized import NormalizedProblem
 from certpgo.certify.tolerances import FLOOR, difference_up
+from certpgo.certify.verdict import verdict as verdict_on
 from certpgo.certify.wording import reason_of
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.solve.bounding import bound_near
+from certpgo.solve.minima import local_minimum
 
 positive = st.floats(min_value=1e-300, max_value=1e300)
 
@@ -41,7 +44,7 @@ def test_a_difference_that_rounds_down_is_the_next_double():
 def case_of_a_triangle(tier=Tier.STANDARD, rtol=0.5, atol=0.0, scale=1.0):
     instance, wound = winding_cycle(3, 0.5, 1)
     problem = RotationProblem(instance.graph.with_weights(scale))
-    return Case.of(problem, tier, rtol, atol), instance.truth, wound
+    return NormalizedProblem.of(problem, tier, rtol, atol), instance.truth, wound
 
 
 @pytest.mark.parametrize(
@@ -120,7 +123,7 @@ def test_certified_is_a_gap_up_to_the_tolerance(share, tier, verdict):
     """Of an estimate in its own basin, with a bound of this share of its cost; rtol is a half."""
     case, _, wound = case_of_a_triangle(tier)
     own = basin(case, wound, value=None if share is None else share * case.cost_upper(wound))
-    judged = case.certificate(wound, own)
+    judged = verdict_on(case, wound, own)
     assert judged.verdict is verdict
     assert judged.basin_is_global is (verdict is Verdict.CERTIFIED)
     assert judged.gap == judged.cost_upper - judged.lower_bound
@@ -140,7 +143,7 @@ def test_another_basin_refutes_where_it_is_better_than_the_estimates_own():
     ):
         own = basin(case, wound, settled=settled)
         other = basin(case, right, cost=other_cost, value=0.25 * cost)
-        judged = case.certificate(wound, own, other)
+        judged = verdict_on(case, wound, own, other)
         assert judged.verdict is (Verdict.REFUTED if refuted else Verdict.BOUNDED)
         assert judged.better_cost == (other_cost * case.unit if better else None)
         assert (judged.better is right) is better
@@ -152,7 +155,7 @@ def test_a_point_that_is_worse_than_the_improved_estimate_is_no_better_one():
     case, right, wound = case_of_a_triangle(rtol=1e-3)
     cost = case.cost_upper(wound)
     own = basin(case, right, cost=0.25 * cost)
-    judged = case.certificate(wound, own, basin(case, wound, cost=0.5 * cost))
+    judged = verdict_on(case, wound, own, basin(case, wound, cost=0.5 * cost))
     assert (judged.better, judged.better_cost) == (None, None)
 
 
@@ -160,33 +163,33 @@ def test_the_larger_of_two_bounds_counts():
     case, _, wound = case_of_a_triangle(rtol=1e-3)
     cost = case.cost_upper(wound)
     own, other = (basin(case, wound, value=share * cost) for share in (0.5, 0.25))
-    assert case.certificate(wound, own, other).lower_bound == 0.5 * cost * case.unit
-    assert case.certificate(wound, other, own).lower_bound == 0.5 * cost * case.unit
+    assert verdict_on(case, wound, own, other).lower_bound == 0.5 * cost * case.unit
+    assert verdict_on(case, wound, other, own).lower_bound == 0.5 * cost * case.unit
 
 
 def test_unrefined_estimates_are_judged_by_their_own_multipliers():
     rng = np.random.default_rng(0)
     graph, R, t = pose_graph(rng, 8, 3)
-    case = Case.of(PoseProblem(graph), Tier.STANDARD, 1e-5, 1e-12)
+    case = NormalizedProblem.of(PoseProblem(graph), Tier.STANDARD, 1e-5, 1e-12)
     start = Estimate(R @ so.exp(0.01 * rng.standard_normal((8, 3))), t)
-    given = case.basin(start, refine=False)
+    given = local_minimum(case, start, refine=False)
     np.testing.assert_array_equal(given.point.rotations, start.rotations)
     assert given.cost < case.cost_upper(start)  # its translations are the best ones
-    assert given.value < case.basin(start, refine=True).value
+    assert given.value < local_minimum(case, start).value
     assert given.settled
 
 
 @pytest.mark.parametrize("tier", [Tier.SCREEN, Tier.STANDARD])
 def test_only_screening_trusts_a_factorization_as_it_is(tier):
     case, right, _ = case_of_a_triangle(tier)
-    assert (case.basin(right, refine=True).bound.nonzeros == 0) is (tier is Tier.SCREEN)
+    assert (local_minimum(case, right).bound.nonzeros == 0) is (tier is Tier.SCREEN)
 
 
 def test_a_bound_is_enough_where_it_certifies_what_it_is_asked_for(monkeypatch):
     case, right, _ = case_of_a_triangle(rtol=0.25, atol=2.0**-10)
     asked = []
     monkeypatch.setattr(module, "dual_bound", lambda *_, enough, **__: asked.append(enough))
-    case.bound(right, 8.0)
+    bound_near(case, right, 8.0)
     assert asked == [8.0 - case.difference(8.0)]  # no part of W makes up for a gap
 
 
@@ -196,7 +199,7 @@ def test_a_bound_is_enough_where_it_certifies_what_it_is_asked_for(monkeypatch):
 def made(**changes):
     """A certificate with the numbers that its reason speaks of."""
     case, right, _ = case_of_a_triangle(rtol=1e-5, atol=1e-12)
-    plain = case.certificate(right, basin(case, right, value=0.0))
+    plain = verdict_on(case, right, basin(case, right, value=0.0))
     numbers = {"cost_upper": 8.0, "refined_cost": 8.0, "lower_bound": 6.0, "gap": 2.0, "scale": 1e3}
     bounded = replace(plain, verdict=Verdict.BOUNDED, basin_is_global=False, **numbers)
     return replace(bounded, **changes)

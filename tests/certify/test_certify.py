@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 
-from certpgo.certify import Tier, Verdict, certify
+from certpgo import certify
+from certpgo.certify import Tier, Verdict
 from certpgo.errors import InputError, SpecError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.io.datasets.synthetic import winding_cycle

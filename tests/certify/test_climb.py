@@ -5,16 +5,20 @@ import pytest
 from strategies import pose_graph, rng_of
 
 from certpgo import RotationProblem, certify, solve
-from certpgo.certify.curvature import negative_curvature, resolution
-from certpgo.certify.staircase_bound import climb
-from certpgo.certify.surrogate_case import OwnCostCase
+from certpgo.certify.normalized import NormalizedProblem
 from certpgo.graph import PoseGraph
 from certpgo.io.datasets.synthetic import grid3d, winding_cycle
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import InformationProblem
 from certpgo.objective.costs.g2o import G2oCost
+from certpgo.optimize.curvature import negative_curvature, resolution
 from certpgo.optimize.levenberg_marquardt import descend
+from certpgo.optimize.progress import Stop
 from certpgo.optimize.riemannian_newton import newton
+from certpgo.optimize.solution import Status
+from certpgo.optimize.staircase import climb
+from certpgo.solve.bounding import raised, reached
+from certpgo.solve.minima import local_minimum
 
 
 def uneven(condition, noise):
@@ -37,22 +41,21 @@ def uneven(condition, noise):
 def test_a_wound_cycle_unwinds_at_a_higher_rank():
     instance, wound = winding_cycle(12, 0.0, 1)
     problem = RotationProblem(instance.graph)
-    points = list(climb(problem, wound, 5))
-    assert points[0] is wound
-    assert [p.rotations.shape[1] for p in points][:2] == [3, 4]
-    costs = [problem.cost(point) for point in points]
+    stairs = list(climb(problem, wound, 5, Stop()))
+    assert [stair.point.rank for stair in stairs][:1] == [4]
+    costs = [problem.cost(wound), *(stair.cost for stair in stairs)]
     assert costs == sorted(costs, reverse=True)
     assert costs[-1] < 1e-9 < 1.0 < costs[0]
-    assert list(climb(problem, wound, 3)) == [wound]
-    assert list(climb(problem, wound, 5, lambda step: True)) == [wound]
+    assert not list(climb(problem, wound, 3, Stop()))
+    stopped = list(climb(problem, wound, 5, Stop(), lambda step: True))
+    assert [stair.status for stair in stopped] == [Status.INTERRUPTED]
 
 
 def test_a_missed_negative_eigenvalue_is_computed_again():
     """Where the spectrum is crowded, 5 % are not enough (a surrogate that is far from tight)."""
     problem = uneven(100.0, 0.1)
-    case = OwnCostCase.of(problem, "standard", 1e-5, 1e-12)
     x = descend(problem, newton(problem.chordal, solve(problem.chordal).estimate).estimate)
-    below = case.below(*problem.relative(x.estimate)).problem
+    below = problem.surrogate(x.estimate).problem
     value, direction = negative_curvature(below, below.with_optimal_translations(x.estimate))
     assert value < -1e3 * resolution(below)
     assert direction.shape == (problem.n, 3)
@@ -60,10 +63,10 @@ def test_a_missed_negative_eigenvalue_is_computed_again():
 
 def test_later_surrogates_have_better_bounds_that_hold():
     problem = uneven(100.0, 0.1)
-    case = OwnCostCase.of(problem, "standard", 1e-5, 1e-12)
-    x = descend(case.problem, solve(problem.chordal).estimate).estimate
-    f = case.problem.cost(x)
-    found = list(case.reached(x, f))
+    normalized = NormalizedProblem.of(problem, "standard", 1e-5, 1e-12)
+    x = descend(normalized.problem, solve(problem.chordal).estimate).estimate
+    f = normalized.problem.cost(x)
+    found = list(reached(normalized, x, f))
     assert [r.number for r in found] == sorted(r.number for r in found)
     bounds = {
         k: max((r.bound.value for r in found if r.number == k and r.bound), default=-np.inf)
@@ -71,11 +74,13 @@ def test_later_surrogates_have_better_bounds_that_hold():
     }
     assert max(bounds.values()) > max(bounds[0], 0.5 * f)
     assert max(bounds.values()) <= f * (1.0 + 1e-12)
-    alone = case.basin(x, False)
-    assert alone.value < 0.9 * case.raised(alone).value
+    alone = local_minimum(normalized, x, False)
+    assert alone.value < 0.9 * raised(normalized, alone).value
     certificate = certify(problem, x)
     assert certificate.verdict.value == "BOUNDED"
-    assert certificate.lower_bound == pytest.approx(case.unit * max(bounds.values()), rel=1e-6)
+    assert certificate.lower_bound == pytest.approx(
+        normalized.unit * max(bounds.values()), rel=1e-6
+    )
 
 
 def test_information_is_isotropic_where_surrogates_do_not_bend():

@@ -13,21 +13,22 @@ from hypothesis import given, settings
 from strategies import definite, dimensions, general_graph, pose_graph, rng_of, seeds
 
 import certpgo
-from certpgo import checker
-from certpgo.certify import Tier, certify
-from certpgo.certify.cost_proof import NOTHING, claimed, cost_evidence, problem_of_certificate
+from certpgo import certify, checker
+from certpgo.certify import Tier
+from certpgo.certify.cost_proof import NOTHING, claimed
+from certpgo.certify.normalized import NormalizedProblem
 from certpgo.certify.proof import exact_graph, quaternions
-from certpgo.certify.proof_file import write_proof
-from certpgo.certify.surrogate_case import OwnCostCase
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import lifted
 from certpgo.linalg import rotations as so
-from certpgo.objective.choose_cost import InformationProblem, information_problem, surrogate
+from certpgo.objective.choose_cost import InformationProblem, information_problem
 from certpgo.objective.costs.g2o import G2oCost
-from certpgo.objective.information_problem import surrogate_of
 from certpgo.objective.problem import PoseProblem
 from certpgo.optimize.levenberg_marquardt import descend
+from certpgo.solve.bounding import reproven
+from certpgo.solve.minima import local_minimum
+from certpgo.solve.proving import of_cost, problem_of_certificate, write_proof
 
 few = settings(max_examples=10, deadline=None)
 
@@ -383,14 +384,14 @@ def test_only_the_costs_that_the_checker_knows_are_proven(small):
     )
     for bare in ({"multipliers": None}, {"support": None}):
         with pytest.raises(NumericalError, match="no lower bound above zero"):
-            cost_evidence(problem, graph, replace(answer.certificate, **bare))
+            of_cost(problem, graph, replace(answer.certificate, **bare))
     huge = answer.certificate.multipliers + 1e9 * np.eye(instance.graph.d)
     # A point of higher rank, which a proof takes as it is.
     away = lifted(random_estimate(problem), instance.graph.d + 1)
     there = replace(answer.certificate.support, point=away)
     bad = replace(answer.certificate, multipliers=huge, support=there)
     with pytest.raises(NumericalError, match="cannot be proven"):
-        cost_evidence(problem, graph, bad)
+        of_cost(problem, graph, bad)
 
 
 def random_estimate(problem):
@@ -409,11 +410,11 @@ def test_measurements_without_minorant_count_nothing(d, tmp_path):
     claim = {"d": d, "keep": "all", "cost": "g2o"} | NO_WEIGHTS
     graph = checker.read_graph(path.read_bytes(), claim, None)
     point = descend(problem, certpgo.solve(instance).estimate).estimate
-    below = surrogate(problem, point)
+    below = problem.surrogate(point)
     constants, kept = below.minorants.constant.copy(), below.minorants.exist
     left_out = np.flatnonzero(kept)[[0, 4]]
     constants[left_out], kept[left_out] = -np.inf, False
-    fewer = surrogate_of(problem, replace(below.minorants, constant=constants))
+    fewer = problem.surrogate_of(replace(below.minorants, constant=constants))
     given = claimed(graph, fewer)
     assert checker.minorants_hold(graph, given).all()
     for e in left_out:
@@ -435,7 +436,7 @@ def test_constants_that_are_too_high_are_lowered(small):
     problem = information_problem(instance, "g2o")
     claim = {"d": instance.graph.d, "keep": "all", "cost": "g2o"} | NO_WEIGHTS
     graph = checker.read_graph(path.read_bytes(), claim, None)
-    below = surrogate(problem, answer.estimate)
+    below = problem.surrogate(answer.estimate)
     weights = np.linalg.norm(below.minorants.N, axis=(1, 2))
     high = replace(below.minorants, constant=below.minorants.constant + 1e-12 * weights)
     given = claimed(graph, replace(below, minorants=high))
@@ -470,16 +471,16 @@ def test_the_bound_of_the_proof_tier_is_what_it_says(small):
     """The surrogate's matrix less the multipliers, which add up to the bound, is not negative."""
     _, _, _, instance, answer = small
     problem = information_problem(instance, "g2o")
-    case = OwnCostCase.of(problem, "proof", 1e-5, 1e-12)
-    basin = case.basin(answer.estimate, False)
-    below = surrogate_of(case.problem, basin.bound.support.minorants)
+    normalized = NormalizedProblem.of(problem, "proof", 1e-5, 1e-12)
+    basin = local_minimum(normalized, answer.estimate, False)
+    below = normalized.problem.surrogate_of(basin.bound.support.minorants)
     trace = np.einsum("naa->", basin.bound.multipliers)
     assert basin.bound.value == pytest.approx(trace + below.constant, rel=1e-9)
     S = below.problem.certificate_matrix(basin.bound.multipliers).toarray()
     values = np.linalg.eigvalsh(S)
     assert values[0] > -1e-12 * values[-1]
     assert basin.bound.support.point.rotations.shape == basin.point.rotations.shape
-    again = case.reproven(basin.bound)
+    again = reproven(normalized, basin.bound)
     assert again.value == pytest.approx(basin.bound.value, rel=1e-9)
 
 

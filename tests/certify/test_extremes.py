@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import certpgo
-from certpgo.certify import Tier, Verdict, certify, cost_upper
+from certpgo import certify
+from certpgo.certify import Tier, Verdict, cost_upper
 from certpgo.certify.units import in_units, scaled_blocks, scaled_down, scaled_up
 from certpgo.errors import FormatError, GraphError, InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from strategies import pose_graph, rng_of
 
-from certpgo.certify import Tier, Verdict, certify, judge
-from certpgo.certify.judge import Judge
-from certpgo.certify.surrogate_case import OwnCostCase
+from certpgo import certify
+from certpgo.certify import Tier, Verdict
 from certpgo.certify.units import unit_of
 from certpgo.certify.wording import meaning
 from certpgo.errors import InputError, NumericalError
@@ -24,6 +23,8 @@ from certpgo.objective.problem import PoseProblem, RotationProblem
 from certpgo.optimize import spectral
 from certpgo.optimize.riemannian_newton import newton
 from certpgo.optimize.solution import Status
+from certpgo.solve import bounding, judging
+from certpgo.solve.judging import Judge
 
 
 def noisy_cycle(n=20, noise=0.05):
@@ -76,7 +77,7 @@ def test_bounds_that_cannot_be_computed_are_left_out(monkeypatch):
     problem, best, _ = noisy_cycle()
     assert certify(problem, best).bounds is None  # not asked for
     assert certify(problem, best, angles=True).bounds is not None
-    monkeypatch.setattr(judge, "bounds", failing)
+    monkeypatch.setattr(judging, "bounds", failing)
     certificate = certify(problem, best, angles=True)
     assert certificate.bounds is None
     assert certificate.verdict is Verdict.CERTIFIED
@@ -167,9 +168,9 @@ def test_of_two_basins_the_lower_is_worth_a_climb(monkeypatch):
     problem = InformationProblem(G2oCost(graph.with_information(np.tile(np.eye(6), (9, 1, 1)))))
     far = Estimate(wound.rotations, np.zeros((9, 3)))
     raised = []
-    keep = OwnCostCase.raised
+    keep = bounding.raised
     monkeypatch.setattr(
-        OwnCostCase, "raised", lambda case, basin: raised.append(basin.cost) or keep(case, basin)
+        bounding, "raised", lambda of, basin: raised.append(basin.cost) or keep(of, basin)
     )
     certificate = certify(problem, far)
     assert raised == []  # the other basin is certified without
@@ -178,17 +179,17 @@ def test_of_two_basins_the_lower_is_worth_a_climb(monkeypatch):
     assert not certificate.proves_optimal(2.0 * certificate.best_cost)
     assert not replace(certificate, tier=Tier.SCREEN).proves_optimal(certificate.best_cost)
     # Without any bounds at the points themselves, the lower one is climbed from.
-    monkeypatch.setattr(OwnCostCase, "bound", lambda *_, **__: None)
+    monkeypatch.setattr(bounding, "bound_near", lambda *_, **__: None)
     certified = certify(problem, far)
     assert raised == [pytest.approx(certificate.best_cost / unit_of(problem), rel=1e-6)]
     assert certified.proves_optimal(certified.best_cost)
     # Both basins are climbed from if the first gives nothing, the known one once.
     raised.clear()
-    monkeypatch.setattr(OwnCostCase, "raised", lambda case, basin: raised.append(basin) or basin)
+    monkeypatch.setattr(bounding, "raised", lambda of, basin: raised.append(basin) or basin)
     judge_of = Judge(problem)
     assert [judge_of.certify(far).lower_bound for _ in range(2)] == [0.0, 0.0]
     assert len(raised) == 3
-    monkeypatch.setattr(OwnCostCase, "raised", failing)
+    monkeypatch.setattr(bounding, "raised", failing)
     assert certify(problem, far).lower_bound == 0.0
 
 
@@ -223,12 +224,12 @@ def long_descent(seed=0, n=30):
 
 def test_a_descent_that_cannot_reach_a_proven_optimum_is_given_up(monkeypatch):
     problem, far = long_descent()
-    monkeypatch.setattr(judge, "FEW", 1)
+    monkeypatch.setattr(judging, "FEW", 1)
     whole = certify(problem, far)
     assert whole.settled
     assert (whole.verdict, whole.basin_is_global) == (Verdict.BOUNDED, True)
-    monkeypatch.setattr(judge, "HOPE", 0.0)
-    monkeypatch.setattr(judge, "RECENT", 1)
+    monkeypatch.setattr(judging, "HOPE", 0.0)
+    monkeypatch.setattr(judging, "RECENT", 1)
     given_up = certify(problem, far)
     assert (given_up.verdict, given_up.settled) == (Verdict.REFUTED, False)
     assert "was given up far from it" in meaning(given_up)
@@ -250,6 +251,6 @@ def test_a_descent_that_rests_at_a_saddle_is_not_given_up(seed):
 
 def test_a_descent_that_is_stopped_refutes_nothing(monkeypatch):
     problem, far = long_descent()
-    monkeypatch.setattr(judge, "FEW", 1)
+    monkeypatch.setattr(judging, "FEW", 1)
     stopped = certify(problem, far, monitor=lambda step: step.number >= 3)
     assert stopped.verdict is not Verdict.REFUTED

@@ -10,7 +10,7 @@ from test_truncated import doubtful_graph
 
 from certpgo import InputError, certify, solve
 from certpgo.certify.leave_one_out import worth_keeping
-from certpgo.certify.truncated_case import TruncatedCase
+from certpgo.certify.normalized import NormalizedProblem
 from certpgo.errors import GraphError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import rotations as so
@@ -115,7 +115,7 @@ def test_other_costs_are_refused(tmp_path):
     instance = certpgo.read(tmp_path / "graph.g2o")
     posed = information_problem(instance, "g2o")
     problem = TruncatedProblem(posed, np.where(doubtful, 20.0, np.inf))
-    case = TruncatedCase.of(problem, "standard", 1e-5, 1e-5)
+    normalized = NormalizedProblem.of(problem, "standard", 1e-5, 1e-5)
     start = solve(PoseGraph(graph.rotation, graph.translations, graph.tau)).estimate
     with pytest.raises(InputError, match="under F alone"):
-        worth_keeping(case, start, np.full(graph.num_edges, 20.0))
+        worth_keeping(normalized, start, np.full(graph.num_edges, 20.0))

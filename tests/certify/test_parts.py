@@ -6,15 +6,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import certpgo
-from certpgo.certify import Tier, Verdict, certify
+from certpgo import certify
+from certpgo.certify import Tier, Verdict
 from certpgo.certify.bridge_blocks import outside, parts, sum_of_bounds
-from certpgo.certify.chordal_case import Case
 from certpgo.certify.dual import DualBound
+from certpgo.certify.normalized import NormalizedProblem
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.bridges import bridges
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.solve.minima import local_minimum
 
 
 def ring(rng, n, d, noise):
@@ -61,9 +63,10 @@ def test_multipliers_of_parts_prove_the_whole(seed, d):
     """S >= 0 by its eigenvalues, at moderate lengths."""
     graph = joined(seed, 3.0, d, noise=1e-2, n=6)
     problem = PoseProblem(graph)
-    case = Case.of(problem, Tier.STANDARD, 0.0, 0.0)  # no tolerance, so the parts are asked
-    basin = case.basin(certpgo.solve(graph).estimate, True)
-    S = case.problem.certificate_matrix(basin.bound.multipliers).toarray()
+    # Without tolerance the parts are asked.
+    normalized = NormalizedProblem.of(problem, Tier.STANDARD, 0.0, 0.0)
+    basin = local_minimum(normalized, certpgo.solve(graph).estimate)
+    S = normalized.problem.certificate_matrix(basin.bound.multipliers).toarray()
     trace = np.trace(basin.bound.multipliers, axis1=1, axis2=2).sum()
     assert np.linalg.eigvalsh(S).min() >= -1e-14 * np.abs(S).max()
     assert trace == pytest.approx(basin.bound.value, rel=1e-14)

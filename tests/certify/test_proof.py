@@ -7,16 +7,16 @@ from hypothesis import given, settings
 from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 
 import certpgo
-from certpgo import checker
-from certpgo.certify import Tier, Verdict, certify
+from certpgo import certify, checker
+from certpgo.certify import Tier, Verdict
 from certpgo.certify.proof import exact_cost, exact_graph, prove, quaternions
-from certpgo.certify.proof_file import write_proof
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate, PoseGraph
 from certpgo.io.datasets.synthetic import corridor, winding_cycle
 from certpgo.linalg import factor
 from certpgo.linalg import rotations as so
 from certpgo.objective.problem import problem_of
+from certpgo.solve.proving import write_proof
 
 
 @given(seeds, dimensions)

@@ -14,9 +14,9 @@ from test_truncated import doubtful_graph
 
 import certpgo
 from certpgo import InputError, certify, checker, integer_checker, solve
-from certpgo.certify.proof_file import write_proof
 from certpgo.objective.problem import problem_of
 from certpgo.objective.truncated_problem import TruncatedProblem
+from certpgo.solve.proving import write_proof
 
 BOTH = [checker, integer_checker]
 

@@ -9,9 +9,10 @@ from strategies import pose_graph
 
 import certpgo
 from certpgo import Estimate, PoseGraph, Ranges, RotationGraph, Tier, Verdict, certify, solve
-from certpgo.certify.cases import case_of
+from certpgo.certify.normalized import NormalizedProblem
 from certpgo.certify.obstacle import LimitedBy
 from certpgo.certify.stiff_edges import BRIDGE, IN_CYCLE, eased
+from certpgo.certify.verdict import loses_to_rounding
 from certpgo.graph.information import Information
 from certpgo.graph.scale import MOST, Scale
 from certpgo.io.datasets.synthetic import winding_cycle
@@ -284,8 +285,8 @@ def test_rounding_is_named_only_where_the_relaxation_is_no_lower(tmp_path):
         assert found.verdict is Verdict.BOUNDED
         assert found.limited_by is LimitedBy.LOOSE
     problem = problem_of(ring(1.0)[0])
-    case = case_of(problem, Tier.STANDARD, 1e-5, 1e-12)
-    assert not case.loses_to_rounding(None, 1.0)
+    normalized = NormalizedProblem.of(problem, Tier.STANDARD, 1e-5, 1e-12)
+    assert not loses_to_rounding(normalized, None, 1.0)
 
 
 def test_a_session_is_not_certified_by_a_mount():

@@ -3,7 +3,7 @@
 import pytest
 
 import certpgo
-from certpgo.certify.surrogate_bound import lower_bound
+from certpgo.certify.bound import lower_bound
 
 
 @pytest.mark.parametrize(

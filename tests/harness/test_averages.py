@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from certpgo.certify import certify
+from certpgo import certify
 from certpgo.io.datasets import synthetic
 from certpgo.objective.problem import RotationProblem
 from reports.harness.experiments import evaluate

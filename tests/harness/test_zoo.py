@@ -11,11 +11,11 @@ from strategies import pose_graph, rng_of, rotation_graph
 pytest.importorskip("flint", reason="python-flint is not installed")
 
 from certpgo.certify import Verdict
-from certpgo.certify.judge import Judge
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, RotationGraph
 from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.solve.judging import Judge
 from reports.harness.certifiers import campaign, made, oracle, rules, search, summary, zoo
 from reports.harness.certifiers.families import FAMILIES
 from reports.harness.certifiers.opinions import Opinion, certifiers, tally_of

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from strategies import rotation_graph
 
-from certpgo import io
-from certpgo.certify import Verdict, certify
+from certpgo import certify, io
+from certpgo.certify import Verdict
 from certpgo.errors import FormatError, GraphError, InputNotice
 from certpgo.graph import Instance
 from certpgo.io.exact.quaternion import to_write

@@ -17,7 +17,6 @@ from certpgo.graph.priors import with_world_placed
 from certpgo.graph.streaming import streamed
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import information_problem, problem_under
-from certpgo.objective.information_problem import surrogate
 from certpgo.solve.fit import fit_of
 
 #: Two rotations of sensors, as in rtabmap's exports; 0.149434741972 by scipy's least squares.
@@ -204,7 +203,7 @@ def test_derivatives_with_arms_are_those_of_the_cost(tmp_path):
 
 def test_surrogates_with_arms_are_below_the_cost_and_touch_it(tmp_path):
     instance, problem = _problem(tmp_path, fixed=(0, 5), priors=(2, 5, 6))
-    below = surrogate(problem, instance.initial)
+    below = problem.surrogate(instance.initial)
     touching = below.problem.cost(instance.initial) + below.constant
     assert touching == pytest.approx(problem.cost(instance.initial), rel=1e-9)
     for x in np.random.default_rng(8).normal(0, 0.5, (20, 9 * 6)):

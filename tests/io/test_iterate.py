@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from strategies import dimensions, rng_of, seeds
 
-from certpgo.certify import Verdict, certify
+from certpgo import certify
+from certpgo.certify import Verdict
 from certpgo.errors import FormatError
 from certpgo.graph.relaxed_point import Lift, rounded
 from certpgo.io import read_estimate

@@ -13,7 +13,7 @@ from strategies import definite, dimensions, pose_graph, rng_of, seeds
 
 import certpgo
 from certpgo import Estimate, PoseGraph, PoseProblem, RotationGraph, certify, read, solve, write
-from certpgo.certify.surrogate_case import OwnCostCase
+from certpgo.certify.normalized import NormalizedProblem
 from certpgo.cli import main
 from certpgo.errors import GraphError, InputError, NumericalError, SpecError
 from certpgo.graph import Instance
@@ -27,7 +27,6 @@ from certpgo.objective.choose_cost import (
     information_problem,
     own_cost,
     problem_under,
-    surrogate,
 )
 from certpgo.objective.costs.g2o import G2oCost
 from certpgo.objective.costs.gtsam import GtsamCost
@@ -35,6 +34,7 @@ from certpgo.objective.information_problem import NormalEquations
 from certpgo.optimize.initialization import start_of
 from certpgo.optimize.levenberg_marquardt import descend
 from certpgo.optimize.solution import Status
+from certpgo.solve.bounding import lowered_bound, reached
 
 few = settings(max_examples=10)
 
@@ -145,7 +145,7 @@ def test_a_surrogate_equals_the_cost_at_its_point_and_is_stationary_there(seed, 
     problem, x = problem_of_random(rng, 7, d, cross=cross)
     found = descend(problem, x).estimate
     assert problem.stationarity(found) < 1e-9
-    below = surrogate(problem, found)
+    below = problem.surrogate(found)
     f = problem.cost(found)
     size = abs(below.constant) + f
     assert below.problem.cost(found) + below.constant <= f + 1e-14 * size
@@ -268,18 +268,18 @@ def test_edges_without_minorants_leave_a_verdict_undecided(monkeypatch):
     relaxed = certify(problem, wound)
     assert relaxed.verdict.value in ("BOUNDED", "REFUTED")
     assert 0.0 < relaxed.lower_bound <= solve(problem).cost < relaxed.cost_upper
-    case = OwnCostCase.of(problem, "standard", 1e-5, 1e-12)
-    assert case.lowered_bound(wound).support.lowered
+    normalized = NormalizedProblem.of(problem, "standard", 1e-5, 1e-12)
+    assert lowered_bound(normalized, wound).support.lowered
     monkeypatch.setattr(G2oCost, "relaxed", lambda self: None)
-    assert case.lowered_bound(wound) is None
+    assert lowered_bound(normalized, wound) is None
     with pytest.raises(NumericalError, match="do not connect the graph"):
-        surrogate(problem, wound)
+        problem.surrogate(wound)
     alone = certify(problem, wound, refine=False)
     assert (alone.verdict.value, alone.lower_bound) == ("UNDECIDED", 0.0)
     assert certify(problem, wound).verdict.value != "CERTIFIED"
     assert solve(problem, initial=wound).verdict.value != "REFUTED"
-    case = OwnCostCase.of(problem, "standard", 1e-5, 1e-12)
-    assert case.below(*problem.relative(wound)) is None
+    normalized = NormalizedProblem.of(problem, "standard", 1e-5, 1e-12)
+    assert not list(reached(normalized, wound, problem.cost(wound)))
 
 
 def test_exact_loops_with_one_inaccurate_angle_are_certified():

@@ -5,8 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from certpgo import registry
-from certpgo.certify import certify
+from certpgo import certify, registry
 from certpgo.errors import CertPGOError, GraphError, MissingDependency, SpecError
 from certpgo.graph import Estimate
 from certpgo.io.datasets import synthetic

@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from strategies import dimensions, rng_of, seeds
 
-from certpgo.certify import Verdict, certify
+from certpgo import certify
+from certpgo.certify import Verdict
 from certpgo.certify.bounds import cycle_bound, cycle_sum_holds
 from certpgo.errors import GraphError
 from certpgo.graph import RotationGraph

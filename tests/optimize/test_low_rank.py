@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import dimensions, pose_graph, rng_of, seeds
 
-from certpgo.certify.curvature import negative_curvature
 from certpgo.errors import SpecError
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Lift, lifted
@@ -19,6 +18,7 @@ from certpgo.linalg.rotations import tangent_basis
 from certpgo.objective import operators
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 from certpgo.optimize import low_rank_descent as low_rank
+from certpgo.optimize.curvature import negative_curvature
 from certpgo.optimize.low_rank_descent import _Tangent, descend, leave
 from certpgo.optimize.methods.low_rank import LowRank
 from certpgo.optimize.riemannian_newton import newton

@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 
-from certpgo import solve
-from certpgo.certify import certify
+from certpgo import certify, solve
 from certpgo.errors import InputError, MissingDependency, NumericalError, SpecError
 from certpgo.graph import Estimate, RotationGraph
 from certpgo.io.datasets import synthetic

@@ -8,9 +8,8 @@ import pytest
 from hypothesis import given, settings
 from strategies import dense_cost, dimensions, point_graph, pose_graph, rng_of, seeds
 
-from certpgo import io, with_priors
-from certpgo.certify import Verdict, certify
-from certpgo.certify.judge import Judge
+from certpgo import certify, io, with_priors
+from certpgo.certify import Verdict
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, Instance
 from certpgo.graph.phrases import bound_shown, cost_shown
@@ -21,6 +20,7 @@ from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 from certpgo.optimize.riemannian_newton import newton
 from certpgo.solve.assessment import assess, costly_edges, distance
 from certpgo.solve.batch import JudgedGraph, judge_all, write_rows
+from certpgo.solve.judging import Judge
 
 JARGON = (
     "dual",
@@ -223,11 +223,13 @@ def part_of(problem, name="walk"):
 
 
 def test_one_bound_serves_all_answers_that_lead_to_it(monkeypatch):
-    from certpgo.certify import chordal_case as case
+    from certpgo.certify import bound
 
     computed = []
-    original = case.dual_bound
-    monkeypatch.setattr(case, "dual_bound", lambda *a, **k: computed.append(1) or original(*a, **k))
+    original = bound.dual_bound
+    monkeypatch.setattr(
+        bound, "dual_bound", lambda *a, **k: computed.append(1) or original(*a, **k)
+    )
     problem, best = optimum(0, 12, 3)
     shaken = {
         str(k): Estimate(

@@ -15,9 +15,8 @@ from strategies import dimensions, pose_graph, random_edges, rng_of, rotation_gr
 
 from certpgo import SolveSettings, certify, solve
 from certpgo.certify import Tier, Verdict
-from certpgo.certify.chordal_case import Case
-from certpgo.certify.curvature import resolution
 from certpgo.certify.dual import _Attempts
+from certpgo.certify.normalized import NormalizedProblem
 from certpgo.errors import GraphError, InputError, NumericalError, SpecError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.io.datasets.synthetic import corridor, grid3d, helix, winding_cycle
@@ -25,13 +24,14 @@ from certpgo.linalg import factor
 from certpgo.linalg import rotations as so
 from certpgo.objective.problem import RotationProblem, problem_of
 from certpgo.optimize import low_rank_descent as low_rank
+from certpgo.optimize.curvature import resolution
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.methods.low_rank import LowRank
 from certpgo.optimize.monitor import Iteration, silent
 from certpgo.optimize.progress import Stop
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 from certpgo.optimize.solution import Level, Status
-from certpgo.solve import staircase
+from certpgo.solve import bounding, staircase
 from certpgo.solve.search_loop import Search
 from certpgo.solve.staircase import Staircase
 
@@ -472,15 +472,15 @@ def test_a_deadline_after_the_search_is_not_the_reason_of_the_verdict(clock, mon
 
 
 def test_a_deadline_during_the_closing_bound_does_not_stop_the_search(clock, monkeypatch):
-    bound = Case.bound
+    bound = bounding.bound_near
 
-    def late(case, point, cost, **options):
-        found = bound(case, point, cost, **options)
-        if found is not None and cost - found.value <= case.tolerance(cost):
+    def late(normalized, point, cost, **options):
+        found = bound(normalized, point, cost, **options)
+        if found is not None and cost - found.value <= normalized.tolerance(cost):
             clock.now = 3.0
         return found
 
-    monkeypatch.setattr(Case, "bound", late)
+    monkeypatch.setattr(bounding, "bound_near", late)
     instance, wound = winding_cycle(20, 0.3, 1)
     answer = solve_from(instance.graph, wound, time_limit=2.0)
     assert clock.now == 3.0
@@ -801,13 +801,13 @@ def test_an_undecided_answer_says_what_to_do_next():
 @pytest.mark.usefixtures("shifts_alone")
 def test_a_bound_that_rounding_limits_is_computed_once(monkeypatch):
     """Weights of 1e12 on exact data: the second and third attempt would say what the first did."""
-    points, bound = [], Case.bound
+    points, bound = [], bounding.bound_near
 
-    def counted(case, point, cost, **options):
+    def counted(normalized, point, cost, **options):
         points.append(point)
-        return bound(case, point, cost, **options)
+        return bound(normalized, point, cost, **options)
 
-    monkeypatch.setattr(Case, "bound", counted)
+    monkeypatch.setattr(bounding, "bound_near", counted)
     assert solve(nearly_exact(), atol=0.0, rtol=0.0).verdict is Verdict.UNDECIDED
     assert len(points) == 1
 
@@ -815,17 +815,17 @@ def test_a_bound_that_rounding_limits_is_computed_once(monkeypatch):
 @pytest.mark.parametrize("over", [0.5, 2.0])
 def test_only_an_eigenvalue_beyond_rounding_is_a_way_down(monkeypatch, over):
     problem = problem_of(winding_cycle(6, 0.3, 0)[0].graph)
-    case = Case.of(problem, Tier.STANDARD, 0.0, 0.0)
-    search = Staircase(problem, case, SolveSettings())
+    normalized = NormalizedProblem.of(problem, Tier.STANDARD, 0.0, 0.0)
+    search = Staircase(problem, normalized, SolveSettings())
     search.begin(None, None)
     search.levels = [Level(3, search.best.cost, search.best.status)]
-    eigenvalue = -over * resolution(case.problem)
+    eigenvalue = -over * resolution(normalized.problem)
     direction = np.ones((6, 3))
     monkeypatch.setattr(staircase, "negative_curvature", lambda *_: (eigenvalue, direction))
     point = search.best.estimate
     found, _ = search.way_down(point)
     assert (found, search.floor) == (
-        (None, case.problem.cost(point)) if over < 1.0 else (eigenvalue, -math.inf)
+        (None, normalized.problem.cost(point)) if over < 1.0 else (eigenvalue, -math.inf)
     )
     assert search.has_reached_the_floor == (over < 1.0)
 
@@ -924,8 +924,8 @@ def test_a_search_stopped_before_its_proof_claims_none():
     """The standard tier certifies, and then the time is up: that is no proof."""
     instance, _ = winding_cycle(6, 0.3, 0)
     problem = problem_of(instance.graph)
-    case = Case.of(problem, Tier.STANDARD, 1e-5, 1e-12)
-    search = Staircase(problem, case, SolveSettings(tier=Tier.STANDARD))
+    normalized = NormalizedProblem.of(problem, Tier.STANDARD, 1e-5, 1e-12)
+    search = Staircase(problem, normalized, SolveSettings(tier=Tier.STANDARD))
     search.begin(None, None)
     assert search.is_certified
     search.stop.deadline = -math.inf

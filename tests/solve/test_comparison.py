@@ -6,8 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from certpgo import read, solve
-from certpgo.certify import certify
+from certpgo import certify, read, solve
 from certpgo.certify.tolerances import ATOL, NEGLIGIBLE, RTOL
 from certpgo.cli.certify import command
 from certpgo.errors import InputError

@@ -19,7 +19,7 @@ from certpgo import (
     RotationGraph,
     solve,
 )
-from certpgo.certify.range_case import RangedCase, Relaxed, range_bound
+from certpgo.certify.normalized import NormalizedProblem
 from certpgo.graph.relaxed_point import Lift
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import range_problem
@@ -29,8 +29,10 @@ from certpgo.optimize.levenberg_marquardt import descend, minimise
 from certpgo.optimize.low_rank_descent import orthonormal
 from certpgo.optimize.monitor import Stopwatch, silent
 from certpgo.optimize.progress import Progress
-from certpgo.optimize.range_saddles import escape
 from certpgo.optimize.solution import Status
+from certpgo.optimize.staircase import escape
+from certpgo.solve import range_search
+from certpgo.solve.relaxation import Relaxed, range_bound
 
 few = settings(max_examples=12)
 
@@ -88,7 +90,7 @@ def test_the_surrogate_is_below_and_touches(seed, d):
     problem, _, rng = measured(seed, d)
     point = anywhere(rng, problem, seed % 3)
     assert problem.cost(point) == pytest.approx(written_out(problem, point))
-    below, constant = problem.surrogate(point)
+    below, constant = next(problem.tangents(point))
     assert below.cost(point) + constant == pytest.approx(problem.cost(point))
     for _ in range(10):
         other = anywhere(rng, problem, seed % 3)
@@ -99,7 +101,7 @@ def test_the_surrogate_is_below_and_touches(seed, d):
 @few
 def test_constants_are_rounded_down(seed):
     problem, _, rng = measured(seed, 2)
-    below, constant = problem.surrogate(anywhere(rng, problem, 0))
+    below, constant = next(problem.tangents(anywhere(rng, problem, 0)))
     tau = below.graph.tau[-problem.ranges.num_edges :]
     exact = Fraction(0)
     for w, distance, weight in zip(
@@ -132,7 +134,7 @@ def test_derivatives(seed, d):
 
     h = 1e-4
     assert 2.0 * slope @ x == pytest.approx((along(h) - along(-h)) / (2.0 * h), rel=1e-5, abs=1e-4)
-    multipliers = problem.surrogate(point)[0].multipliers(point)
+    multipliers = next(problem.tangents(point))[0].multipliers(point)
     H = problem.hessian(point, basis, multipliers)
     second = (along(h) - 2.0 * along(0.0) + along(-h)) / h**2
     assert 2.0 * x @ (H @ x) == pytest.approx(second, rel=1e-3, abs=1e-2)
@@ -158,7 +160,7 @@ def test_bounds_are_below_what_descents_find(seed, d):
 def test_certificate_matrices_have_the_cost_and_its_multipliers(seed, d):
     problem, _, rng = measured(seed, d)
     point = anywhere(rng, problem, seed % 3)
-    below, _ = problem.surrogate(point)
+    below, _ = next(problem.tangents(point))
     E = np.concatenate(
         [np.swapaxes(below.position_rows(point.translations), 1, 2), point.rotations], axis=2
     )
@@ -427,7 +429,7 @@ def test_a_stopped_climb_is_projected(seed):
 
 def test_a_descent_that_fails_is_not_the_last(monkeypatch):
     problem, _, _ = measured(1, 3, noise=1.0, poses=12, points=4)
-    descent, failures = RangedCase.descent, [NumericalError("no"), np.linalg.LinAlgError("no")]
+    descent, failures = range_search.descend, [NumericalError("no"), np.linalg.LinAlgError("no")]
 
     def failing_first(*given, **more):
         if failures:
@@ -436,7 +438,7 @@ def test_a_descent_that_fails_is_not_the_last(monkeypatch):
 
     whole = solve(problem)
     assert {"descend", "certify", "escape", "round"} <= set(whole.solution.seconds)
-    monkeypatch.setattr(RangedCase, "descent", failing_first)
+    monkeypatch.setattr(range_search, "descend", failing_first)
     found = solve(problem)
     assert not failures
     assert found.solution.status is Status.CONVERGED
@@ -469,7 +471,7 @@ def test_rounding_of_lengths_does_not_stall_descents(seed, d):
 
 def test_ways_down_are_not_looked_for_after_a_stop():
     problem, _, _ = measured(2, 3, noise=1.0, poses=12, points=4)
-    relaxed = Relaxed(RangedCase.of(problem, "standard", 0.0, 0.0))
+    relaxed = Relaxed(NormalizedProblem.of(problem, "standard", 0.0, 0.0))
     point = stationary(problem, relaxed.point).point
     asked = []
 

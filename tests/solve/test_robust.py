@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy import integrate, stats
 from strategies import rng_of, rotation_graph
 
-from certpgo import with_directions
-from certpgo.certify import Verdict, certify
+from certpgo import certify, with_directions
+from certpgo.certify import Verdict
 from certpgo.errors import GraphError, SpecError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.io.datasets import synthetic, thesis, truth

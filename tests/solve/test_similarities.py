@@ -15,7 +15,8 @@ from certpgo.errors import GraphError, InputError
 from certpgo.io.datasets.monocular import random_maps
 from certpgo.linalg import rotations as so
 from certpgo.objective.similarity_problem import SimilarityProblem
-from certpgo.optimize.similarity_descent import descend, starts
+from certpgo.optimize.levenberg_marquardt import descend
+from certpgo.optimize.similarity_starts import starts
 from certpgo.solve.reweighing import reweigh
 
 noises = st.sampled_from([0.05, 0.2, 0.4])

@@ -15,17 +15,17 @@ import numpy as np
 import pytest
 from strategies import point_graph
 
-from certpgo import Ranges
-from certpgo.certify import Tier, Verdict, certify
-from certpgo.certify.curvature import smallest_eigenvalues
+from certpgo import Ranges, certify
+from certpgo.certify import Tier, Verdict
 from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.certify.wording import meaning
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.graph.information import Information
 from certpgo.graph.phrases import rounded_down, rounded_up
 from certpgo.io.datasets import synthetic
-from certpgo.objective.choose_cost import information_problem, surrogate
+from certpgo.objective.choose_cost import information_problem
 from certpgo.objective.problem import problem_of
+from certpgo.optimize.curvature import smallest_eigenvalues
 from certpgo.optimize.solution import Status
 from certpgo.solve.assessment import assess
 from certpgo.solve.solving import solve
@@ -393,7 +393,7 @@ def test_the_page_of_another_cost_is_about_that_cost(weighed, cost):
     assert ("--proof" in text) is (cost == "g2o")
     terms = problem.edge_costs(found.estimate)
     assert f"{terms.max():.6g} {100.0 * terms.max() / terms.sum():.3g} %" in text
-    below = surrogate(problem, found.estimate)
+    below = problem.surrogate(found.estimate)
     spectrum = smallest_eigenvalues(
         below.problem,
         below.problem.multipliers(below.problem.with_optimal_translations(found.estimate)),

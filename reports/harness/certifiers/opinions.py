@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from certpgo.certify import Tier, Verdict, certify
+from certpgo import certify
+from certpgo.certify import Tier, Verdict
 from certpgo.errors import InputError, MissingDependency
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray

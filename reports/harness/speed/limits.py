@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import blas
 
-from certpgo.certify import certify
+from certpgo import certify
 from certpgo.errors import MissingDependency
 from certpgo.io.datasets import synthetic
 from certpgo.linalg import compiled, factor, multifrontal

@@ -8,10 +8,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from certpgo.certify.proof_file import write_proof
 from certpgo.graph import Instance
 from certpgo.io import datasets
 from certpgo.objective.choose_cost import CHORDAL
+from certpgo.solve.proving import write_proof
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.solving import solve
 from reports.harness.speed.measuring import Comparison, Group, Timers, processor

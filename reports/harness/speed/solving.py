@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from certpgo.certify import Certificate, certify
+from certpgo import certify
+from certpgo.certify import Certificate
 from certpgo.errors import CertPGOError, InputNotice
 from certpgo.graph import Instance
 from certpgo.io import datasets, write

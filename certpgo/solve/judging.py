@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from certpgo.certify.bounds import Bounds, bounds
-from certpgo.certify.cases import case_of
 from certpgo.certify.certificate import Certificate, Tier, of_instance
 from certpgo.certify.local_minimum import LocalMinimum
+from certpgo.certify.normalized import NormalizedProblem
 from certpgo.certify.tolerances import ATOL, RTOL, refuse_time_limit
+from certpgo.certify.verdict import verdict
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.io.accept_paths import AnyPath, estimated, measured
@@ -23,6 +24,8 @@ from certpgo.optimize.monitor import Iteration, Monitor, silent
 from certpgo.optimize.notebook import watched
 from certpgo.optimize.progress import Hopeful
 from certpgo.optimize.solution import Status
+from certpgo.solve import bounding
+from certpgo.solve.minima import elsewhere, local_minimum
 
 #: Steps of an estimate's descent before one from another start begins; most descents take fewer.
 FEW = 20
@@ -146,7 +149,7 @@ class Judge:
         ctrl_c: bool = False,
     ) -> None:
         refuse_time_limit(time_limit)
-        self._case = case_of(problem, tier, rtol, atol, monitor)
+        self._normalized = NormalizedProblem.of(problem, tier, rtol, atol, monitor)
         self._problem, self._refine, self._angles = problem, refine, angles
         self._time_limit, self._ctrl_c = time_limit, ctrl_c
         self._best: LocalMinimum | None = None
@@ -161,87 +164,89 @@ class Judge:
         InputError
             An estimate of another graph.
         """
-        case = self._case
+        normalized = self._normalized
         self._problem.check(estimate)
-        limits = case.stop.within(self._time_limit, ctrl_c=self._ctrl_c)
+        limits = normalized.stop.within(self._time_limit, ctrl_c=self._ctrl_c)
         # No warnings for infinite costs.
         with np.errstate(over="ignore", invalid="ignore"), limits:
-            own, other = self._basins(estimate)
-            known = (basin for basin in (self._best, own, other) if basin is not None)
-            self._best = best = max(known, key=lambda basin: basin.value)
+            own, other = self._minima(estimate)
+            known = (one for one in (self._best, own, other) if one is not None)
+            self._best = best = max(known, key=lambda one: one.value)
             if best.value > own.value:
                 own = replace(own, bound=best.bound)
-            angles = _bounds(case.problem, own.point) if self._angles else None
-            return case.certificate(estimate, own, other, angles)
+            angles = _bounds(normalized.problem, own.point) if self._angles else None
+            return verdict(normalized, estimate, own, other, angles)
 
     @property
     def interrupted(self) -> bool:
         """Whether the monitor or Ctrl-C stopped work on the last estimate."""
-        return self._case.stop.interrupted
+        return self._normalized.stop.interrupted
 
     @property
     def ended_by(self) -> Status | None:
         """Why work on the last estimate was left out: the time limit, or the monitor or Ctrl-C."""
-        return self._case.stop.cut
+        return self._normalized.stop.cut
 
-    def _basins(self, estimate: Estimate) -> tuple[LocalMinimum, LocalMinimum | None]:
-        """The basin of the estimate and, if that is not proven optimal, another one.
+    def _minima(self, estimate: Estimate) -> tuple[LocalMinimum, LocalMinimum | None]:
+        """The minimum near the estimate and, if that is not proven optimal, another one.
 
-        The bounds that take most work are computed last, and in the lower basin first.
+        The bounds that take most work are computed last, and at the lower minimum first.
         """
-        case = self._case
+        normalized = self._normalized
         own = self._own(estimate)
-        if not self._refine or case.is_sharp(own) or case.stop.should_stop():
+        if not self._refine or normalized.is_sharp(own) or normalized.stop.should_stop():
             return own, None
         other = self._elsewhere()
         if other is None:
             return self._with_best_bound(own), None
         for lower in (own, other) if own.cost <= other.cost else (other, own):
             known, least = max(own.value, other.value), min(own.cost, other.cost)
-            if known >= least - case.difference(least) or case.stop.should_stop():
+            if known >= least - normalized.difference(least) or normalized.stop.should_stop():
                 break
             if lower is own:
                 own = self._with_best_bound(own)
             elif not self._raised:
                 other = self._other = self._with_best_bound(other)
-                self._raised = case.stop.cut is None
+                self._raised = normalized.stop.cut is None
         return own, other
 
     def _own(self, estimate: Estimate) -> LocalMinimum:
-        """The basin of the estimate.
+        """The minimum near the estimate.
 
         A long descent is interrupted for one that begins elsewhere, and given up where that ends at
         a proven optimum which it cannot hope to reach.
         """
-        case = self._case
+        normalized = self._normalized
         if not self._refine:
-            return case.basin(estimate, False, self._best)
+            return local_minimum(normalized, estimate, False, self._best)
 
         def of_few(iteration: Iteration) -> bool:
-            return case.stop(iteration) or iteration.number >= FEW
+            return normalized.stop(iteration) or iteration.number >= FEW
 
-        begun = case.basin(estimate, True, self._best, of_few, may_rest=self._best is None)
-        if begun.settled or case.stop.should_stop():
+        begun = local_minimum(
+            normalized, estimate, True, self._best, of_few, may_rest=self._best is None
+        )
+        if begun.settled or normalized.stop.should_stop():
             return begun
         other, monitor = self._elsewhere(), None
-        if other is not None and case.is_sharp(other):
-            monitor = Hopeful(case.stop, other.cost, HOPE, RECENT)
-        return case.basin(begun.point, True, self._best, monitor)
+        if other is not None and normalized.is_sharp(other):
+            monitor = Hopeful(normalized.stop, other.cost, HOPE, RECENT)
+        return local_minimum(normalized, begun.point, True, self._best, monitor)
 
-    def _with_best_bound(self, basin: LocalMinimum) -> LocalMinimum:
-        """The basin with a bound that takes more work; itself if that fails."""
+    def _with_best_bound(self, minimum: LocalMinimum) -> LocalMinimum:
+        """The minimum with a bound that takes more work; itself if that fails."""
         with suppress(NumericalError, np.linalg.LinAlgError):
-            return self._case.raised(basin)
-        return basin
+            return bounding.raised(self._normalized, minimum)
+        return minimum
 
     def _elsewhere(self) -> LocalMinimum | None:
-        """A basin known to be optimal, or the one reached without the estimate, if any."""
-        if self._best is not None and self._case.is_sharp(self._best):
+        """A minimum known to be optimal, or the one reached without the estimate, if any."""
+        if self._best is not None and self._normalized.is_sharp(self._best):
             return self._best
         if self._other is None:
-            case = self._case
-            found = case.elsewhere()
-            if case.stop.cut is not None:
+            normalized = self._normalized
+            found = elsewhere(normalized)
+            if normalized.stop.cut is not None:
                 return found
             self._other = found
         return self._other

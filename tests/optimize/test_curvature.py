@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import dimensions, pose_graph, rng_of, seeds
 
-from certpgo.certify.curvature import negative_curvature, smallest_eigenvalues
 from certpgo.graph import Estimate, PoseGraph
 from certpgo.graph.relaxed_point import lifted
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import factor
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 from certpgo.optimize import low_rank_descent as low_rank
+from certpgo.optimize.curvature import negative_curvature, smallest_eigenvalues
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 
 

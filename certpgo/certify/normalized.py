@@ -1,0 +1,133 @@
+"""A problem with weights of order one, and when its gaps are closed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Generic, TypeVar
+
+from certpgo import checker
+from certpgo.certify.bridge_blocks import Part, parts
+from certpgo.certify.certificate import Tier, tier_called
+from certpgo.certify.local_minimum import LocalMinimum
+from certpgo.certify.proof import exact_cost, exact_graph
+from certpgo.certify.stiff_edges import eased
+from certpgo.certify.tolerances import FLOOR, allowed, refuse_tolerances, refuse_unprovable
+from certpgo.certify.units import unit_of
+from certpgo.errors import GraphError, InputError, kind_of
+from certpgo.graph import Estimate
+from certpgo.objective.exact_fit import fits_exactly
+from certpgo.objective.objective import Objective
+from certpgo.optimize.monitor import Monitor, silent
+from certpgo.optimize.progress import Stop
+
+Posed = TypeVar("Posed", bound=Objective)
+
+
+@dataclass(frozen=True)
+class NormalizedProblem(Generic[Posed]):
+    """A problem with weights of order one, and the settings of its certificates.
+
+    Attributes
+    ----------
+    problem : the problem with its weights divided by ``unit``
+    unit : the power of two nearest W; it makes verdicts independent of the weights' scale
+    stop : the monitor of all descents; where it requests a stop, bounds are left out
+    """
+
+    problem: Posed
+    unit: float
+    tier: Tier
+    rtol: float
+    atol: float
+    stop: Stop = field(default_factory=Stop)
+
+    @classmethod
+    def of(
+        cls,
+        problem: Any,
+        tier: Tier | str,
+        rtol: float,
+        atol: float,
+        monitor: Monitor = silent,
+    ) -> NormalizedProblem[Any]:
+        """Normalize a problem.
+
+        Raises
+        ------
+        InputError
+            It is no problem; tolerances that are negative or not finite, weights beyond the range
+            of doubles, information that is not positive definite, or the proof tier for a cost that
+            has none.
+        SpecError
+            An unknown tier.
+        """
+        if not isinstance(problem, Objective):
+            said = "a PoseProblem(graph) or RotationProblem(graph) is judged, not"
+            raise InputError(f"{said} {kind_of(problem)}")
+        tier = tier_called(tier)
+        refuse_tolerances(rtol, atol)
+        problem.refuse_indefinite()
+        if tier is Tier.PROOF:
+            refuse_unprovable(problem)
+        unit = unit_of(problem)
+        try:
+            scaled = problem.scaled(1.0 / unit)
+        except GraphError as error:
+            raise InputError(f"too uneven weights: divided by {unit:.2g}, {error}") from None
+        return cls(scaled, unit, tier, rtol, atol, Stop(monitor, unit, problem.title))  # type: ignore[arg-type]
+
+    @property
+    def rigorous(self) -> bool:
+        """Whether rounding is bounded."""
+        return self.tier is not Tier.SCREEN
+
+    def tolerance(self, cost: float) -> float:
+        """The gap up to which a point of this cost counts as optimal."""
+        absolute, cap = self.atol * self.problem.scale, float(self.problem.cap)
+        return min(allowed(cost, self.rtol, absolute), cap)
+
+    def difference(self, cost: float) -> float:
+        """The smallest decrease in cost that is not rounding."""
+        absolute, cap = FLOOR * self.atol * self.problem.scale, float(self.problem.cap)
+        return min(allowed(cost, self.rtol, absolute), cap)
+
+    def fits(self, estimate: Estimate) -> bool:
+        """Whether it meets all measurements: then its cost is rounding, and it is optimal."""
+        return fits_exactly(self.problem, estimate)
+
+    def is_closed(self, minimum: LocalMinimum) -> bool:
+        """Whether the gap is closed."""
+        cost = minimum.cost
+        return cost - minimum.value <= self.tolerance(cost) or self.fits(minimum.point)
+
+    def is_sharp(self, minimum: LocalMinimum) -> bool:
+        """Whether no distinguishably better point exists."""
+        cost = minimum.cost
+        return cost - minimum.value <= self.difference(cost) or self.fits(minimum.point)
+
+    def cost_upper(self, estimate: Estimate) -> float:
+        """The cost of the estimate, rounded up: F in exact arithmetic at the proof tier."""
+        if self.tier is Tier.PROOF and self.problem.is_chordal:
+            return exact_cost(self.problem.chordal, self.exact, estimate)
+        return self.problem.enclosure(estimate)[1]
+
+    def sure(self, estimate: Estimate, cost: float) -> float:
+        """A smaller cost is lower than the estimate's, at most ``cost``, despite rounding."""
+        return self.problem.enclosure(estimate)[0] - self.difference(cost)
+
+    @cached_property
+    def exact(self) -> checker.Graph:
+        """The measurements in the checker's representation."""
+        return exact_graph(self.problem.chordal)
+
+    @cached_property
+    def eased(self) -> Posed:
+        """The problem without stiff bridges, whose cost is nowhere above this one."""
+        return eased(self.problem, cycles=False)
+
+    @cached_property
+    def parts(self) -> list[Part]:
+        """The parts between bridges, of F; see `certpgo.certify.bridge_blocks`."""
+        problem = self.problem
+        return parts(problem.chordal) if problem.is_chordal and not problem.takes_scales else []

@@ -1,0 +1,71 @@
+"""Where descents over similarities begin."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+
+import numpy as np
+
+from certpgo.errors import NumericalError
+from certpgo.graph import Estimate, PoseGraph
+from certpgo.linalg.arrays import FloatArray
+from certpgo.linalg.blocks import add_to_diagonal, pinned, scatter_sum
+from certpgo.objective.operators import laplacian
+from certpgo.objective.problem import PoseProblem
+from certpgo.objective.similarity_problem import SimilarityProblem
+from certpgo.optimize.initialization import Start, start_of
+
+
+def starts(problem: SimilarityProblem) -> Iterator[Start]:
+    """Estimates from which descents begin: the nearest to a basin, then the least shrunk.
+
+    Raises
+    ------
+    NumericalError
+        The weights are too uneven for both.
+    """
+    try:
+        yield Start(problem.linear_start(), "linear relaxation")
+    except (NumericalError, np.linalg.LinAlgError):
+        yield Start(separate_start(problem), "scales, then poses")
+        return
+    with suppress(NumericalError, np.linalg.LinAlgError):
+        yield Start(separate_start(problem), "scales, then poses")
+
+
+def separate_start(problem: SimilarityProblem) -> Estimate:
+    """Least squares of the logarithms of scales, then poses as of measurements in one unit.
+
+    Raises
+    ------
+    NumericalError
+        The weights are too uneven for a factorization.
+    """
+    graph, (i, _) = problem.graph, problem.graph.edges.T
+    scales = log_scales(problem)
+    steps = scales[i, None] * graph.translations
+    flags = graph.points, graph.assumed, graph.absolute
+    posed = PoseProblem(PoseGraph(graph.rotation, steps, graph.tau, None, *flags), problem.engine)
+    rotations = start_of(posed).estimate.rotations
+    return problem.complete(rotations, scales)
+
+
+def log_scales(problem: SimilarityProblem) -> FloatArray:
+    """(n,) scales whose logarithms fit the measured ones best; 1 where they are known."""
+    graph, n = problem.graph, problem.n
+    i, j = graph.edges.T
+    weights = graph.rotation.kappa
+    known = np.flatnonzero(~graph.free)
+    if problem.in_mean_unit:
+        known = np.append(known, problem.root)
+    measured = weights * np.log(graph.scales)
+    forces = scatter_sum(j, measured, n) - scatter_sum(i, measured, n)
+    forces[known] = 0.0
+    L = laplacian(problem.pattern, weights)
+    # Some known ones, such as points, have no measured scale and a diagonal of zero.
+    L = add_to_diagonal(pinned(L, known), np.isin(np.arange(n), known).astype(float))
+    factor = problem.symbolic(L).factor(L)
+    if factor is None:
+        raise NumericalError("the measured scales do not determine the scales of all poses")
+    return np.asarray(np.exp(factor.solve(forces[:, None])[:, 0]))

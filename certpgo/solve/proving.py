@@ -1,0 +1,272 @@
+"""Writing proofs: multipliers and a witness for the exact numbers of a graph file.
+
+They are of points to more digits than other purposes need. `certpgo.certify.proof_file` has the
+layout of the files; nothing here is trusted, since the checker decides.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from certpgo import checker
+from certpgo.certify.certificate import CHORDAL, Certificate, Tier
+from certpgo.certify.cost_proof import claimed, scaled
+from certpgo.certify.dual import dual_bound
+from certpgo.certify.normalized import NormalizedProblem
+from certpgo.certify.proof import Witness, proof_of, prove
+from certpgo.certify.proof_file import (
+    arrays_of,
+    claim_and_graph,
+    provable,
+    refuse_priors_of_rotations,
+)
+from certpgo.certify.rejection_proof import claimed_rejections
+from certpgo.certify.resistances import packed
+from certpgo.certify.tolerances import refuse_unprovable
+from certpgo.certify.truncated_bound import below_with, resistances
+from certpgo.errors import InputError, NumericalError, require, require_path
+from certpgo.graph import Estimate, Instance
+from certpgo.io.pipes import readable
+from certpgo.io.writing import atomically
+from certpgo.linalg.arrays import FloatArray
+from certpgo.objective import choose_cost as costs
+from certpgo.objective.choose_cost import InformationProblem
+from certpgo.objective.objective import Objective
+from certpgo.objective.problem import problem_of
+from certpgo.objective.truncated_problem import TruncatedProblem
+from certpgo.optimize.descent import rested
+from certpgo.solve.rejection_bounds import at_rest, optimum_of_kept
+
+
+def write_proof(
+    path: str | Path,
+    source: str | Path,
+    instance: Instance,
+    estimate: Estimate,
+    certificate: Certificate,
+    *,
+    prices: FloatArray | None = None,
+) -> checker.Answer:
+    """Write the proof that an estimate of a graph file is as good as its certificate says.
+
+    It is about the certificate's cost, F or that of g2o or F truncated, of the numbers in the file,
+    to the last bit, and is only written if the checker accepts it.
+
+    Parameters
+    ----------
+    path : path of the proof
+    source : the g2o or 1DSfM file (or folder) that the instance was read from
+    instance : the whole graph of the file, connected
+    estimate : the estimate for the upper bound
+    certificate : certificate of that estimate, or of another of the same graph
+    prices : (m,) where the certificate is about a truncated cost: of rejected measurements, and
+        infinite for kept ones, as in ``rejection.problem.prices``
+
+    Returns
+    -------
+    The bounds verified by the checker.
+
+    Raises
+    ------
+    InputError
+        The source has another format, or the instance is only a part of it; or the certificate is
+        about a cost for which there are no proofs.
+    NumericalError
+        There is no proof, or the checker refuses it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import certpgo
+    >>> from certpgo.io.datasets.synthetic import helix
+    >>> certpgo.write("helix.g2o", helix(3, np.random.default_rng(0)))
+    >>> instance = certpgo.read("helix.g2o")
+    >>> result = certpgo.solve(instance, cost="chordal")
+    >>> proven = certpgo.write_proof(
+    ...     "helix.cert", "helix.g2o", instance, result.estimate, result.certificate
+    ... )
+    >>> proven.lower <= proven.upper
+    True
+    """
+    require_path(path, "a proof")
+    require_path(source, "a graph")
+    require(instance, Instance, "the instance that was read")
+    require(estimate, Estimate, "an Estimate")
+    require(certificate, Certificate, "a Certificate")
+    source = provable(source, instance)
+    claim, proof = _proof(source, instance, estimate, certificate, prices)
+    found: list[checker.Answer] = []
+
+    def accepted(beside: Path) -> None:
+        header = np.frombuffer(json.dumps(claim).encode(), dtype=np.uint8)
+        with beside.open("wb") as file:
+            np.savez(file, claim=header, **arrays_of(proof))
+        try:
+            found.append(checker.check(readable(source), beside))
+        except (checker.Refused, checker.Unreadable) as reason:
+            raise NumericalError(f"the checker does not accept the proof: {reason}") from None
+
+    atomically(Path(path), accepted)
+    return found[0]
+
+
+def _proof(
+    source: Path,
+    instance: Instance,
+    estimate: Estimate,
+    certificate: Certificate,
+    prices: FloatArray | None,
+) -> tuple[dict[str, Any], checker.Proof]:
+    """What the proof is about, and its content."""
+    refuse_priors_of_rotations(instance)
+    if prices is not None:
+        claim, graph = claim_and_graph(source, instance)
+        claim |= {"version": 3}
+        cut = TruncatedProblem(problem_of(instance.graph), prices)
+        evidence = _of_rejections(cut, graph, certificate)
+    elif instance.graph.has_scales or certificate.objective == CHORDAL:
+        claim, graph = claim_and_graph(source, instance)
+        evidence = _of_f(instance, graph, certificate)
+    else:
+        problem = problem_of_certificate(instance, certificate)
+        claim, graph = claim_and_graph(source, instance, problem.edge_cost.name)
+        evidence = of_cost(problem, graph, certificate)
+    witness = evidence.witness
+    claim |= {"pin": witness.pin, "exponent": witness.exponent}
+    proof = proof_of(estimate, evidence.multipliers, witness, evidence.minorants)
+    if instance.graph.has_scales:
+        proof = proof._replace(s=costs.similarity_problem(instance).scales_of(estimate))
+    return claim, proof._replace(rejections=evidence.rejections)
+
+
+@dataclass(frozen=True, eq=False)
+class BoundEvidence:
+    """What proves a lower bound for a file's exact numbers, in their units; nothing is trusted."""
+
+    multipliers: FloatArray
+    witness: Witness
+    minorants: checker.EdgeBounds | None = None
+    rejections: checker.Rejections | None = None
+
+    @classmethod
+    def of(
+        cls, found: tuple[FloatArray, Witness] | None, unit: float, **claims: Any
+    ) -> BoundEvidence:
+        """What was found for weights over a unit.
+
+        Raises
+        ------
+        NumericalError
+            Nothing was found.
+        """
+        if found is None:
+            said = "the lower bound cannot be proven without trusting a factorization"
+            raise NumericalError(said)
+        return cls(unit * found[0], found[1], **claims)
+
+
+def _of_f(instance: Instance, graph: checker.Graph, certificate: Certificate) -> BoundEvidence:
+    """The evidence of a bound on F, of poses or of similarities."""
+    if certificate.multipliers is None:
+        raise NumericalError("there is no lower bound above zero to prove")
+    similar = instance.graph.has_scales
+    posed = costs.similarity_problem(instance) if similar else problem_of(instance.graph)
+    normalized = _normalized(posed, certificate)
+    problem, unit = normalized.problem, normalized.unit
+    graph = graph._replace(kappa=graph.kappa / unit, tau=graph.tau / unit)
+    point = rested(problem, certificate.refined)
+    return BoundEvidence.of(prove(problem, graph, point, certificate.multipliers / unit), unit)
+
+
+def problem_of_certificate(instance: Instance, certificate: Certificate) -> InformationProblem:
+    """The problem whose cost a certificate is about.
+
+    Raises
+    ------
+    InputError
+        There are no proofs about that cost.
+    """
+    others = [name for name in costs.costs_of(instance) if name != costs.CHORDAL]
+    problems = [costs.information_problem(instance, name) for name in others]
+    problem = next(p for p in problems if p.edge_cost.title == certificate.objective)
+    refuse_unprovable(problem)
+    return problem
+
+
+def of_cost(
+    problem: InformationProblem, graph: checker.Graph, certificate: Certificate
+) -> BoundEvidence:
+    """The evidence of a bound on the cost of another program.
+
+    Parameters
+    ----------
+    graph : the measurements of the file, to the last bit
+
+    Raises
+    ------
+    NumericalError
+        There is none.
+    """
+    support = certificate.support
+    if support is None or certificate.multipliers is None:
+        raise NumericalError("there is no lower bound above zero to prove")
+    if support.lowered:
+        said = "the bound is that of a lower cost, without cross terms or large eigenvalues"
+        raise NumericalError(f"{said}; proof files hold minorants of the cost itself")
+    normalized = _normalized(problem, certificate)
+    unit, fallback = normalized.unit, certificate.multipliers / normalized.unit
+    graph = graph._replace(information=graph.information / unit)
+    below, point = normalized.problem.surrogate_of(support.minorants), support.point
+    given = claimed(graph, below)
+    if isinstance(point, Estimate):
+        point = rested(below.problem, point)
+    found = prove(below.problem, checker.surrogate(graph, given), point, fallback)
+    return BoundEvidence.of(found, unit, minorants=scaled(unit, given))
+
+
+def _of_rejections(
+    posed: TruncatedProblem, graph: checker.Graph, certificate: Certificate
+) -> BoundEvidence:
+    """The evidence of a bound on F truncated, whose graph has all measurements."""
+    if certificate.objective != posed.title:
+        raise InputError("proofs about rejected measurements are of the chordal cost F, truncated")
+    if not np.array_equal(np.stack([graph.i, graph.j], axis=1), posed.graph.edges):
+        raise NumericalError("the checker has the measurements in another order")
+    normalized = _normalized(posed, certificate)
+    problem, unit = normalized.problem, normalized.unit
+    graph = graph._replace(kappa=graph.kappa / unit, tau=graph.tau / unit)
+    point = certificate.refined
+    point = at_rest(problem, point, problem.truncation(point).plain())
+    W = problem.truncation(point).plain()
+    found, given = _with_minorants(problem, graph, point, W)
+    if found is None:
+        point = at_rest(problem, optimum_of_kept(normalized, point), np.zeros_like(W))
+        W, loads = np.zeros_like(W), np.zeros(len(W))
+        if (of_kept := resistances(problem, point)) is not None:
+            W, loads = packed(of_kept, problem.truncation(point), isotropic=True)
+        while (proven := _with_minorants(problem, graph, point, W))[0] is None and W.any():
+            W[loads >= np.median(loads[W.any(axis=(1, 2))])] = 0.0
+        found, given = proven
+    weights = {name: unit * getattr(given, name) for name in ("prices", "kappa", "tau")}
+    return BoundEvidence.of(found, unit, rejections=given._replace(**weights))
+
+
+def _with_minorants(
+    problem: TruncatedProblem, graph: checker.Graph, point: Estimate, W: FloatArray
+) -> tuple[tuple[FloatArray, Witness] | None, checker.Rejections]:
+    """What is found with minorants of weights W, and what these claim."""
+    given = claimed_rejections(graph, problem, problem.truncation(point), W)
+    below = below_with(problem, point, W)
+    # That of the kept measurements may have to be a loose one.
+    bound = None if W.any() else dual_bound(below, point)
+    fallback = None if bound is None else bound.multipliers
+    return prove(below, checker.truncated(graph, given)[0], point, fallback), given
+
+
+def _normalized(problem: Objective, certificate: Certificate) -> NormalizedProblem[Any]:
+    return NormalizedProblem.of(problem, Tier.PROOF, certificate.rtol, certificate.atol)
