@@ -58,6 +58,7 @@ nitpicky = True
 nitpick_ignore_regex = [
     (r"py:.*", r"(numpy|scipy|matplotlib|collections|dataclasses|fractions|pathlib|types)\..*"),
     (r"py:class", r"certpgo\..*\.Any[A-Z]\w*"),
+    (r"py:class", r"certpgo\.checker\.\w+"),
 ]
 
 # Markdown

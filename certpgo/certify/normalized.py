@@ -21,11 +21,11 @@ from certpgo.objective.objective import Objective
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.progress import Stop
 
-Posed = TypeVar("Posed", bound=Objective)
+AnyObjective = TypeVar("AnyObjective", bound=Objective)
 
 
 @dataclass(frozen=True)
-class NormalizedProblem(Generic[Posed]):
+class NormalizedProblem(Generic[AnyObjective]):
     """A problem with weights of order one, and the settings of its certificates.
 
     Attributes
@@ -35,7 +35,7 @@ class NormalizedProblem(Generic[Posed]):
     stop : the monitor of all descents; where it requests a stop, bounds are left out
     """
 
-    problem: Posed
+    problem: AnyObjective
     unit: float
     tier: Tier
     rtol: float
@@ -122,7 +122,7 @@ class NormalizedProblem(Generic[Posed]):
         return exact_graph(self.problem.chordal)
 
     @cached_property
-    def eased(self) -> Posed:
+    def eased(self) -> AnyObjective:
         """The problem without stiff bridges, whose cost is nowhere above this one."""
         return eased(self.problem, cycles=False)
 
