@@ -330,8 +330,8 @@ def _by_parts(
     refine: bool,
 ) -> DualBound | None:
     """A bound, or a better one by the parts between bridges, if it misses rtol F."""
-    parts, value = normalized.parts, found.value if found else 0.0
-    if value >= cost - normalized.rtol * cost or not parts:
+    value = found.value if found else 0.0
+    if value >= cost - normalized.rtol * cost or not (parts := normalized.parts):
         return found
     if value > 0.0 and outside(normalized.problem, parts) < MUCH:
         return found
