@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any, cast
 
 import numpy as np
 
@@ -20,14 +21,12 @@ from certpgo.certify.multipliers import Shifted
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Point
-from certpgo.graph.similarity_graph import SimilarityGraph
 from certpgo.io.exact import quaternion
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.rotations import rotation_defect
 from certpgo.objective import operators
 from certpgo.objective.problem import Problem
-from certpgo.objective.similarity_problem import SimilarityProblem
 
 #: First shift tried, in units of rounding of the mean diagonal (for poses, times the growth), and
 #: its growth per attempt.
@@ -140,7 +139,7 @@ def exact_cost(problem: Problem, graph: checker.Graph, estimate: Estimate) -> fl
     """F of the estimate, rounded up; infinite beyond the range of doubles."""
     try:
         t = estimate.translations if problem.has_positions else None
-        s = problem.scales_of(estimate) if isinstance(problem, SimilarityProblem) else None
+        s = cast("Any", problem).scales_of(estimate) if problem.takes_scales else None
         return checker.upper_bound(graph, quaternions(estimate.rotations), t, s=s)
     except (checker.Refused, OverflowError):
         return math.inf
@@ -301,8 +300,9 @@ def exact_graph(problem: Problem) -> checker.Graph:
     if N is None:
         R = checker.rotations(quaternions(graph.rotations))
     exact = checker.Graph(graph.num_nodes, i, j, R, t, graph.kappa, tau, N=N, points=points)
-    if isinstance(problem.graph, SimilarityGraph):
-        return exact._replace(scales=problem.graph.scales, free=problem.graph.free)
+    if problem.takes_scales:
+        of = cast("Any", problem.graph)
+        return exact._replace(scales=of.scales, free=of.free)
     return exact
 
 

@@ -339,12 +339,11 @@ class Solved(Result):
     def _problem(self) -> Certifiable:
         """The problem that the estimate solves."""
         from certpgo.objective.choose_cost import certifiable
-        from certpgo.objective.truncated_problem import as_sum
 
         posed: Any = certifiable(self.part, self.asked.cost)
         if self.solution.weights is None:
             return cast("Certifiable", posed)
-        return cast("Certifiable", self.solution.judged(as_sum(posed)))
+        return cast("Certifiable", self.solution.judged(posed))
 
     def write_page(self, out: Path, outputs: Outputs) -> None:
         """Write the page of the certificate."""

@@ -316,13 +316,12 @@ def _refuse_part(
 
 def _disagreement(problem: Judged, found: Assessment) -> Disagreement | None:
     """Measurements that disagree with the rest, by their terms of the cost."""
-    from certpgo.objective.similarity_problem import SimilarityProblem
     from certpgo.solve.outliers import disagreement
     from certpgo.solve.selection import Posed
 
-    if not isinstance(problem, Posed) or isinstance(problem, SimilarityProblem):
+    if problem.is_lifted or problem.takes_scales or len(problem.rejected):
         return None
-    return disagreement(problem, found.best, refit=not found.best_is_optimal)
+    return disagreement(cast("Posed", problem), found.best, refit=not found.best_is_optimal)
 
 
 def _batch(

@@ -46,7 +46,7 @@ def has_matrix_weights(graph: Graph) -> bool:
 
 def has_no_unit(graph: object) -> bool:
     """Whether a graph has nodes of unknown scale alone, so that its map has no unit of length."""
-    return isinstance(graph, SimilarityGraph) and graph.in_mean_unit
+    return bool(getattr(graph, "in_mean_unit", False))
 
 
 def length_unit(graph: Graph) -> str:

@@ -96,5 +96,6 @@ def typical(weights: FloatArray) -> float:
 
 
 def _limited(weights: FloatArray) -> FloatArray:
-    """Weights, none more than `MOST` times what is typical."""
-    return np.minimum(weights, MOST * typical(weights))
+    """Weights, none more than `MOST` times what is typical, but for those beyond all range."""
+    limited = np.minimum(weights, MOST * typical(weights))
+    return np.where(np.isinf(weights), weights, limited)

@@ -69,7 +69,7 @@ def _instance(dialect: Dialect, path: Path, options: ReadOptions, content: Recor
         nodes, notice = in_unit_of(nodes, unit)
         notices.append(notice)
     initial, world, origin = nodes.values, None, None
-    if isinstance(graph, RotationGraph):
+    if not graph.has_positions:
         initial = initial and Estimate(initial.rotations)
     elif len(priors):
         graph, origin, notice = anchored(graph, priors)
@@ -256,7 +256,7 @@ def _notices(content: Records, nodes: Nodes, graph: Graph, sightings: int) -> li
         points = counted(int(nodes.points.sum()), "point{s}")
         moved = f"; point k has the id k + {nodes.moved_by}" if nodes.moved_by else ""
         notices.append(f"{points}, {counted(sightings, 'sighting{s}')}{moved}")
-    if isinstance(graph, RotationGraph):
+    if not graph.has_positions:
         notices.append("all translations are zero: read as a rotation graph")
     if len(content.cameras) > 1:
         notices.append(f"{len(content.cameras)} different cameras: they are not kept")

@@ -24,10 +24,15 @@ from certpgo.linalg.factor import Analysis, Factor, Symbolic
 from certpgo.objective import operators
 from certpgo.objective.edge_sums import EdgeSums
 from certpgo.objective.enclosure import edge_enclosures, enclosure
+from certpgo.objective.minorants import Minorants
 from certpgo.objective.objective import Objective, Surrogate
+from certpgo.objective.truncated import untruncated
 
 #: What the cost of isotropic weights is called.
 CHORDAL = "F"
+
+#: Singular values of couplings, over the largest, below which a direction is not measured.
+NONE = 1e-12
 
 AnyPoint = TypeVar("AnyPoint", bound=Point)
 AnyProblem = TypeVar("AnyProblem", bound="Quadratic")
@@ -128,9 +133,17 @@ class Quadratic(Objective, ABC):
         """The cost itself."""
         return Surrogate(self)
 
-    def blocks(self, point: Point) -> Point:
-        """A point of the relaxation: the same, unless scales are unknown."""
-        return point
+    def minorants(self, point: Point) -> Minorants:
+        """The terms themselves, wherever they touch, but for rounding."""
+        return self._own_minorants
+
+    @cached_property
+    def _own_minorants(self) -> Minorants:
+        return untruncated(self.graph)
+
+    def isotropic_below(self, chosen: BoolArray) -> RotationGraph | PoseGraph:
+        """The measurements among ``chosen`` (m,): their terms are F's."""
+        return self.graph.with_edges(chosen)
 
     def shares(self, rank: int) -> tuple[float, ...]:
         """Shares of the multipliers to give up at points of this rank, until there is a bound."""
@@ -157,6 +170,29 @@ class Quadratic(Objective, ABC):
     def edge_enclosures(self, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
         """(m,) lower and upper bounds on the edges' terms, for isotropic weights."""
         return edge_enclosures(self.graph, estimate)
+
+    @property
+    def numbers(self) -> tuple[IntArray, IntArray]:
+        """(m,) how many numbers each edge measures of a rotation, and of a translation."""
+        # One direction, of rank 1, leaves turns about it; two leave none.
+        ranks, d = self._ranks, self.d
+        turned = np.where(ranks == 1, d - 1, so.tangent_dim(d) * (ranks > 0))
+        return turned, d * self.graph.measures_translation
+
+    @property
+    def double(self) -> IntArray:
+        """(m,) how often the square of a turn counts: twice for kappa |E|^2 in the plane."""
+        if self.d == 3:
+            return np.ones(self.graph.num_edges, dtype=np.intp)
+        return np.maximum(self._ranks, 1)
+
+    @property
+    def _ranks(self) -> IntArray:
+        """(m,) how many axes of the world the nodes see by each edge's rotation."""
+        rotation = self.graph.rotation
+        if rotation.couplings is None:
+            return self.d * rotation.measures_rotation
+        return np.asarray(np.linalg.matrix_rank(rotation.couplings, rtol=NONE))
 
     def residual_lengths(self, estimate: Estimate) -> FloatArray | None:
         """(m,) norms of t_j - t_i - R_i t_ij, metres; None where only rotations are measured."""

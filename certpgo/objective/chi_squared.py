@@ -17,35 +17,31 @@ from functools import lru_cache
 import numpy as np
 from scipy import optimize, special
 
-from certpgo.linalg import rotations as so
-from certpgo.linalg.arrays import FloatArray, IntArray
-from certpgo.objective.information_problem import InformationProblem
-from certpgo.objective.problem import Problem
+from certpgo.linalg.arrays import FloatArray
+from certpgo.objective.objective import Objective
 
 #: Share of clean graphs in which a correct measurement may be flagged.
 FALSE_ALARMS = 0.01
-#: Singular values of couplings, over the largest, below which a direction is not measured.
-NONE = 1e-12
 #: How closely a quantile is found: to rounding.
 CLOSE = {"xtol": 1e-300, "rtol": 1e-15}
 
 
-def flagged_from(problem: Problem | InformationProblem) -> float:
+def flagged_from(problem: Objective) -> float:
     """The quantile that few clean graphs have a correct measurement beyond: 1 - 0.01 / m."""
-    return 1.0 - FALSE_ALARMS / problem.chordal.graph.num_measurements
+    return 1.0 - FALSE_ALARMS / float(problem.chordal.graph.num_measurements)
 
 
-def quantiles(problem: Problem | InformationProblem, probability: float) -> FloatArray:
+def quantiles(problem: Objective, probability: float) -> FloatArray:
     """(m,) quantiles of a correct measurement's term, if the weights state its noise."""
     return exceeded_by(problem, 1.0 - probability)
 
 
-def exceeded_by(problem: Problem | InformationProblem, share: float) -> FloatArray:
+def exceeded_by(problem: Objective, share: float) -> FloatArray:
     """(m,) what the terms of this share of correct measurements exceed, to rounding.
 
     Zero for what measures nothing.
     """
-    columns = (*numbers_measured(problem), double(problem))
+    columns = (*problem.numbers, problem.double)
     shape = tuple(int(column.max()) + 1 for column in columns)
     kind = np.ravel_multi_index(columns, shape)
     of_kinds = np.zeros(math.prod(shape))
@@ -53,34 +49,6 @@ def exceeded_by(problem: Problem | InformationProblem, share: float) -> FloatArr
         turned, moved, weight = (int(k) for k in np.unravel_index(one, shape))
         of_kinds[one] = _exceeded(turned, moved, weight, share)
     return np.asarray(of_kinds[kind])
-
-
-def numbers_measured(problem: Problem | InformationProblem) -> tuple[IntArray, IntArray]:
-    """(m,) how many numbers each edge measures of a rotation, and of a translation."""
-    d = problem.d
-    if isinstance(problem, InformationProblem):
-        return problem.edge_cost.numbers
-    ranks = _ranks(problem)
-    # One direction, of rank 1, leaves turns about it; two leave none.
-    turned = np.where(ranks == 1, d - 1, so.tangent_dim(d) * (ranks > 0))
-    return turned, d * problem.graph.measures_translation
-
-
-def double(problem: Problem | InformationProblem) -> IntArray:
-    """(m,) how often the square of a turn counts: twice for kappa |E|^2 in the plane."""
-    if isinstance(problem, InformationProblem):
-        return problem.edge_cost.double
-    if problem.d == 3:
-        return np.ones(problem.graph.num_edges, dtype=np.intp)
-    return np.maximum(_ranks(problem), 1)
-
-
-def _ranks(problem: Problem) -> IntArray:
-    """(m,) how many axes of the world the nodes see by each edge's rotation."""
-    rotation = problem.rotation.graph
-    if rotation.couplings is None:
-        return problem.d * rotation.measures_rotation
-    return np.asarray(np.linalg.matrix_rank(rotation.couplings, rtol=NONE))
 
 
 @lru_cache

@@ -13,22 +13,20 @@ from certpgo.graph import Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.dataset import graph_of
 from certpgo.graph.kinds import Kind
 from certpgo.graph.phrases import counted
-from certpgo.graph.priors import require_determined, require_held
-from certpgo.graph.ranges import Ranges
+from certpgo.graph.priors import require_determined
 from certpgo.objective.chordal_cost import ChordalCost
 from certpgo.objective.costs import CHORDAL, COSTS
 from certpgo.objective.edge_cost import EdgeCost
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.objective import Surrogate
 from certpgo.objective.problem import SCALED, PoseProblem, Problem, problem_of
-from certpgo.objective.range_problem import RangeProblem
 from certpgo.objective.rotation_problem import RotationProblem
 from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.objective.sum import Sum
 from certpgo.objective.truncated_problem import TruncatedProblem
 
 #: What estimates are certified for.
-Certifiable = Problem | InformationProblem | RangeProblem
+Certifiable = Problem | InformationProblem
 #: What they are judged for, with rejections among them.
 Judged = Certifiable | TruncatedProblem
 
@@ -38,7 +36,6 @@ __all__ = [
     "Certifiable",
     "InformationProblem",
     "Judged",
-    "RangeProblem",
     "SimilarityProblem",
     "Surrogate",
     "certifiable",
@@ -47,7 +44,6 @@ __all__ = [
     "information_problem",
     "own_cost",
     "problem_under",
-    "range_problem",
     "similarity_problem",
 ]
 
@@ -112,7 +108,7 @@ def problem_under(
     ------
     InputError
         A cost of another program, and a problem that has its own, or no information matrices; or an
-        instance with distances, which is `range_problem`'s.
+        instance with measurements of other kinds, which are `certifiable`'s.
     """
     if cost is not None:
         require(cost, str, "the name of a cost")
@@ -141,8 +137,8 @@ def problem_under(
 def certifiable(
     posed: Graph | Instance | Certifiable | SimilarityProblem, cost: str | None = None
 ) -> Certifiable:
-    """The problem as of `problem_under`, `range_problem` or `similarity_problem`."""
-    if isinstance(posed, RangeProblem | SimilarityProblem):
+    """The problem as of `problem_under`, of measurements of any kinds."""
+    if isinstance(posed, SimilarityProblem):
         return posed
     graph = _graph_of(posed)
     if graph.has_scales:
@@ -159,8 +155,6 @@ def _problem_of_blocks(measured: PoseGraph | Instance, cost: str | None) -> Cert
         raise SpecError.unknown("cost", chosen, [CHORDAL, *COSTS])
     if chosen != CHORDAL:
         return information_problem(measured, chosen)
-    if [type(block) for block in graph.blocks] == [Ranges]:
-        return range_problem(measured)
     return InformationProblem(edge_cost(cast("PoseGraph", graph), CHORDAL))
 
 
@@ -193,24 +187,6 @@ def similarity_problem(
     if isinstance(posed, Instance) and graph.is_partial:
         require_determined(graph, posed.named)
     return SimilarityProblem(graph)
-
-
-def range_problem(measured: Graph | Instance) -> RangeProblem:
-    """The problem of measurements with distances.
-
-    Raises
-    ------
-    InputError
-        It has none, or measures rotations alone; or other weights than isotropic ones.
-    """
-    graph, source = graph_of(measured), source_of(measured)
-    if graph.ranges is None:
-        raise InputError(f"{source}no distances between poses")
-    if graph.arms is not None or graph.rotation.is_general:
-        raise InputError(f"{source}distances are for measurements with isotropic weights")
-    if isinstance(measured, Instance):
-        require_held(graph, measured.named)
-    return RangeProblem(graph)
 
 
 def information_problem(measured: Graph | Instance, cost: str) -> InformationProblem:

@@ -25,7 +25,7 @@ class EdgeSums:
     def __init__(self, graph: RotationGraph | PoseGraph) -> None:
         self._graph = graph
         poses = graph if graph.has_positions else None
-        rotation = graph if isinstance(graph, RotationGraph) else graph.rotation
+        rotation = graph.rotation
         measured, K = rotation.rotations, None
         if rotation.is_general:
             measured, K, _ = rotation.polar

@@ -16,7 +16,6 @@ from certpgo.linalg.arrays import FloatArray
 from certpgo.objective import operators
 from certpgo.objective.edge_equations import relative
 from certpgo.objective.objective import Objective
-from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.objective.term import term_of
 
 #: Residual over the numbers it is the difference of: what solving linear equations of a large map
@@ -28,9 +27,7 @@ STORED = 2.0**-50
 
 def fits_exactly(problem: Objective, estimate: Estimate) -> bool:
     """Whether every residual of an estimate is rounding, whatever its weight."""
-    if isinstance(problem, SimilarityProblem):
-        return meets(problem.form, problem.blocks(estimate))
-    return meets(problem.measured, estimate)
+    return meets(problem.form, problem.blocks(estimate))
 
 
 def meets(graph: Graph, point: Point) -> bool:

@@ -14,89 +14,23 @@ from certpgo.graph import Estimate, PoseGraph
 from certpgo.graph.concatenate import by_rows
 from certpgo.graph.graph import require_connected
 from certpgo.graph.priors import require_determined
-from certpgo.graph.relaxed_point import Point, translations_of
+from certpgo.graph.relaxed_point import Point
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import CSC, BoolArray, FloatArray, IntArray, frozen_floats
 from certpgo.linalg.blocks import Layout
-from certpgo.linalg.factor import LinearSolver, Symbolic, default_engine
+from certpgo.linalg.factor import Symbolic, default_engine
 from certpgo.linalg.refined import SingleFirst
+from certpgo.objective.chordal_cost import ChordalCost
 from certpgo.objective.edge_cost import EdgeCost
 from certpgo.objective.edge_equations import EdgeEquations, relative
+from certpgo.objective.lifted_cost import LiftedCost, LiftedModel
+from certpgo.objective.marginalized import isotropic_below
 from certpgo.objective.minorants import Minorants
+from certpgo.objective.normal_equations import NormalEquations
 from certpgo.objective.objective import Objective, Surrogate
 from certpgo.objective.problem import PoseProblem
-from certpgo.objective.quadratic_model import ROUNDING, largest_step
-from certpgo.objective.range_problem import RangeProblem
 from certpgo.objective.signed_weights import SignedGraph, SignedProblem
-
-#: Damping after the first step that fails without any.
-FIRST_DAMPING = 1e-6
-
-
-@dataclass(frozen=True, eq=False)
-class NormalEquations:
-    """A cost and its linearization at an estimate, a `QuadraticModel`.
-
-    Attributes
-    ----------
-    cost : the cost there
-    gradient : (N,) half its gradient
-    """
-
-    problem: InformationProblem
-    point: Estimate
-    cost: float
-    gradient: FloatArray
-
-    @cached_property
-    def gauss_newton(self) -> CSC:
-        """The Gauss-Newton matrix of half the cost."""
-        problem = self.problem
-        return problem.chordal.pattern.assemble(*problem.equations.second(self.point), problem.d)
-
-    @property
-    def hessian(self) -> CSC:
-        """The Gauss-Newton matrix, with what is known of the residuals' second derivatives."""
-        problem = self.problem
-        if not problem.equations.has_more:
-            return self.gauss_newton
-        blocks = problem.equations.second(self.point, exact=True)
-        return problem.chordal.pattern.assemble(*blocks, problem.d)
-
-    @property
-    def rounding(self) -> float:
-        """A decrease of the cost that may be lost in rounding."""
-        return ROUNDING * self.cost
-
-    @property
-    def gauge(self) -> FloatArray:
-        """(N,) one for a pose that hardly moves, zero for the others."""
-        return self.problem.held
-
-    def scale(self, H: CSC) -> FloatArray:
-        """(N,) the diagonal of the matrix."""
-        return np.asarray(H.diagonal())
-
-    def raised(self, damping: float) -> float:
-        """The damping after a failed step: ten times as much, or the first."""
-        return 10.0 * damping or FIRST_DAMPING
-
-    def stationarity(self, scale: FloatArray) -> float:
-        """The largest gradient over ``scale``, see `InformationProblem.stationarity`."""
-        unpack = self.problem.tangent_layout.unpack
-        length = self.problem.length
-        return largest_step(unpack(self.gradient), unpack(scale), self.problem.d, length)
-
-    def factor(self, A: CSC) -> LinearSolver | None:
-        """The factor of a matrix with the same pattern, in single precision where that suffices."""
-        return self.problem.factors.factor(self.problem.symbolic(A), A)
-
-    def moved(self, x: FloatArray) -> NormalEquations:
-        """The normal equations after a step x (N,)."""
-        moves, d = self.problem.tangent_layout.unpack(x), self.problem.d
-        turned = so.nearest_to_rounding(so.turned(self.point.rotations, moves[:, d:]))
-        t = translations_of(self.point) + moves[:, :d]
-        return self.problem.linearized(Estimate.trusted(turned, t))
+from certpgo.objective.sum import Sum
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -119,7 +53,9 @@ class InformationProblem(Objective):
 
     def __post_init__(self) -> None:
         require_connected(self.graph)
-        if not self.measured.rotation.kappa.any():
+        if not len(self.measured.pose_nodes):
+            raise GraphError("there are no poses in the graph")
+        if not (self.measured.rotation.kappa.any() or self.cost_name == ChordalCost.name):
             raise GraphError(
                 f"the cost of {self.edge_cost.name} needs relative poses, not positions alone"
             )
@@ -143,13 +79,25 @@ class InformationProblem(Objective):
         return kind(self.graph, self.engine)
 
     @property
-    def isotropic(self) -> PoseProblem | RangeProblem:
-        """The problem of the same measurements under F, without those that it has no terms for."""
+    def isotropic(self) -> PoseProblem | InformationProblem:
+        """The problem of the same measurements under F, without those that do not lift."""
         if not self.measured.blocks:
             return self.chordal
         if (ranges := self.measured.ranges) is None:
             return PoseProblem(self.measured.with_blocks(), self.engine)
-        return RangeProblem(self.measured.with_blocks(ranges), self.engine)
+        return InformationProblem(Sum(self.measured.with_blocks(ranges), ChordalCost), self.engine)
+
+    @cached_property
+    def lifted_form(self) -> LiftedCost | None:
+        """The same cost at points of any rank; None where some terms have no value there."""
+        own, graph = self.cost_name == ChordalCost.name, self.measured
+        alone = own and len(graph.blocks) == 1 and graph.ranges is not None
+        return LiftedCost(graph, self.engine) if alone else None
+
+    @property
+    def is_lifted(self) -> bool:
+        """Whether its bound is that of a point above this space."""
+        return self.lifted_form is not None
 
     @cached_property
     def lifted(self) -> BoolArray:
@@ -175,6 +123,8 @@ class InformationProblem(Objective):
         NumericalError
             The measurements that have minorants there do not connect the graph.
         """
+        if self.lifted_form is not None:
+            return Surrogate(self.lifted_form)
         return self.expanded(*self.relative(point))
 
     def expanded(self, v: FloatArray, Q: FloatArray) -> Surrogate:
@@ -200,7 +150,7 @@ class InformationProblem(Objective):
         general, constant = found.subset(frozen).summed(graph.with_edges(frozen), kind)
         if (ranges := self.measured.ranges) is None:
             return Surrogate(self.chordal.of_same_edges(general), constant, minorants)
-        below = RangeProblem(general.with_blocks(ranges), self.engine)
+        below = LiftedCost(general.with_blocks(ranges), self.engine)
         return Surrogate(below, constant, minorants)
 
     def relaxed(self) -> InformationProblem | None:
@@ -212,7 +162,18 @@ class InformationProblem(Objective):
 
     def without_minorants(self, estimate: Estimate) -> IntArray:
         """(k,) indices of the measurements that have no minorant at an estimate."""
-        return np.flatnonzero(~self.edge_cost.minorants(*self.relative(estimate)).exist)
+        return np.flatnonzero(~self.minorants(estimate).exist)
+
+    def minorants(self, point: Point) -> Minorants:
+        """Minorants of all measurements that touch at a point, where there are any."""
+        return self.edge_cost.minorants(*self.relative(point))
+
+    def isotropic_below(self, chosen: BoolArray) -> PoseGraph | None:
+        """Edges among ``chosen`` (m,) with terms of F nowhere above their costs; or None."""
+        edges = self.measured.with_blocks().with_edges(chosen)
+        if self.cost_name == ChordalCost.name:
+            return edges
+        return isotropic_below(edges, self.edge_cost.turned_share)
 
     @property
     def cost_name(self) -> str:
@@ -234,6 +195,16 @@ class InformationProblem(Objective):
         if self.edge_cost.provable:
             return ""
         return f"proofs and their tier are for the chordal cost and g2o's, not for {self.title}"
+
+    @property
+    def numbers(self) -> tuple[IntArray, IntArray]:
+        """(m,) how many numbers each row measures of a rotation, and (m,) of anything else."""
+        return self.edge_cost.numbers
+
+    @property
+    def double(self) -> IntArray:
+        """(m,) how often the square of a turn counts in the cost."""
+        return self.edge_cost.double
 
     @cached_property
     def scale(self) -> float:
@@ -297,7 +268,13 @@ class InformationProblem(Objective):
         own = self.edge_cost.lengths_of_blocks(*self.relative(estimate))
         return np.append(lengths[: len(lengths) - len(own)], own)
 
-    def linearized(self, estimate: Estimate) -> NormalEquations:
+    def linearized(self, estimate: Estimate) -> NormalEquations | LiftedModel:
+        """The model that descents take steps by: with exact Hessians where the cost lifts."""
+        if self.lifted_form is not None:
+            return self.lifted_form.linearized(estimate)
+        return self.normal_equations(estimate)
+
+    def normal_equations(self, estimate: Estimate) -> NormalEquations:
         """The cost and its linearization, in world-frame translations and body-frame rotations."""
         cost, gradient = self.equations.first(estimate)
         return NormalEquations(self, estimate, cost, self.tangent_layout.pack(gradient))
@@ -314,7 +291,7 @@ class InformationProblem(Objective):
 
     def gauss_newton(self, estimate: Estimate) -> CSC:
         """The Gauss-Newton matrix of half the cost, as in `linearized`."""
-        return self.linearized(estimate).gauss_newton
+        return self.normal_equations(estimate).gauss_newton
 
     def symbolic(self, A: CSC) -> Symbolic:
         """The symbolic analysis of a block matrix of this graph."""
@@ -327,7 +304,7 @@ class InformationProblem(Objective):
 
     def stationarity(self, estimate: Estimate) -> float:
         """Largest gradient of a pose over its curvature, radians and relative translations."""
-        here = self.linearized(estimate)
+        here = self.normal_equations(estimate)
         return here.stationarity(here.scale(here.gauss_newton))
 
     @cached_property

@@ -71,7 +71,7 @@ class Objective(Speaking, ABC):
     #: Whether it is F, of which the objective's own matrix is.
     is_chordal: ClassVar[bool] = False
     #: Whether its bound is that of a point above this space.
-    is_lifted: ClassVar[bool] = False
+    is_lifted: Any = False
     #: Whether scales of nodes may be unknown.
     takes_scales: ClassVar[bool] = False
     #: Steps of a descent, and the stationarity at which one that begins near its end may stop.
@@ -155,6 +155,25 @@ class Objective(Speaking, ABC):
     @abstractmethod
     def stationarity(self, estimate: Estimate) -> float:
         """Distance from stationarity, radians."""
+
+    @property
+    @abstractmethod
+    def numbers(self) -> tuple[IntArray, IntArray]:
+        """(m,) how many numbers each row measures of a rotation, and (m,) of anything else."""
+
+    @property
+    @abstractmethod
+    def double(self) -> IntArray:
+        """(m,) how often the square of a turn counts in the cost."""
+
+    @property
+    def form(self) -> Any:
+        """The measurements, as edges between `blocks` where scales are unknown."""
+        return self.measured
+
+    def blocks(self, point: Any) -> Any:
+        """A point of the relaxation: the same, unless scales are unknown."""
+        return point
 
     def residual_angles(self, estimate: Estimate) -> FloatArray:
         """(m,) angles between R_i R_ij and R_j, radians; 0 where no rotation is measured."""

@@ -22,18 +22,14 @@ from certpgo.graph.relaxed_point import Point
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_floats
 from certpgo.linalg.ball_arithmetic import U
 from certpgo.objective.chi_squared import flagged_from, quantiles
-from certpgo.objective.chordal_cost import ChordalCost
 from certpgo.objective.costs import CHORDAL
 from certpgo.objective.information_problem import InformationProblem
-from certpgo.objective.marginalized import isotropic_below
 from certpgo.objective.minorants import Minorants
 from certpgo.objective.objective import Objective, Surrogate
-from certpgo.objective.problem import PoseProblem, Problem, RotationProblem
-from certpgo.objective.range_problem import RangeProblem
+from certpgo.objective.problem import Problem
 from certpgo.objective.rotation_problem import RotationsOfPoses
 from certpgo.objective.signed_weights import SignedGraph, SignedProblem
-from certpgo.objective.sum import Sum
-from certpgo.objective.truncated import Truncation, untruncated
+from certpgo.objective.truncated import Truncation
 
 #: Share of the smallest price that a tolerated gap may be; a larger one says nothing about choices.
 OF_PRICE = 0.01
@@ -96,8 +92,7 @@ class TruncatedProblem(Objective):
             raise UncertifiableError(f"rejections of {others} are not certified")
         if self.graph.rotation.is_general:
             raise UncertifiableError("edges with matrix weights have no minorants")
-        if isinstance(self.whole, InformationProblem):
-            self.whole.refuse_indefinite()
+        self.whole.refuse_indefinite()
         if not self.is_rejected.any():
             raise InputError("no measurement is rejected: all prices are infinite")
         if self.is_rejected.all():
@@ -122,16 +117,9 @@ class TruncatedProblem(Objective):
     @cached_property
     def below(self) -> RotationGraph | PoseGraph:
         """The rejected measurements, with terms of F that are their costs or nowhere above them."""
-        if not isinstance(self.whole, InformationProblem):
-            return self.whole.graph.with_edges(self.is_rejected)
-        graph = self.whole.measured.with_blocks()
-        rejected = graph.with_edges(self.is_rejected[: graph.num_edges])
-        if self.is_of_f:
-            return rejected
-        of = self.whole.edge_cost
-        found = isotropic_below(rejected, of.turned_share)
+        found = self.whole.isotropic_below(self.is_rejected[: self.measured.num_edges])
         if found is None:
-            said = f"no isotropic cost is known to be below {of.title}"
+            said = f"no isotropic cost is known to be below {self.whole.title}"
             raise UncertifiableError(f"{said} (--cost chordal takes rejections)")
         return found
 
@@ -197,6 +185,16 @@ class TruncatedProblem(Objective):
     def chordal(self) -> Problem:
         """The problem of all measurements under F."""
         return self.whole.chordal
+
+    @property
+    def numbers(self) -> tuple[IntArray, IntArray]:
+        """(m,) how many numbers each row measures of a rotation, and (m,) of anything else."""
+        return self.whole.numbers
+
+    @property
+    def double(self) -> IntArray:
+        """(m,) how often the square of a turn counts in the cost."""
+        return self.whole.double
 
     @property
     def scale(self) -> float:
@@ -282,18 +280,13 @@ class TruncatedProblem(Objective):
 
     def _untruncated(self, point: Point) -> Minorants:
         """Minorants of the measurements' costs that touch at a point, zero where there are none."""
-        if not isinstance(self.whole, InformationProblem):
-            return self._exact_terms
-        found = self.whole.edge_cost.minorants(*self.whole.relative(point))
+        found = self.whole.minorants(point)
         missing = ~found.exist
+        if not missing.any():
+            return found
         nothing = replace(found.subset(missing), tau=np.zeros(int(missing.sum())))
         none = replace(nothing, N=0.0 * nothing.b[:, :, None] * nothing.b[:, None, :])
         return found.replaced(missing, replace(none, constant=0.0 * none.tau))
-
-    @cached_property
-    def _exact_terms(self) -> Minorants:
-        """The terms of F as minorants, wherever they touch."""
-        return untruncated(self.graph)
 
     @cached_property
     def _general(self) -> Problem:
@@ -323,7 +316,7 @@ def indices_of(given: ArrayLike, m: int, which: str) -> IntArray:
 
 
 def rejecting(
-    problem: object,
+    problem: Any,
     rejected: IntArray,
     quantile: float | None = None,
     *,
@@ -346,10 +339,8 @@ def rejecting(
         Indices that are not of measurements, or given twice, or a quantile out of its range; or a
         problem of another cost than F.
     """
-    problem = as_sum(problem)
-    if not isinstance(problem, PoseProblem | RotationProblem | InformationProblem):
-        raise InputError("rejections are certified for problems of graphs")
-    if isinstance(problem, PoseProblem) and problem.takes_scales:
+    require(problem, Objective, "the problem of a graph")
+    if problem.takes_scales:
         raise InputError("rejections are certified without nodes of unknown scale alone")
     m = problem.graph.num_edges
     chosen = indices_of(rejected, m, "rejected")
@@ -358,13 +349,6 @@ def rejecting(
     whole = np.full(m, np.inf)
     whole[chosen] = scale**2 * found[chosen] if prices is None else prices
     return TruncatedProblem(problem, whole)
-
-
-def as_sum(problem: Any) -> Any:
-    """A problem of poses and distances as one of a sum of terms; others as they are."""
-    if not isinstance(problem, RangeProblem):
-        return problem
-    return InformationProblem(Sum(problem.measured, ChordalCost), problem.engine)
 
 
 def refuse_quantile(quantile: float | None) -> None:

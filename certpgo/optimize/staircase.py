@@ -18,8 +18,8 @@ from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal, divided, pinned
 from certpgo.linalg.eigen import krylov_schur
 from certpgo.linalg.factor import Factor
+from certpgo.objective.lifted_cost import LiftedCost
 from certpgo.objective.problem import PoseProblem, Problem
-from certpgo.objective.range_problem import RangeProblem
 from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.optimize import low_rank_descent as low_rank
 from certpgo.optimize.curvature import negative_curvature, resolution
@@ -40,7 +40,7 @@ ACCURACY, MORE = 1e-3, 2
 RESOLUTION = 1e-13
 
 #: Problems whose translations move with their rotations.
-Climbing = SimilarityProblem | RangeProblem
+Climbing = SimilarityProblem | LiftedCost
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ class Stair:
 
 
 def climb(
-    problem: Problem | RangeProblem,
+    problem: Problem | LiftedCost,
     start: Point,
     highest: int,
     stop: Stop,
@@ -92,7 +92,7 @@ def climb(
         following = way_down(problem, end.point, stop)
 
 
-def way_down(problem: Problem | RangeProblem, point: Point, stop: Stop) -> Lift | None:
+def way_down(problem: Problem | LiftedCost, point: Point, stop: Stop) -> Lift | None:
     """A lower point of the next rank; None where the certificate matrix has no way down.
 
     Raises
@@ -111,7 +111,7 @@ def way_down(problem: Problem | RangeProblem, point: Point, stop: Stop) -> Lift 
         return low_rank.leave(form, form.with_optimal_translations(above), direction)
 
 
-def _minimised(problem: Problem | RangeProblem, start: Lift, stop: Stop, monitor: Monitor) -> Stair:
+def _minimised(problem: Problem | LiftedCost, start: Lift, stop: Stop, monitor: Monitor) -> Stair:
     """The end of descent at the rank of a point."""
     if problem.eliminates:
         found = low_rank.descend(

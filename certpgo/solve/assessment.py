@@ -19,7 +19,6 @@ from certpgo.io.digits import Digits, Writing
 from certpgo.io.gtsam_values import estimate_from_values
 from certpgo.linalg.arrays import BoolArray, IntArray
 from certpgo.objective.choose_cost import CHORDAL, Judged, certifiable
-from certpgo.objective.truncated_problem import TruncatedProblem
 from certpgo.solve import metrics
 from certpgo.solve.fit import Fit
 from certpgo.solve.judging import certify
@@ -200,9 +199,9 @@ def measured_parts(problem: Judged) -> tuple[BoolArray, BoolArray]:
     """(m,) which edges measure a rotation, and which a translation."""
     graph = problem.chordal.graph
     turned, moved = graph.measures_rotation, graph.measures_translation
-    if isinstance(problem, TruncatedProblem):  # residuals of rejected ones say nothing
-        return turned & ~problem.is_rejected, moved & ~problem.is_rejected
-    return turned, moved
+    counted = np.ones(len(turned), dtype=bool)
+    counted[problem.rejected] = False  # residuals of rejected ones say nothing
+    return turned & counted, moved & counted
 
 
 def _farthest(problem: Judged, estimate: Estimate) -> float | None:

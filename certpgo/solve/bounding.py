@@ -66,7 +66,7 @@ def bound_near(
     """
     problem = normalized.problem
     if problem.is_lifted:
-        return range_bound(problem, point, cost)
+        return range_bound(problem.lifted_form, point, cost)
     if len(problem.rejected):
         if not isinstance(point, Estimate):
             return None

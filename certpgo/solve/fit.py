@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 
@@ -25,12 +26,10 @@ from certpgo.graph.held import displaced
 from certpgo.graph.information import Information
 from certpgo.graph.phrases import counted
 from certpgo.linalg.arrays import FloatArray, IntArray
-from certpgo.objective.chi_squared import NONE, double, numbers_measured
+from certpgo.objective.base import NONE
 from certpgo.objective.choose_cost import CHORDAL, Judged
 from certpgo.objective.information_problem import InformationProblem
-from certpgo.objective.problem import PoseProblem, Problem
-from certpgo.objective.range_problem import RangeProblem
-from certpgo.objective.similarity_problem import SimilarityProblem
+from certpgo.objective.problem import Problem
 from certpgo.objective.truncated_problem import TruncatedProblem
 from certpgo.optimize.unobservable import MOST, undetermined
 
@@ -140,7 +139,7 @@ def fit_of(
     moved, where a robust method changed weights, where nothing is measured twice, or where numbers
     are beyond the range of doubles.
     """
-    if not instance.states_noise or isinstance(problem, SimilarityProblem):
+    if not instance.states_noise or problem.takes_scales:
         return None
     if displaced(instance, estimate):
         return None
@@ -162,22 +161,22 @@ def fit_of(
     return None
 
 
-def _as_roots(
-    problem: Problem | InformationProblem | RangeProblem, estimate: Estimate
-) -> float | None:
+def _as_roots(problem: Problem | InformationProblem, estimate: Estimate) -> float | None:
     """chi^2 if information were its square root; under F for multiples of the identity alone."""
-    if isinstance(problem, InformationProblem):
-        e = problem.edge_cost.residuals(*problem.relative(estimate))
-        return float((np.einsum("mab,mb->ma", np.triu(problem.edge_cost.weights), e) ** 2).sum())
-    if not isinstance(problem, PoseProblem) or problem.graph.is_general:
+    if problem.cost_name != CHORDAL:
+        own = cast("InformationProblem", problem)
+        e, W = own.edge_cost.residuals(*own.relative(estimate)), own.edge_cost.weights
+        return float((np.einsum("mab,mb->ma", np.triu(W), e) ** 2).sum())
+    graph = problem.measured
+    if not graph.has_positions or graph.blocks or graph.is_general:
         return None
     terms, _ = squares(problem, estimate)
-    kappa = problem.graph.rotation.kappa * (2.0 if problem.d == 3 else 1.0)
-    return float((terms * np.stack([problem.graph.tau, kappa], axis=1)).sum())
+    kappa = graph.rotation.kappa * (2.0 if problem.d == 3 else 1.0)
+    return float((terms * np.stack([graph.tau, kappa], axis=1)).sum())
 
 
 def goodness_of_fit(
-    problem: Problem | InformationProblem | RangeProblem,
+    problem: Problem | InformationProblem,
     estimate: Estimate,
     information: Information | None = None,
     *,
@@ -208,12 +207,11 @@ def goodness_of_fit(
     >>> print(goodness_of_fit(PoseProblem(graph), certpgo.solve(graph).estimate))
     0.2099 at 3 degrees of freedom
     """
-    if isinstance(problem, InformationProblem):
-        if problem.cost_name == CHORDAL:  # of F and other terms, whose law is not known
-            return None
-        ranks = _ranks(problem.edge_cost.weights)
+    if problem.cost_name != CHORDAL:
+        weights = cast("InformationProblem", problem).edge_cost.weights
+        ranks = _ranks(weights)
         law = _Law(problem.cost(estimate), int(ranks.sum()), 1.0)
-        partial = bool((ranks < problem.edge_cost.weights.shape[1]).any())
+        partial = bool((ranks < weights.shape[1]).any())
     else:
         law = _law(problem, estimate, information, mahalanobis)
         partial = problem.graph.is_general
@@ -233,43 +231,40 @@ class _Law:
 
 
 def _law(
-    problem: Problem | RangeProblem,
+    problem: Problem | InformationProblem,
     estimate: Estimate,
     information: Information | None,
     mahalanobis: bool,
 ) -> _Law:
     """Of the terms of F, each over its mean per number."""
-    if isinstance(problem, RangeProblem):
-        of_ranges = problem.edge_costs(estimate)[problem.measured.num_edges :]
-        rest = _law(problem.alone, estimate, information, mahalanobis)
-        return _Law(rest.chi2 + float(of_ranges.sum()), rest.numbers + len(of_ranges), rest.spread)
     terms, numbers = squares(problem, estimate, mahalanobis=mahalanobis)
     if information is None or mahalanobis:
         return _Law(float(terms.sum()), int(numbers.sum()), 1.0)
-    stretch, spread = (of[information.index] for of in _averages(information, problem.d))
+    others = np.ones((len(terms) - len(information.index), 2))
+    stretch, spread = (
+        np.concatenate([of[information.index], others]) for of in _averages(information, problem.d)
+    )
     total = int(numbers.sum())
     return _Law(float((terms / stretch).sum()), total, float((numbers * spread).sum()) / total)
 
 
 def squares(
-    problem: Problem | RangeProblem, estimate: Estimate, *, mahalanobis: bool = False
+    problem: Problem | InformationProblem, estimate: Estimate, *, mahalanobis: bool = False
 ) -> tuple[FloatArray, IntArray]:
     """(m, 2) squares of translations and rotations over their variances, and numbers measured.
 
-    The variances are those that kappa and tau state. Distances come last, as translations.
+    The variances are those that kappa and tau state. Measurements of other kinds come last, as
+    translations.
     """
-    if isinstance(problem, RangeProblem):
-        terms, numbers = squares(problem.alone, estimate)
-        of_ranges = problem.edge_costs(estimate)[len(terms) :, None] * np.array([1.0, 0.0])
-        ones = np.tile([1, 0], (len(of_ranges), 1))
-        return np.concatenate([terms, of_ranges]), np.concatenate([numbers, ones])
-    turning = problem.rotation.edge_costs(estimate.with_translations(None))
-    turned, moved = numbers_measured(problem)
+    form, m = problem.chordal, problem.measured.num_edges
+    turning = form.rotation.edge_costs(estimate.with_translations(None))
+    turned, moved = problem.numbers
     if not mahalanobis:
-        turning = turning / double(problem)
+        turning = turning / problem.double
     moving = np.zeros_like(turning)
-    if problem.has_positions:
-        moving = problem.graph.tau * (problem.translation_residuals(estimate) ** 2).sum(axis=1)
+    if form.has_positions:
+        moving = form.graph.tau * (form.translation_residuals(estimate) ** 2).sum(axis=1)
+        moving[m:] = problem.edge_costs(estimate)[m:]
     return np.stack([moving, turning], axis=1), np.stack([moved, turned], axis=1)
 
 
@@ -303,7 +298,7 @@ def _ranks(information: FloatArray) -> IntArray:
 
 
 def _determined(
-    problem: Problem | InformationProblem | RangeProblem, estimate: Estimate, partial: bool
+    problem: Problem | InformationProblem, estimate: Estimate, partial: bool
 ) -> int | None:
     """How many numbers the measurements determine, beside the world's frame; None if not known.
 

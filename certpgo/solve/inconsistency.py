@@ -27,7 +27,6 @@ from certpgo.graph import Estimate, Graph
 from certpgo.graph.succession import Succession
 from certpgo.graph.trees import tree_initialization
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
-from certpgo.objective.chi_squared import double, numbers_measured
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import problem_of
 from certpgo.objective.truncated_problem import TruncatedProblem
@@ -50,8 +49,8 @@ def budgets(problem: Posed, level: float = LEVEL, scale: float = 1.0) -> FloatAr
     ----------
     scale : standard deviation of the noise over that stated by the weights
     """
-    turned, moved = numbers_measured(problem)
-    most = np.where(turned > 0, double(problem), 1)
+    turned, moved = problem.numbers
+    most = np.where(turned > 0, problem.double, 1)
     return np.asarray(scale**2 * most * 2.0 * special.gammainccinv(0.5 * (turned + moved), level))
 
 

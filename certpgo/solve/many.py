@@ -20,7 +20,6 @@ from certpgo.io.accept_paths import AnyPath
 from certpgo.io.writing import AnyAnswer
 from certpgo.objective.choose_cost import Judged
 from certpgo.objective.information_problem import InformationProblem
-from certpgo.objective.range_problem import RangeProblem
 from certpgo.optimize.monitor import Monitor
 from certpgo.solve.judging import certify
 from certpgo.solve.result import CertifiedSolution
@@ -37,7 +36,7 @@ AHEAD = 2
 
 
 def solve_many(
-    graphs: Iterable[Graph | Instance | InformationProblem | RangeProblem | AnyPath],
+    graphs: Iterable[Graph | Instance | InformationProblem | AnyPath],
     settings: SolveSettings | None = None,
     *,
     workers: int | None = None,
@@ -80,7 +79,7 @@ def solve_many(
     chosen = settings_from(settings, options)
 
     def solved(
-        graph: Graph | Instance | InformationProblem | RangeProblem | AnyPath, ends: Monitor
+        graph: Graph | Instance | InformationProblem | AnyPath, ends: Monitor
     ) -> CertifiedSolution:
         return solve(graph, chosen, cost=cost, monitor=ends)
 

@@ -31,10 +31,9 @@ from certpgo.graph.phrases import counted, few
 from certpgo.io.accept_paths import AnyPath, as_instance, measured
 from certpgo.io.frames import frame_node
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
-from certpgo.objective.chi_squared import FALSE_ALARMS, numbers_measured
+from certpgo.objective.chi_squared import FALSE_ALARMS
 from certpgo.objective.choose_cost import CHORDAL, certifiable, problem_under
 from certpgo.objective.information_problem import InformationProblem
-from certpgo.objective.range_problem import RangeProblem
 from certpgo.optimize.levenberg_marquardt import descend
 from certpgo.optimize.monitor import Monitor
 from certpgo.solve.fit import Fit, squares
@@ -208,7 +207,7 @@ def merge(
 
     parts = tuple(by_threads(alone, instances))
     answer = search(problem, chosen)
-    if isinstance(problem, RangeProblem) or whole.graph.blocks:
+    if whole.graph.blocks:
         whole = _in_first_frame(whole, instances, names, answer.estimate)
         tails = _tails(problem, answer.estimate)
         disagreeing = across[tails[across] < FALSE_ALARMS / len(tails)]
@@ -257,10 +256,10 @@ def _in_first_frame(
     return replace(whole, initial=estimate.anchored(frame_node(whole)))
 
 
-def _tails(problem: Posed | RangeProblem, estimate: Estimate) -> FloatArray:
+def _tails(problem: Posed, estimate: Estimate) -> FloatArray:
     """Probabilities that correct measurements are as far off, or further."""
-    if isinstance(problem, InformationProblem):
-        chi2, numbers = problem.edge_costs(estimate), sum(numbers_measured(problem))
+    if problem.cost_name != CHORDAL:
+        chi2, numbers = problem.edge_costs(estimate), sum(problem.numbers)
     else:
         chi2, numbers = (of.sum(axis=1) for of in squares(problem, estimate))
     return np.asarray(special.gammaincc(0.5 * numbers, 0.5 * chi2))

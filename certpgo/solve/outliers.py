@@ -22,9 +22,9 @@ from certpgo.graph.display import Brief
 from certpgo.graph.phrases import counted
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
-from certpgo.objective.chi_squared import flagged_from, numbers_measured, quantiles
+from certpgo.objective.chi_squared import flagged_from, quantiles
 from certpgo.objective.information_problem import InformationProblem
-from certpgo.objective.problem import Problem, RotationProblem, problem_of
+from certpgo.objective.problem import Problem, problem_of
 from certpgo.optimize.initialization import start_of
 from certpgo.optimize.levenberg_marquardt import descend
 from certpgo.optimize.methods._robust import connected
@@ -170,7 +170,7 @@ def noise_scale(problem: Posed, costs: FloatArray, kept: BoolArray | None = None
     kept : (m,) the measurements that were fitted, by default all
     """
     d, q = problem.d, so.tangent_dim(problem.d)
-    turned, moved = numbers_measured(problem)
+    turned, moved = problem.numbers
     graph, numbers = problem.chordal.graph, turned + moved
     kept = graph.is_measured if kept is None else kept & graph.is_measured
     total = float(numbers[kept].sum())
@@ -230,7 +230,7 @@ def select(
         fits = [begun] if begun.stated is None else [begun, begun.stated]
         chosen, *stated = (_under(problem, one, trusted, monitor) for one in fits)
         return _beside(problem, chosen, stated)
-    if isinstance(problem, RotationProblem) and problem.graph.num_edges >= PLENTY * problem.n:
+    if not problem.measured.has_positions and problem.graph.num_edges >= PLENTY * problem.n:
         name = "adaptive_trimming"
         found = AdaptiveTrimming().solve(problem, initial=initial, monitor=monitor)
         found_at = [(found, 1.0)] if states_noise(problem) else []

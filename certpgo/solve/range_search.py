@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, cast
 
 from certpgo.certify.certificate import Certificate
 from certpgo.certify.normalized import NormalizedProblem
@@ -12,7 +12,8 @@ from certpgo.certify.verdict import of_relaxation
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Lift, Point
 from certpgo.graph.trees import tree_initialization
-from certpgo.objective.range_problem import RangeProblem
+from certpgo.objective.information_problem import InformationProblem
+from certpgo.objective.lifted_cost import LiftedCost
 from certpgo.optimize.descent import descend
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor
@@ -31,15 +32,16 @@ ORIGIN = "a random point of higher rank"
 class RangeSearch(Search):
     """The search with distances: descents begin near the minimum of a relaxation seldom tight."""
 
-    posed: RangeProblem
-    problem: RangeProblem
+    posed: InformationProblem
+    problem: InformationProblem
     of_edges_alone = False
 
     def __init__(
-        self, posed: RangeProblem, normalized: NormalizedProblem[Any], settings: SolveSettings
+        self, posed: InformationProblem, normalized: NormalizedProblem[Any], settings: SolveSettings
     ) -> None:
         super().__init__(posed, normalized, settings)
-        self.relaxed = Relaxed(self.normalized, settings.max_rank)
+        form = cast("LiftedCost", self.problem.lifted_form)
+        self.relaxed = Relaxed(form, self.stop, settings.max_rank)
 
     def solved(
         self, initial: Start | None, stored: Start | None, report: Report | None
@@ -52,8 +54,8 @@ class RangeSearch(Search):
     def begin(self, initial: Start | None, report: Report | None) -> None:
         """Descend from a given estimate; without one, any point is a first answer."""
         if initial is None:
-            rotations = tree_initialization(self.problem.graph.rotation).rotations
-            along = self.problem.whole.complete(rotations)
+            whole = self.relaxed.problem.whole
+            along = whole.complete(tree_initialization(whole.graph.rotation).rotations)
             cost, status = self.problem.cost(along), Status.ITERATION_LIMIT
             self.start = self.origin = ORIGIN
             self.keep(Solution(along, cost, status))

@@ -22,8 +22,11 @@ from certpgo.graph.relaxed_point import Lift, Point, lifted, main_subspace, tran
 from certpgo.graph.trees import tree_initialization
 from certpgo.linalg import rotations as so
 from certpgo.objective.families.distances import SHORTEST
-from certpgo.objective.range_problem import RangeProblem
+from certpgo.objective.information_problem import InformationProblem
+from certpgo.objective.lifted_cost import LiftedCost
+from certpgo.objective.objective import Surrogate
 from certpgo.optimize.descent import descend
+from certpgo.optimize.progress import Stop
 from certpgo.optimize.solution import Level, Status
 from certpgo.optimize.staircase import climb
 
@@ -35,6 +38,8 @@ PROJECTIONS = 12
 OUT = 0.3
 #: Share of the remaining time for the climb; the rest is for descents from its end.
 CLIMB_SHARE = 0.7
+#: Ranks above d that the relaxation is climbed to.
+RANKS = 7
 #: Share of the cost by which a bound may miss the cost of a point, to be sharp.
 SHARP = 1e-7
 
@@ -44,7 +49,7 @@ def _lever(graph: PoseGraph) -> float:
     return float(np.abs(graph.translations).max()) or 1.0
 
 
-def range_bound(problem: RangeProblem, point: Point, cost: float) -> DualBound | None:
+def range_bound(problem: LiftedCost, point: Point, cost: float) -> DualBound | None:
     """A lower bound on f* from a stationary point of the relaxation; None if not above zero.
 
     Parameters
@@ -53,7 +58,7 @@ def range_bound(problem: RangeProblem, point: Point, cost: float) -> DualBound |
     cost : f of the best estimate; it decides how sharp is sharp enough
     """
     enough = problem.cost(point) - SHARP * cost
-    found = bound_by(problem.surrogate(point), point, enough=enough)
+    found = bound_by(Surrogate(problem), point, enough=enough)
     return found if found is not None and found.value > 0.0 else None
 
 
@@ -65,12 +70,9 @@ class Relaxed:
     highest : the largest rank
     """
 
-    def __init__(
-        self, normalized: NormalizedProblem[RangeProblem], highest: int | None = None
-    ) -> None:
-        self.problem, self.stop = normalized.problem, normalized.stop
-        lowest = self.problem.d + self.problem.whole.dimensions
-        self.highest = max(highest or self.problem.d + self.problem.most_ranks, lowest)
+    def __init__(self, problem: LiftedCost, stop: Stop, highest: int | None = None) -> None:
+        self.problem, self.stop = problem, stop
+        self.highest = max(highest or problem.d + RANKS, problem.d + problem.whole.dimensions)
         self.rng = np.random.default_rng(0)
         self.point = self.start()
         self.bound: DualBound | None = None
@@ -128,9 +130,12 @@ class Relaxed:
         return Climbed(self.solved, self.rank)
 
 
-def near_relaxation(normalized: NormalizedProblem[RangeProblem]) -> LocalMinimum | None:
+def near_relaxation(normalized: NormalizedProblem[InformationProblem]) -> LocalMinimum | None:
     """The best estimate near the relaxation's minimum, with its bound; None without one."""
-    stop, relaxed = normalized.stop, Relaxed(normalized)
+    stop, form = normalized.stop, normalized.problem.lifted_form
+    if form is None:
+        return None
+    relaxed = Relaxed(form, stop)
     with stop.for_at_most(CLIMB_SHARE * stop.remaining):
         for _ in relaxed.bounds():
             pass

@@ -19,14 +19,12 @@ from certpgo.io.accept_paths import AnyPath, measured
 from certpgo.linalg.arrays import IntArray
 from certpgo.objective.choose_cost import (
     InformationProblem,
-    SimilarityProblem,
     certifiable,
     source_of,
 )
 from certpgo.objective.problem import SCALED, Problem
 from certpgo.objective.truncated_problem import (
     UncertifiableError,
-    as_sum,
     indices_of,
     refuse_quantile,
 )
@@ -105,8 +103,8 @@ def solve_robustly(
     refuse_quantile(quantile)
     given = measured(graph)
     source = given if isinstance(given, Instance) else None
-    posed: Any = as_sum(certifiable(given, cost))
-    if isinstance(posed, SimilarityProblem):
+    posed: Any = certifiable(given, cost)
+    if posed.takes_scales:
         raise InputError(f"{source_of(given)}{SCALED}")
     chosen = settings_from(settings, options)
     limit = chosen.time_limit

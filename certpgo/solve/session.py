@@ -25,7 +25,7 @@ from certpgo.certify import Certificate, Tier, Verdict
 from certpgo.certify.certificate import tier_called
 from certpgo.certify.tolerances import allowed, difference_up
 from certpgo.errors import GraphError, InputError, require
-from certpgo.graph import Estimate, Graph, Instance, RotationGraph
+from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.concatenate import joined, with_rows
 from certpgo.graph.display import Speaking
 from certpgo.graph.kinds import places_world
@@ -301,7 +301,7 @@ class Session(Speaking):
     @property
     def estimate(self) -> Estimate:
         """The poses of `nodes`: optimal at the last refresh, those of newer nodes composed."""
-        found, turned = self._poses.estimate, isinstance(self._last, RotationGraph)
+        found, turned = self._poses.estimate, not self._last.has_positions
         return found.with_translations(None) if turned else found
 
     @property

@@ -14,7 +14,6 @@ from certpgo.io.writing import AnyAnswer
 from certpgo.objective.choose_cost import Certifiable, certifiable
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import PoseProblem, RotationProblem
-from certpgo.objective.range_problem import RangeProblem
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.notebook import watched
@@ -95,7 +94,7 @@ def solve(
     if cost is not None:
         require(cost, str, "the name of a cost")
     known = (PoseGraph, RotationGraph, Instance)
-    problems = (PoseProblem, RotationProblem, InformationProblem, RangeProblem)
+    problems = (PoseProblem, RotationProblem, InformationProblem)
     if not isinstance(posed, (*known, *problems)):
         raise InputError(
             f"solve takes a graph, a problem, an instance or a path, not {kind_of(posed)}"

@@ -20,7 +20,6 @@ from certpgo.linalg.arrays import IntArray
 from certpgo.objective.choose_cost import (
     Certifiable,
 )
-from certpgo.objective.problem import RotationProblem
 from certpgo.optimize.monitor import Iteration
 from certpgo.solve.accuracy_wording import digits, distances, ends, provenance
 from certpgo.solve.assessment import Assessment, CostlyEdge
@@ -182,7 +181,7 @@ def _is_same(a: Estimate, b: Estimate) -> bool:
 
 def _angles(problem: Certifiable, estimate: Estimate) -> Bars | None:
     """A histogram of the residual angles of a rotation graph, which has no positions to see."""
-    if not isinstance(problem, RotationProblem):
+    if problem.measured.has_positions:
         return None
     return histogram(np.degrees(problem.residual_angles(estimate)).tolist(), "degrees")
 

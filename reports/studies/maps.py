@@ -23,8 +23,7 @@ from certpgo.graph.points import with_points
 from certpgo.graph.trees import tree_initialization
 from certpgo.io import datasets
 from certpgo.linalg import rotations as so
-from certpgo.objective.choose_cost import range_problem
-from certpgo.objective.range_problem import RangeProblem
+from certpgo.objective.choose_cost import InformationProblem, certifiable
 
 DATASETS = (
     "cityTrees10000",
@@ -45,20 +44,16 @@ def rows(name: str) -> str:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         instance = datasets.load(name)
-    problem = (
-        range_problem(instance)
-        if instance.graph.ranges is not None
-        else PoseProblem(instance.graph)
-    )
+    problem = certifiable(instance, "chordal")
     begin = time.perf_counter()
     theirs = by_gtsam(instance, problem)
     seconds = time.perf_counter() - begin
     cost = problem.cost(theirs)
     begin = time.perf_counter()
-    answer = certpgo.solve(problem if isinstance(problem, RangeProblem) else instance.graph)
+    answer = certpgo.solve(problem)
     ours = time.perf_counter() - begin
     certificate = answer.certificate
-    if isinstance(problem, RangeProblem):
+    if isinstance(problem, InformationProblem):
         excess = cost / max(answer.cost, 1e-12) - 1.0
         judged = "same" if excess < 1e-5 else f"+{100 * excess:.2g} %"
         solved = "is solved" in certificate.reason
@@ -71,7 +66,7 @@ def rows(name: str) -> str:
     return ROW.format(name, f"{cost:.8g}", f"{seconds:.1f}", judged, *mine, said)
 
 
-def by_gtsam(instance: Instance, problem: PoseProblem | RangeProblem) -> Estimate:
+def by_gtsam(instance: Instance, problem: PoseProblem | InformationProblem) -> Estimate:
     """The answer of Levenberg and Marquardt's method."""
     start = first_guess(problem)
     factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
@@ -113,9 +108,9 @@ def by_gtsam(instance: Instance, problem: PoseProblem | RangeProblem) -> Estimat
     return _estimate_of(found, points, d)
 
 
-def first_guess(problem: PoseProblem | RangeProblem) -> Estimate:
+def first_guess(problem: PoseProblem | InformationProblem) -> Estimate:
     """Poses along a tree, and points where they are first seen or some way off."""
-    graph = problem.measured if isinstance(problem, RangeProblem) else problem.graph
+    graph = problem.measured
     nodes = graph.pose_nodes
     between = np.isin(graph.edges, nodes).all(axis=1) & (graph.rotation.kappa > 0.0)
     alone = graph.with_edges(between).subgraph(nodes) if between.any() else None
@@ -124,10 +119,10 @@ def first_guess(problem: PoseProblem | RangeProblem) -> Estimate:
     else:
         start = tree_initialization(problem.graph)
     t = start.translations.copy()
-    if isinstance(problem, RangeProblem):
+    if isinstance(problem, InformationProblem):
         unseen = np.setdiff1d(np.setdiff1d(np.arange(problem.n), nodes), graph.edges)
         off = np.random.default_rng(0).standard_normal((len(unseen), problem.d))
-        t[unseen] += float(np.median(problem.ranges.distances)) * off
+        t[unseen] += float(np.median(graph.ranges.distances)) * off
     return Estimate(start.rotations, t)
 
 

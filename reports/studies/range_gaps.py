@@ -32,8 +32,8 @@ from certpgo.certify.normalized import NormalizedProblem
 from certpgo.graph.relaxed_point import Lift, translations_of
 from certpgo.io import datasets
 from certpgo.linalg import rotations as so
-from certpgo.objective.choose_cost import range_problem
-from certpgo.objective.range_problem import RangeProblem
+from certpgo.objective.choose_cost import certifiable
+from certpgo.objective.lifted_cost import LiftedCost
 from certpgo.objective.signed_weights import SignedProblem
 from certpgo.optimize.descent import descend
 from certpgo.solve.relaxation import Relaxed
@@ -61,7 +61,7 @@ class Maps:
 class Mean:
     """The cost of the mean of the Gram matrices of K maps, and descent on it."""
 
-    def __init__(self, problem: RangeProblem, K: int) -> None:
+    def __init__(self, problem: LiftedCost, K: int) -> None:
         self.problem, self.graph, self.K = problem, problem.measured, K
         self.d, self.q = problem.d, so.tangent_dim(problem.d)
         size = np.full(problem.n, self.d)
@@ -165,7 +165,7 @@ class Mean:
         return cost, maps
 
 
-def lowest_mean(problem: RangeProblem, starts: list[Lift], scale: float, copies: int) -> float:
+def lowest_mean(problem: LiftedCost, starts: list[Lift], scale: float, copies: int) -> float:
     """The lowest cost found of a mean: of two of the starts' maps, then of twice as many.
 
     Parameters
@@ -192,7 +192,7 @@ def lowest_mean(problem: RangeProblem, starts: list[Lift], scale: float, copies:
 
 def climbed(normalized: NormalizedProblem) -> Relaxed:
     """The relaxation at its minimum."""
-    relaxed = Relaxed(normalized)
+    relaxed = Relaxed(normalized.problem.lifted_form, normalized.stop)
     for _ in relaxed.bounds():
         pass
     return relaxed
@@ -202,9 +202,9 @@ def row(name: str, copies: int) -> str:
     """The line of a dataset."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        problem = range_problem(datasets.load(name))
-    best = certpgo.solve(problem).cost
-    normalized = NormalizedProblem.of(problem, "standard", 1e-5, 1e-9)
+        posed = certifiable(datasets.load(name), "chordal")
+    problem, best = posed.lifted_form, certpgo.solve(posed).cost
+    normalized = NormalizedProblem.of(posed, "standard", 1e-5, 1e-9)
     unit, relaxed = normalized.unit, climbed(normalized)
     point = relaxed.point
 
@@ -213,9 +213,9 @@ def row(name: str, copies: int) -> str:
 
     real = "same"
     if problem.d == 2:
-        flat = NormalizedProblem.of(problem, "standard", 1e-5, 1e-9)
-        whole = flat.problem.whole
-        flat.problem.__dict__["whole"] = SignedProblem(whole.graph, whole.engine)
+        flat = NormalizedProblem.of(posed, "standard", 1e-5, 1e-9)
+        form = flat.problem.lifted_form
+        form.__dict__["whole"] = SignedProblem(form.whole.graph, form.engine)
         real = gap(unit * climbed(flat).bound.value)
     starts = [*islice(relaxed.projections(), PROJECTED)]
     costs = np.array([unit * descend(normalized.problem, start).cost for start in starts])
@@ -228,7 +228,7 @@ def row(name: str, copies: int) -> str:
     )
 
 
-def triangles(problem: RangeProblem, t: np.ndarray) -> float:
+def triangles(problem: LiftedCost, t: np.ndarray) -> float:
     """The largest violation of a triangle inequality, relative to the sides, at positions (n, r).
 
     Of triangles of two distances that share a node, and a distance or measurement between the

@@ -17,7 +17,7 @@ from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.ranges import Ranges
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import rotations as so
-from certpgo.objective.choose_cost import InformationProblem, RangeProblem
+from certpgo.objective.choose_cost import InformationProblem, certifiable
 from certpgo.objective.costs.g2o import G2oCost
 from certpgo.objective.problem import PoseProblem, RotationProblem
 from certpgo.optimize import spectral
@@ -122,7 +122,7 @@ def test_a_search_of_distances_that_was_stopped_is_not_kept():
     graph, _, t = pose_graph(rng, 8, 2, noise=0.05)
     pairs = np.array([rng.choice(8, 2, replace=False) for _ in range(30)])
     distances = np.abs(np.linalg.norm(np.diff(t[pairs], axis=1)[:, 0], axis=1) + rng.normal(30))
-    problem = RangeProblem(graph.with_ranges(Ranges(8, pairs, distances, np.ones(30))))
+    problem = certifiable(graph.with_ranges(Ranges(8, pairs, distances, np.ones(30))))
     bad = Estimate(so.random(rng, 8, 2), 10.0 * rng.standard_normal((8, 2)))
     steps = []
     whole = certify(problem, bad, monitor=lambda step: steps.append(step) or False)

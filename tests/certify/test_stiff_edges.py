@@ -16,7 +16,7 @@ from certpgo.certify.verdict import loses_to_rounding
 from certpgo.graph.information import Information
 from certpgo.graph.scale import MOST, Scale
 from certpgo.io.datasets.synthetic import winding_cycle
-from certpgo.objective.choose_cost import information_problem, range_problem
+from certpgo.objective.choose_cost import certifiable, information_problem
 from certpgo.objective.exact_fit import fits_exactly
 from certpgo.objective.problem import problem_of
 from certpgo.objective.truncated_problem import rejecting
@@ -216,7 +216,7 @@ def test_distances_far_from_the_origin_are_no_exact_fit_unless_met():
     at = Estimate(np.tile(np.eye(2), (3, 1, 1)), t)
     for length, fits in ((5.0, True), (5.0 + 4e-6, False)):
         ranges = Ranges(3, [(1, 2)], [length], [1.0])
-        assert fits_exactly(range_problem(graph.with_ranges(ranges)), at) is fits
+        assert fits_exactly(certifiable(graph.with_ranges(ranges)), at) is fits
 
 
 @pytest.mark.parametrize("seed", [6, 24])

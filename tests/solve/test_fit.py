@@ -12,7 +12,7 @@ from certpgo.graph import Estimate
 from certpgo.graph.information import Information
 from certpgo.io.datasets.synthetic import helix
 from certpgo.linalg import rotations as so
-from certpgo.objective.choose_cost import information_problem, range_problem
+from certpgo.objective.choose_cost import certifiable, information_problem
 from certpgo.solve.fit import Fit, fit_of, goodness_of_fit, squares
 
 NODES, EDGES, RUNS = 12, 30, 25
@@ -124,7 +124,7 @@ def test_points_and_distances_are_counted():
     assert goodness_of_fit(PoseProblem(with_point), estimate).freedom == expected
     ranges = Ranges(n, np.array([[0, 8], [1, 7]]), np.array([3.0, 4.0]), np.full(2, 100.0))
     instance = Instance("ranged", graph.with_ranges(ranges), np.arange(n))
-    problem = range_problem(instance)
+    problem = certifiable(instance)
     found = goodness_of_fit(problem, truth)
     assert found.freedom == 6 * (m - n + 1) + 2
     assert found.chi2 == pytest.approx(problem.cost(truth))

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from fractions import Fraction
+from functools import cached_property
 
 import numpy as np
 import pytest
@@ -22,8 +23,8 @@ from certpgo import (
 from certpgo.certify.normalized import NormalizedProblem
 from certpgo.graph.relaxed_point import Lift
 from certpgo.linalg import rotations as so
-from certpgo.objective.choose_cost import range_problem
-from certpgo.objective.range_problem import RangeProblem
+from certpgo.objective.choose_cost import InformationProblem, certifiable
+from certpgo.objective.lifted_cost import LiftedCost
 from certpgo.objective.signed_weights import SignedProblem, quarter_turn
 from certpgo.optimize.levenberg_marquardt import descend, minimise
 from certpgo.optimize.low_rank_descent import orthonormal
@@ -49,7 +50,7 @@ def measured(seed, d, *, noise=0.1, poses=5, points=3):
     distances = np.abs(apart + noise * rng.standard_normal(len(pairs)))
     weights = rng.uniform(0.5, 4.0, len(pairs))
     return (
-        RangeProblem(graph.with_ranges(Ranges(graph.num_nodes, pairs, distances, weights))),
+        certifiable(graph.with_ranges(Ranges(graph.num_nodes, pairs, distances, weights))),
         truth,
         rng,
     )
@@ -57,7 +58,7 @@ def measured(seed, d, *, noise=0.1, poses=5, points=3):
 
 def anywhere(rng, problem, rises):
     """A random point of the relaxation, which rose some times into new dimensions."""
-    rank = problem.d + rises * problem.whole.dimensions
+    rank = problem.d + rises * problem.lifted_form.whole.dimensions
     Z = rng.standard_normal((problem.n, rank, problem.d))
     if problem.d == 2:
         Z[:, :, 1] = quarter_turn(Z[:, :, 0])
@@ -66,19 +67,19 @@ def anywhere(rng, problem, rises):
 
 def stationary(problem, point):
     """The end of a descent at the rank of a point."""
-    return minimise(problem.linearized(point), Progress(silent, 1e-11, 400, Stopwatch()))
+    form = problem.lifted_form
+    return minimise(form.linearized(point), Progress(silent, 1e-11, 400, Stopwatch()))
 
 
 def written_out(problem, point):
     """The cost by a loop, as its formula reads."""
-    graph, total = problem.measured, 0.0
+    graph, ranges, total = problem.measured, problem.measured.ranges, 0.0
     R, t = point.rotations, point.translations
     for e, (i, j) in enumerate(graph.edges):
         if graph.rotation.kappa[e] > 0.0:
             apart = R[j] - R[i] @ graph.rotation.rotations[e]
             total += graph.rotation.kappa[e] * np.linalg.norm(apart) ** 2
         total += graph.tau[e] * np.linalg.norm(t[j] - t[i] - R[i] @ graph.translations[e]) ** 2
-    ranges = problem.ranges
     for e, (i, j) in enumerate(ranges.edges):
         total += ranges.weights[e] * (ranges.distances[e] - np.linalg.norm(t[j] - t[i])) ** 2
     return total
@@ -87,21 +88,22 @@ def written_out(problem, point):
 @given(seeds, dimensions)
 @few
 def test_the_surrogate_is_below_and_touches(seed, d):
-    problem, _, rng = measured(seed, d)
-    point = anywhere(rng, problem, seed % 3)
+    posed, _, rng = measured(seed, d)
+    problem, point = posed.lifted_form, anywhere(rng, posed, seed % 3)
     assert problem.cost(point) == pytest.approx(written_out(problem, point))
     below, constant = next(problem.tangents(point))
     assert below.cost(point) + constant == pytest.approx(problem.cost(point))
     for _ in range(10):
-        other = anywhere(rng, problem, seed % 3)
+        other = anywhere(rng, posed, seed % 3)
         assert below.cost(other) + constant <= problem.cost(other) * (1.0 + 1e-12) + 1e-12
 
 
 @given(seeds)
 @few
 def test_constants_are_rounded_down(seed):
-    problem, _, rng = measured(seed, 2)
-    below, constant = next(problem.tangents(anywhere(rng, problem, 0)))
+    posed, _, rng = measured(seed, 2)
+    problem = posed.lifted_form
+    below, constant = next(problem.tangents(anywhere(rng, posed, 0)))
     tau = below.graph.tau[-problem.ranges.num_edges :]
     exact = Fraction(0)
     for w, distance, weight in zip(
@@ -116,8 +118,8 @@ def test_constants_are_rounded_down(seed):
 @given(seeds, dimensions)
 @few
 def test_derivatives(seed, d):
-    problem, _, rng = measured(seed, d)
-    point = anywhere(rng, problem, seed % 2)
+    posed, _, rng = measured(seed, d)
+    problem, point = posed.lifted_form, anywhere(rng, posed, seed % 2)
     rank = point.rank
     basis = problem.whole.tangent_basis(point.rotations)
     layout = problem.layout(rank)
@@ -151,15 +153,15 @@ def test_bounds_are_below_what_descents_find(seed, d):
         cost = descend(problem, start).cost
         assert answer.certificate.lower_bound <= cost * (1.0 + 1e-12)
     # So is that of any point, whether stationary or not.
-    bound = range_bound(problem, anywhere(rng, problem, 1), answer.cost)
+    bound = range_bound(problem.lifted_form, anywhere(rng, problem, 1), answer.cost)
     assert bound is None or bound.value <= answer.cost
 
 
 @given(seeds, dimensions)
 @few
 def test_certificate_matrices_have_the_cost_and_its_multipliers(seed, d):
-    problem, _, rng = measured(seed, d)
-    point = anywhere(rng, problem, seed % 3)
+    posed, _, rng = measured(seed, d)
+    problem, point = posed.lifted_form, anywhere(rng, posed, seed % 3)
     below, _ = next(problem.tangents(point))
     E = np.concatenate(
         [np.swapaxes(below.position_rows(point.translations), 1, 2), point.rotations], axis=2
@@ -175,21 +177,23 @@ def test_certificate_matrices_have_the_cost_and_its_multipliers(seed, d):
     )
 
 
-class Real(RangeProblem):
-    """The relaxation over real matrices."""
-
-    @property
-    def whole(self):
-        oriented = RangeProblem(self.measured).whole
-        return self.__dict__.setdefault("real", SignedProblem(oriented.graph, oriented.engine))
+@cached_property
+def over_real_matrices(problem):
+    """The lifted form with the relaxation over real matrices."""
+    form = LiftedCost(problem.measured)
+    form.__dict__["whole"] = SignedProblem(form.whole.graph, form.engine)
+    return form
 
 
 @given(seeds)
 @few
 def test_the_oriented_relaxation_is_at_least_as_tight_as_the_real_one(seed):
     problem, _, _ = measured(seed, 2, noise=1.0)
-    real = Real(problem.measured)
-    ours, theirs = solve(problem), solve(real)
+    ours = solve(problem)
+    with pytest.MonkeyPatch.context() as patch:
+        over_real_matrices.__set_name__(InformationProblem, "over_real_matrices")
+        patch.setattr(InformationProblem, "lifted_form", over_real_matrices)
+        theirs = solve(certifiable(problem.measured))
     assert ours.certificate.lower_bound >= (1.0 - 1e-5) * theirs.certificate.lower_bound
     assert ours.cost <= (1.0 + 1e-6) * theirs.cost
 
@@ -197,8 +201,8 @@ def test_the_oriented_relaxation_is_at_least_as_tight_as_the_real_one(seed):
 @given(seeds)
 @few
 def test_oriented_points_stay_so(seed):
-    problem, _, rng = measured(seed, 2)
-    point = anywhere(rng, problem, 2)
+    posed, _, rng = measured(seed, 2)
+    problem, point = posed.lifted_form, anywhere(rng, posed, 2)
     rows = rng.standard_normal((problem.n, 4))
     rising = problem.whole.rising(rows)
     # The first coordinates are the rows.
@@ -206,7 +210,7 @@ def test_oriented_points_stay_so(seed):
         [problem.whole.position_rows(rising.translations)[:, :, 0], rising.rotations[:, 0]], axis=1
     )
     np.testing.assert_array_equal(first, rows)
-    found = stationary(problem, point).point
+    found = stationary(posed, point).point
     for Y in (rising.rotations, found.rotations):
         np.testing.assert_allclose(quarter_turn(Y[:, :, 0]), Y[:, :, 1], atol=1e-12)
     (frame,) = problem.whole.frames(np.linalg.qr(rng.standard_normal((6, 2)))[0])
@@ -233,11 +237,10 @@ def test_laws(seed):
     assert problem.cost(moved) == pytest.approx(answer.cost, rel=1e-6)
     heavier = solve(problem.scaled(8.0))
     assert heavier.cost == pytest.approx(8.0 * answer.cost, rel=1e-5)
-    i, j = problem.ranges.edges.T
-    back = Ranges(
-        problem.n, np.stack([j, i], axis=1), problem.ranges.distances, problem.ranges.weights
-    )
-    assert RangeProblem(problem.measured.with_ranges(back)).cost(answer.estimate) == pytest.approx(
+    ranges = problem.measured.ranges
+    i, j = ranges.edges.T
+    back = Ranges(problem.n, np.stack([j, i], axis=1), ranges.distances, ranges.weights)
+    assert certifiable(problem.measured.with_ranges(back)).cost(answer.estimate) == pytest.approx(
         answer.cost
     )
     assert problem.enclosure(answer.estimate)[1] >= problem.cost(answer.estimate)
@@ -263,11 +266,11 @@ def test_distances_that_fit_exactly_or_are_tiny_cost_no_bound():
     alone = solve(graph)
     for distance in (2.0, 1e-15, 1e-20, 1e-300):
         ranges = Ranges(n, [[poses[0], n - 1]], [distance], [3.0])
-        answer = solve(RangeProblem(more.with_ranges(ranges)))
+        answer = solve(certifiable(more.with_ranges(ranges)))
         assert answer.verdict.value == "CERTIFIED"
         assert answer.cost == pytest.approx(alone.cost, rel=1e-6)
     with pytest.raises(InputError, match="beyond the range of doubles"):
-        solve(RangeProblem(more.with_ranges(Ranges(n, [[poses[0], n - 1]], [1e160], [3.0]))))
+        solve(certifiable(more.with_ranges(Ranges(n, [[poses[0], n - 1]], [1e160], [3.0]))))
 
 
 @given(seeds, dimensions)
@@ -288,12 +291,12 @@ def test_estimates_of_others_are_judged(seed, d):
 
 def in_lengths_of(problem, unit):
     """The same problem with lengths times ``unit``."""
-    graph, ranges = problem.measured, problem.ranges
+    graph, ranges = problem.measured, problem.measured.ranges
     measured = PoseGraph(
         graph.rotation, unit * graph.translations, graph.tau / unit**2, points=graph.points
     )
     distances, weights = unit * ranges.distances, ranges.weights / unit**2
-    return RangeProblem(measured.with_ranges(Ranges(problem.n, ranges.edges, distances, weights)))
+    return certifiable(measured.with_ranges(Ranges(problem.n, ranges.edges, distances, weights)))
 
 
 @pytest.mark.parametrize("unit", [1e-10, 1e10])
@@ -313,7 +316,7 @@ def pair(distances, d=2):
     rotation = RotationGraph(2, [[0, 1]], np.eye(d)[None], np.zeros(1))
     graph = PoseGraph(rotation, np.eye(d)[:1], np.ones(1), points=[False, True])
     pairs = [[0, 1], [1, 0], [0, 1]][: len(distances)]
-    return RangeProblem(graph.with_ranges(Ranges(2, pairs, distances, np.ones(len(distances)))))
+    return certifiable(graph.with_ranges(Ranges(2, pairs, distances, np.ones(len(distances)))))
 
 
 @pytest.mark.parametrize("unit", [1e-12, 1.0, 1e12])
@@ -336,7 +339,7 @@ def test_repeated_distances_need_not_agree(d):
     rotation = RotationGraph(4, [[0, 1], [0, 2]], np.tile(np.eye(d), (2, 1, 1)), [0.0, 0.0])
     graph = PoseGraph(rotation, np.eye(d)[:2], np.ones(2), points=[False, True, True, True])
     pairs, distances = [[1, 3], [3, 1], [2, 3], [2, 3]], [2.9, 3.1, 3.3, 3.5]
-    answer = solve(RangeProblem(graph.with_ranges(Ranges(4, pairs, distances, np.ones(4)))))
+    answer = solve(certifiable(graph.with_ranges(Ranges(4, pairs, distances, np.ones(4)))))
     assert answer.cost == pytest.approx(0.04, rel=1e-6)
     assert answer.verdict.value == "CERTIFIED"
 
@@ -347,7 +350,7 @@ def test_tangents_that_leave_positions_free_are_made_firm():
     graph = PoseGraph(rotation, [[8.9, -2.6]], [1.0], points=[True, True, False, True])
     pairs = [[1, 0], [1, 3], [0, 1], [1, 2], [0, 3], [2, 0], [2, 1]]
     distances = [1.4, 5.9, 2.4, 6.8, 1.1, 3.3, 3.3]
-    answer = solve(RangeProblem(graph.with_ranges(Ranges(4, pairs, distances, np.ones(7)))))
+    answer = solve(certifiable(graph.with_ranges(Ranges(4, pairs, distances, np.ones(7)))))
     assert answer.verdict.value == "CERTIFIED"
     assert answer.cost == pytest.approx(answer.certificate.lower_bound, rel=1e-6)
 
@@ -471,7 +474,8 @@ def test_rounding_of_lengths_does_not_stall_descents(seed, d):
 
 def test_ways_down_are_not_looked_for_after_a_stop():
     problem, _, _ = measured(2, 3, noise=1.0, poses=12, points=4)
-    relaxed = Relaxed(NormalizedProblem.of(problem, "standard", 0.0, 0.0))
+    normalized = NormalizedProblem.of(problem, "standard", 0.0, 0.0)
+    relaxed = Relaxed(normalized.problem.lifted_form, normalized.stop)
     point = stationary(problem, relaxed.point).point
     asked = []
 
@@ -479,9 +483,9 @@ def test_ways_down_are_not_looked_for_after_a_stop():
         asked.append(None)
         return len(asked) == 3
 
-    assert escape(problem, point) is not None
+    assert escape(problem.lifted_form, point) is not None
     with pytest.raises(NumericalError, match="stopped before"):
-        escape(problem, point, third)
+        escape(problem.lifted_form, point, third)
     assert len(asked) == 3
 
 
@@ -502,7 +506,7 @@ def test_rejected_steps_are_reported_and_may_be_the_last():
 
 def test_a_map_stuck_elsewhere_is_refuted(dataset):
     instance = dataset("goats_16")
-    problem = range_problem(instance)
+    problem = certifiable(instance)
     estimate = solve(problem).estimate.anchored(0)
     t = estimate.translations.copy()
     t[instance.graph.points, 0] *= -3.0  # beacons on the wrong side
@@ -517,7 +521,7 @@ def test_covariances_are_inverse_matrices():
     answer = solve(problem)
     H = problem.gauss_newton(answer.estimate).toarray()
     layout = problem.tangent_layout
-    first = layout.first_row(problem.poses[0])
+    first = layout.first_row(problem.measured.pose_nodes[0])
     kept = np.setdiff1d(np.arange(layout.size), first + np.arange(3))
     C = np.linalg.inv(H[np.ix_(kept, kept)])
     point = int(np.flatnonzero(problem.measured.points)[0])
@@ -548,20 +552,20 @@ def test_what_is_refused():
         Ranges(n, [[0, n]], [1.0], [1.0])
     with pytest.raises(GraphError, match="distances are of 9 nodes, the graph has 8"):
         problem.measured.with_ranges(Ranges(n + 1, [[0, 1]], [1.0], [1.0]))
-    with pytest.raises(InputError, match="proof tier is not for graphs with measured distances"):
+    with pytest.raises(InputError, match="proof tier is not for F and squared errors of distances"):
         solve(problem, tier="proof")
     rotation = RotationGraph(3, [[0, 1]], np.eye(2)[None], np.ones(1))
     pair = PoseGraph(rotation, np.ones((1, 2)), np.ones(1))
     with pytest.raises(GraphError, match="no measurement determines the rotation of node 2"):
-        RangeProblem(pair.with_ranges(Ranges(3, [[1, 2]], [1.0], [1.0])))
-    with pytest.raises(GraphError, match="no measurement or distance joins node 2"):
-        RangeProblem(pair.with_ranges(Ranges(3, [[0, 1]], [1.0], [1.0])))
+        certifiable(pair.with_ranges(Ranges(3, [[1, 2]], [1.0], [1.0])))
+    with pytest.raises(GraphError, match="2 components of 2, 1 nodes"):
+        certifiable(pair.with_ranges(Ranges(3, [[0, 1]], [1.0], [1.0])))
     points = PoseGraph(RotationGraph(2, [[0, 1]], np.eye(2)[None], [0.0]), [[0.0, 0.0]], [1.0])
     points = replace(points, points=np.ones(2, dtype=bool))
     with pytest.raises(GraphError, match="no poses"):
-        RangeProblem(points.with_ranges(Ranges(2, [[0, 1]], [1.0], [1.0])))
-    with pytest.raises(GraphError, match="no distances"):
-        RangeProblem(pair.with_ranges(Ranges(3, np.empty((0, 2), dtype=int), [], [])))
+        certifiable(points.with_ranges(Ranges(2, [[0, 1]], [1.0], [1.0])))
+    with pytest.raises(GraphError, match="must be connected"):
+        certifiable(pair.with_ranges(Ranges(3, np.empty((0, 2), dtype=int), [], [])))
     instance = certpgo.Instance("lonely", problem.measured, np.arange(n))
     with pytest.raises(InputError, match="not all edges have one"):
         solve(instance, cost="g2o")

@@ -51,7 +51,9 @@ class Distances(Term):
     def scale(self) -> Scale:
         """What W of the verdicts counts of them: w d^2."""
         w, none = self.ranges.weights, np.zeros(self.ranges.num_edges)
-        return Scale(none, w, self.ranges.distances**2, none > 0.0)
+        with np.errstate(over="ignore"):  # refused where W is asked for
+            squares = self.ranges.distances**2
+        return Scale(none, w, squares, none > 0.0)
 
     @property
     def weights(self) -> FloatArray:

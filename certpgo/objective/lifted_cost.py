@@ -17,23 +17,19 @@ from typing import ClassVar, cast
 
 import numpy as np
 
-from certpgo.errors import GraphError
-from certpgo.graph import Estimate, PoseGraph
-from certpgo.graph.edges import components_of
-from certpgo.graph.priors import require_held
+from certpgo.graph import PoseGraph
+from certpgo.graph.display import Brief
 from certpgo.graph.ranges import Ranges
 from certpgo.graph.relaxed_point import Lift, Point, translations_of
-from certpgo.linalg import rotations as so
+from certpgo.graph.scale import Scale
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import U
 from certpgo.linalg.blocks import Layout, scatter_sum
-from certpgo.linalg.factor import Factor, Symbolic, default_engine
+from certpgo.linalg.factor import Factor, default_engine
 from certpgo.linalg.rotations import orthonormal
 from certpgo.objective import operators
 from certpgo.objective.edge_sums import EdgeSums
 from certpgo.objective.families.distances import FAINT, SHORTEST, Distances
-from certpgo.objective.objective import Objective, Surrogate
-from certpgo.objective.problem import PoseProblem
 from certpgo.objective.quadratic_model import ROUNDING, largest_step
 from certpgo.objective.signed_weights import OrientedProblem, SignedGraph, SignedProblem
 
@@ -45,34 +41,33 @@ GAUGE, DAMPING = 1e-9, 1e-4
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RangeProblem(Objective):
-    """Minimise F over poses and points, plus the terms of measured distances.
+class LiftedCost(Brief):
+    """F over poses and points, plus the terms of distances, at points of any rank.
 
     Attributes
     ----------
     measured : the measurements, with distances; nodes may have distances alone
     engine : factorization engine, see `certpgo.linalg.factor.engines`
-
-    Raises
-    ------
-    GraphError
-        There are no distances, or these and the other measurements do not connect the graph, or
-        leave a rotation free.
     """
 
     measured: PoseGraph
     engine: str = field(default_factory=default_engine)
 
-    def __post_init__(self) -> None:
-        if not len(self.poses) or self.measured.ranges is None or not self.ranges.num_edges:
-            lack = "distances" if len(self.poses) else "poses"
-            raise GraphError(f"there are no {lack} in the graph")
-        moved = self.measured.edges[self.measured.tau != 0.0]
-        joined = components_of(self.n, np.concatenate([moved, self.ranges.edges]))
-        if joined.any():
-            node = int(np.argmax(joined > 0))
-            raise GraphError(f"no measurement or distance joins node {node} to the others")
-        require_held(self.measured)
+    #: Whether translations are eliminated; whether there are descents at points of higher rank.
+    eliminates: ClassVar[bool] = False
+    climbs: ClassVar[bool] = True
+    #: The node that a way down does not move.
+    root: ClassVar[int] = 0
+
+    @property
+    def n(self) -> int:
+        """Number of nodes."""
+        return self.measured.num_nodes
+
+    @property
+    def d(self) -> int:
+        """Dimension of space, 2 or 3."""
+        return self.measured.d
 
     @property
     def ranges(self) -> Ranges:
@@ -84,20 +79,15 @@ class RangeProblem(Objective):
         """The nodes that are poses."""
         return self.measured.pose_nodes
 
-    @property
-    def title(self) -> str:
-        """What the cost is."""
-        return "F and squared errors of distances"
+    @cached_property
+    def scale(self) -> float:
+        """W: the scale of the cost."""
+        return (Scale.of(self.measured) + self.distances.scale).total
 
     @property
     def graph(self) -> PoseGraph:
         """The measurements, then an edge for each distance with its weight as tau."""
         return self.whole.graph
-
-    @cached_property
-    def alone(self) -> PoseProblem:
-        """The problem of the measurements without the distances."""
-        return SignedProblem(self.measured.with_ranges(None), self.engine)
 
     @cached_property
     def whole(self) -> SignedProblem:
@@ -111,42 +101,6 @@ class RangeProblem(Objective):
     def distances(self) -> Distances:
         """The term of the distances."""
         return Distances(self.ranges)
-
-    def scaled(self, factor: float) -> RangeProblem:
-        """The same measurements with all weights times ``factor``."""
-        return RangeProblem(self.measured.scaled(factor), self.engine)
-
-    @cached_property
-    def scale(self) -> float:
-        """W: sums of kappa, of tau |t_ij|^2 and of w d^2, the scale of the cost."""
-        distances = self.ranges.weights @ self.ranges.distances**2
-        return self.alone.scale + float(distances)
-
-    is_lifted = climbs = True
-    most_steps = 250
-
-    @property
-    def chordal(self) -> PoseProblem:
-        """The problem of the measurements and of edges as long as the distances."""
-        return self.whole
-
-    @property
-    def unprovable(self) -> str:
-        """Why there are no proofs of the cost."""
-        return "the proof tier is not for graphs with measured distances"
-
-    def enclosure(self, estimate: Estimate) -> tuple[float, float]:
-        """Lower and upper bounds on f of an estimate, whose translations are taken as stored."""
-        distances, length = self.ranges.distances, self.lengths(estimate)
-        # The difference, d squares, their sum and the root, each relative to the length.
-        error = 16.0 * U * (length + distances) + 2.0**-500
-        size, weights = np.abs(length - distances), self.ranges.weights
-        low, high = self.alone.enclosure(estimate)
-        low += float(np.sum(weights * np.maximum(size - error, 0.0) ** 2))
-        high += float(np.sum(weights * (size + error) ** 2))
-        # A few roundings within each term, and at most one per term in the sum, in any order.
-        of_sum = (len(distances) + 16) * 2.0 * U
-        return low * (1.0 - of_sum), math.nextafter(high * (1.0 + of_sum), math.inf)
 
     def lengths(self, point: Point) -> FloatArray:
         """(k,) lengths of t_j - t_i."""
@@ -166,21 +120,14 @@ class RangeProblem(Objective):
         length = np.maximum(self.lengths(point), np.maximum(least, np.finfo(float).tiny))
         return (t[j] - t[i]) / length[:, None], length
 
+    def cost(self, point: Point) -> float:
+        """The cost of a point of any rank."""
+        return float(self.edge_costs(point).sum())
+
     def edge_costs(self, point: Point) -> FloatArray:
         """Terms of f: of the measurements, then of the distances."""
         of_ranges = self.ranges.weights * (self.ranges.distances - self.lengths(point)) ** 2
         return np.concatenate([self._sums.terms(point), of_ranges])
-
-    def residual_lengths(self, estimate: Estimate) -> FloatArray:
-        """Norms of t_j - t_i - R_i t_ij, then errors of the distances, metres."""
-        moved = self.alone.residual_lengths(estimate)
-        return np.concatenate([moved, np.abs(self.ranges.distances - self.lengths(estimate))])
-
-    def stationarity(self, estimate: Estimate) -> float:
-        """Largest gradient of a rotation over its weight, radians."""
-        turn = operators.tangent_gradient(self.gradient(estimate)[:, :, 1:], estimate.rotations)
-        size = np.linalg.norm(turn, axis=1)[self.poses]
-        return float((size / self.alone.curvature[self.poses]).max())
 
     @cached_property
     def _sums(self) -> EdgeSums:
@@ -203,9 +150,6 @@ class RangeProblem(Objective):
         """(n, d, d) multipliers of the rotations at a point of any rank."""
         return self.whole.constrained(self.gradient(point)[:, :, -self.d :], point.rotations)
 
-    #: The node that a way down does not move.
-    root: ClassVar[int] = 0
-
     @property
     def row_weights(self) -> FloatArray:
         """(N,) the size of each row of a certificate matrix."""
@@ -219,9 +163,9 @@ class RangeProblem(Objective):
         """The nearest admissible blocks (n, r, d) to those that were moved from Y."""
         return orthonormal(moved)
 
-    def linearized(self, point: Point) -> RangeModel:
+    def linearized(self, point: Point) -> LiftedModel:
         """The quadratic model of f at a point of any rank."""
-        return RangeModel(self, point)
+        return LiftedModel(self, point)
 
     @cached_property
     def length(self) -> float:
@@ -234,14 +178,9 @@ class RangeProblem(Objective):
         Over translations, then the tangents of ``basis`` (n, q, r, d); see
         `operators.lifted_hessian`.
         """
-        return self._hessian(self.measured, point, basis, multipliers)
-
-    def _hessian(
-        self, measured: PoseGraph, point: Point, basis: FloatArray, multipliers: FloatArray | None
-    ) -> CSC:
         r, (i, j) = basis.shape[2], self.ranges.edges.T
         lam = np.zeros((self.n, self.d, self.d)) if multipliers is None else multipliers
-        diagonal, upper = operators.lifted_hessian(measured, basis, lam)
+        diagonal, upper = operators.lifted_hessian(self.measured, basis, lam)
         direction, length = self._apart(point)
         share = self.ranges.distances / length
         B = direction[:, :, None] * direction[:, None, :]
@@ -256,26 +195,6 @@ class RangeProblem(Objective):
     def layout(self, rank: int) -> Layout:
         """Of such matrices at points of that rank."""
         return self.whole.pattern.layout(rank + self.whole.tangent_dim(rank), rank)
-
-    @property
-    def tangent_layout(self) -> Layout:
-        """Of the Gauss-Newton matrix."""
-        return self.whole.tangent_layout
-
-    def gauss_newton(self, estimate: Estimate) -> CSC:
-        """The Gauss-Newton matrix of f/2, over world translations and body rotations."""
-        generators = so.hat(np.eye(so.tangent_dim(self.d)))
-        basis = estimate.rotations[:, None] @ generators
-        measured = cast("PoseGraph", operators.explained(self.measured, estimate))
-        return self._hessian(measured, estimate, basis, None)
-
-    def symbolic(self, A: CSC) -> Symbolic:
-        """The symbolic analysis of a matrix of the whole pattern."""
-        return self.whole.symbolic(A)
-
-    def surrogate(self, point: Point) -> Surrogate:
-        """The cost itself, which has a value at points of any rank."""
-        return Surrogate(self)
 
     def tangents(self, point: Point) -> Iterator[tuple[SignedProblem, float]]:
         """Pose graphs whose edges are tangents at a point of any rank, and the constants.
@@ -292,10 +211,10 @@ class RangeProblem(Objective):
             yield self.whole.of_same_edges(replace(self.graph, tau=weights)), constant
 
 
-class RangeModel:
+class LiftedModel:
     """The cost near a point, a `QuadraticModel` over translations and an orthonormal basis."""
 
-    def __init__(self, problem: RangeProblem, point: Point) -> None:
+    def __init__(self, problem: LiftedCost, point: Point) -> None:
         self.problem, self.point = problem, Lift(point.rotations, point.translations)
         self.cost = problem.cost(point)
         self.rank = point.rotations.shape[1]
@@ -359,11 +278,11 @@ class RangeModel:
 
     def factor(self, A: CSC) -> Factor | None:
         """The factor of a matrix with the same pattern."""
-        return self.problem.symbolic(A).factor(A)
+        return self.problem.whole.symbolic(A).factor(A)
 
-    def moved(self, x: FloatArray) -> RangeModel:
+    def moved(self, x: FloatArray) -> LiftedModel:
         """The model after a step x (N,)."""
         step, r = self._layout.unpack(x), self.rank
         V = np.einsum("nq,nqrd->nrd", step[:, r:], self._basis)
         t = translations_of(self.point) + step[:, :r]
-        return RangeModel(self.problem, Lift(orthonormal(self.point.rotations + V), t))
+        return LiftedModel(self.problem, Lift(orthonormal(self.point.rotations + V), t))
