@@ -18,9 +18,8 @@ from certpgo.objective.chordal_cost import ChordalCost
 from certpgo.objective.costs import CHORDAL, COSTS
 from certpgo.objective.edge_cost import EdgeCost
 from certpgo.objective.information_problem import InformationProblem
-from certpgo.objective.objective import Surrogate
-from certpgo.objective.problem import SCALED, PoseProblem, Problem, problem_of
-from certpgo.objective.rotation_problem import RotationProblem
+from certpgo.objective.objective import Objective, Surrogate
+from certpgo.objective.problem import SCALED, Problem, problem_of
 from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.objective.sum import Sum
 from certpgo.objective.truncated_problem import TruncatedProblem
@@ -120,10 +119,10 @@ def problem_under(
         raise InputError(f"{said}graphs with {others} are {for_these}")
     if unposed.has_scales:
         raise InputError(f"{said}{SCALED}")
-    if isinstance(posed, PoseProblem | RotationProblem | InformationProblem):
-        own = posed.cost_name if isinstance(posed, InformationProblem) else CHORDAL
-        if cost not in (None, own):
-            raise InputError(f"cost={cost!r} is a choice for graphs: this problem has {own!r}")
+    if isinstance(posed, Objective):
+        if cost not in (None, posed.cost_name):
+            own = f"this problem has {posed.cost_name!r}"
+            raise InputError(f"cost={cost!r} is a choice for graphs: {own}")
         return posed
     graph = graph_of(posed)
     if isinstance(posed, Instance) and graph.is_partial:

@@ -27,8 +27,8 @@ class ChordalCost(EdgeCost):
 
     def __post_init__(self) -> None:
         if self.graph.rotation.is_general:
-            lacks = "without matrix weights and directions alone"
-            raise InputError(f"distances and other kinds of measurements are taken {lacks}")
+            lacks = "isotropic weights, not for matrix weights or directions alone"
+            raise InputError(f"distances and other kinds of measurements are for {lacks}")
 
     @property
     def title(self) -> str:

@@ -30,7 +30,6 @@ from certpgo.objective.base import NONE
 from certpgo.objective.choose_cost import CHORDAL, Judged
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import Problem
-from certpgo.objective.truncated_problem import TruncatedProblem
 from certpgo.optimize.unobservable import MOST, undetermined
 
 #: Probability that chi^2 of the stated noise is further out, on one side.
@@ -143,21 +142,21 @@ def fit_of(
         return None
     if displaced(instance, estimate):
         return None
-    if isinstance(problem, TruncatedProblem):
-        kept = np.where(problem.is_rejected, 0.0, 1.0)
-        return fit_of(instance, problem.kept, estimate, kept)
+    if len(problem.rejected):
+        kept = np.ones(problem.graph.num_edges)
+        kept[problem.rejected] = 0.0
+        return fit_of(instance, cast("Judged", problem.kept), estimate, kept)
+    posed = cast("Problem | InformationProblem", problem)
     if weights is not None:
         if not np.isin(weights, (0.0, 1.0)).all():
             return None
         instance = instance.with_edges(weights > 0.0)
     mahalanobis = instance.options.get("weights") == "mahalanobis"
     with np.errstate(all="ignore"), suppress(NumericalError, np.linalg.LinAlgError):
-        fit = goodness_of_fit(
-            problem, estimate, instance.graph.information, mahalanobis=mahalanobis
-        )
+        fit = goodness_of_fit(posed, estimate, instance.graph.information, mahalanobis=mahalanobis)
         if fit is None or mahalanobis or "weights_are" in instance.options:
             return fit
-        return replace(fit, as_roots=_as_roots(problem, estimate))
+        return replace(fit, as_roots=_as_roots(posed, estimate))
     return None
 
 

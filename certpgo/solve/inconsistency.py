@@ -12,6 +12,7 @@ that share no measurement each contain a wrong one: so many are wrong at least.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 from scipy import special
@@ -23,7 +24,7 @@ from certpgo.certify.normalized import NormalizedProblem
 from certpgo.certify.rises import rises
 from certpgo.certify.tolerances import ATOL, RTOL
 from certpgo.errors import GraphError
-from certpgo.graph import Estimate, Graph
+from certpgo.graph import Estimate, Graph, PoseGraph
 from certpgo.graph.succession import Succession
 from certpgo.graph.trees import tree_initialization
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
@@ -170,10 +171,11 @@ def _is_inconsistent(problem: Posed, path: IntArray, edge: int, budget: float, s
 
 def _part(problem: Posed, edges: IntArray, nodes: IntArray) -> Posed:
     """The problem of some measurements between some nodes."""
-    if isinstance(problem, InformationProblem):
-        graph = problem.graph.with_edges(edges).subgraph(nodes)
-        return InformationProblem(replace(problem.edge_cost, graph=graph), problem.engine)
-    return problem_of(problem.graph.with_edges(edges).subgraph(nodes), problem.engine)
+    graph = problem.graph.with_edges(edges).subgraph(nodes)
+    if problem.is_chordal:
+        return problem_of(graph, problem.engine)
+    cost = cast("InformationProblem", problem).edge_cost
+    return InformationProblem(replace(cost, graph=cast("PoseGraph", graph)), problem.engine)
 
 
 class _Paths:

@@ -33,8 +33,7 @@ from certpgo.io.frames import frame_node
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.chi_squared import FALSE_ALARMS
 from certpgo.objective.choose_cost import CHORDAL, certifiable, problem_under
-from certpgo.objective.information_problem import InformationProblem
-from certpgo.optimize.levenberg_marquardt import descend
+from certpgo.optimize.descent import descend
 from certpgo.optimize.monitor import Monitor
 from certpgo.solve.fit import Fit, squares
 from certpgo.solve.many import by_threads
@@ -232,7 +231,7 @@ def merge(
 
 def _fit(problem: Posed, start: Estimate) -> Estimate:
     """The optimum of F, or one near it under the cost of another program."""
-    return descend(problem, start).estimate if isinstance(problem, InformationProblem) else start
+    return start if problem.is_chordal else descend(problem, start).estimate
 
 
 def _in_first_frame(

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 
@@ -25,8 +26,8 @@ from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.chi_squared import flagged_from, quantiles
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import Problem, problem_of
+from certpgo.optimize.descent import descend
 from certpgo.optimize.initialization import start_of
-from certpgo.optimize.levenberg_marquardt import descend
 from certpgo.optimize.methods._robust import connected
 from certpgo.optimize.methods.adaptive_trimming import EXACT, PLENTY, AdaptiveTrimming
 from certpgo.optimize.methods.graduated_non_convexity import GraduatedNonConvexity, largest_angle
@@ -225,10 +226,11 @@ def select(
     >>> chosen.method, bool((chosen.rejected == instance.outliers).all())
     ('adaptive_trimming', True)
     """
-    if isinstance(problem, InformationProblem):
-        begun = _begun(problem, fit, initial, trusted, monitor)
+    if not problem.is_chordal:
+        of_program = cast("InformationProblem", problem)
+        begun = _begun(of_program, fit, initial, trusted, monitor)
         fits = [begun] if begun.stated is None else [begun, begun.stated]
-        chosen, *stated = (_under(problem, one, trusted, monitor) for one in fits)
+        chosen, *stated = (_under(of_program, one, trusted, monitor) for one in fits)
         return _beside(problem, chosen, stated)
     if not problem.measured.has_positions and problem.graph.num_edges >= PLENTY * problem.n:
         name = "adaptive_trimming"
@@ -238,7 +240,7 @@ def select(
             found_at.insert(0, (found, WIDER * _noise_kept(problem, found)))
     else:
         name = "graduated_non_convexity"
-        found_at = _graduated(problem, fit, initial, trusted, monitor)
+        found_at = _graduated(cast("Problem", problem), fit, initial, trusted, monitor)
     chosen, *stated = (
         Selection(_kept(problem, one.estimate, scale, trusted), one.estimate, name, scale)
         for one, scale in found_at
@@ -307,9 +309,8 @@ def _under(
 
 def _fit(problem: Posed, start: Estimate, monitor: Monitor) -> Estimate:
     """A fit near another one."""
-    if isinstance(problem, InformationProblem):
-        return descend(problem, start, tolerance=CLOSE, monitor=monitor).estimate
-    return newton(problem, start, NewtonSettings(tolerance=CLOSE), monitor=monitor).estimate
+    close = NewtonSettings(tolerance=CLOSE)
+    return descend(problem, start, close, tolerance=CLOSE, monitor=monitor).estimate
 
 
 def _reconsidered(problem: Posed, chosen: Selection, monitor: Monitor) -> Selection:
