@@ -226,7 +226,7 @@ class Stream:
 
         pipe = None if source is None else source.found
         if source is not None and not (pipe is not None and is_pipe(pipe)):
-            parts = reading.parts(reading.open(source, distances=True))
+            parts = reading.parts(reading.open(source, operation=None))
             if len(parts) != 1:
                 raise InputError("follow takes one component: --components largest")
             own = chosen_cost(cost, parts[0], robust=robust)

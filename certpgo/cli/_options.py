@@ -123,30 +123,19 @@ def refuse_chordal_only(cost: str | None, **options: Any) -> None:
             raise InputError(f"--{name} is for --cost chordal, not for --cost {cost}")
 
 
-def refuse_with_distances(instance: Instance, **options: Any) -> None:
-    """Refuse options that graphs with distances do not have.
+def require_for(instance: Instance, **options: Any) -> None:
+    """Refuse options that do not take what an instance has, see `certpgo.graph.capabilities`.
 
     Raises
     ------
     InputError
-        There are distances, and one of the options is used.
+        One of the options is used, and does not.
     """
+    from certpgo.graph.capabilities import require_capable
+
     for name, value in options.items():
-        if instance.graph.ranges is not None and value:
-            raise InputError(f"{instance.name}: --{name} is not for graphs with distances")
-
-
-def refuse_with_scales(instance: Instance, **options: Any) -> None:
-    """Refuse options that graphs with nodes of unknown scale do not have.
-
-    Raises
-    ------
-    InputError
-        There are such nodes, and one of the options is used.
-    """
-    for name, value in options.items():
-        if instance.graph.has_scales and value:
-            raise InputError(f"{instance.name}: --{name} is not for nodes of unknown scale")
+        if value:
+            require_capable(instance.graph, name, instance.name)
 
 
 def refuse_known_scale(graph: Path | None) -> None:

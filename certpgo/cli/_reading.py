@@ -216,16 +216,18 @@ class Reading:
             "skip": tuple(self.skip or ()),
         }
 
-    def open(self, source: Source, *, notices: bool = True, distances: bool = False) -> Instance:
+    def open(
+        self, source: Source, *, notices: bool = True, operation: str | None = "tables"
+    ) -> Instance:
         """Read the graph; with ``notices``, print its notices to stderr.
 
         Raises
         ------
         InputError
-            It has distances, and the command does not take ``distances``.
+            The ``operation`` of `certpgo.graph.capabilities` does not take it.
         """
+        from certpgo.graph.capabilities import require_capable
         from certpgo.graph.components import rotations_alone
-        from certpgo.graph.phrases import counted
 
         with _reading_progress() as progress:
             chosen: dict[str, Any] = {}
@@ -234,12 +236,8 @@ class Reading:
             if topic := self.topic_of(source):
                 chosen["topic"] = topic
             instance = source.graph(progress=progress, quiet=True, **self.options, **chosen)
-        if instance.graph.ranges is not None and not distances:
-            measured = counted(instance.graph.ranges.num_edges, "distance{s}")
-            raise InputError(
-                f"{source.path()}: {measured}, which this command does not take: use certpgo "
-                "solve, certify or follow"
-            )
+        if operation is not None:
+            require_capable(instance.graph, operation, str(source.path()))
         if notices:
             self.tell(instance)
         return rotations_alone(instance) if self.rotations else instance

@@ -24,7 +24,7 @@ from certpgo.cli._options import (
     Timestamps,
     chosen_cost,
     refuse_chordal_only,
-    refuse_with_distances,
+    require_for,
     tier_for,
     tier_option,
     time_limit_option,
@@ -141,8 +141,8 @@ def command(
     others = (*reading.others, of_truth, file_of_times(timestamps), rejected)
     outputs.refuse_overwriting(source, *here, *others)
     with graph_comes_first("certify", source, here):
-        instance = timed(reading.open(source, distances=True), timestamps)
-    refuse_with_distances(instance, proof=proof)
+        instance = timed(reading.open(source, operation=None), timestamps)
+    require_for(instance, proof=proof)
     chosen = chosen_cost(cost, instance, **{"rejected --proof": rejected and proof})
     how = Matching.of(timestamps, max_difference)
     again: dict[str, Any] = {"rejected": rejected, "quantile": quantile, "timestamps": timestamps}

@@ -89,7 +89,7 @@ def command(
             return
     if isotropic:
         raise InputError(f"--isotropic is about measurements, and {path} is converted as poses")
-    instance = None if of_graph is None else reading.open(of_graph, distances=True)
+    instance = None if of_graph is None else reading.open(of_graph, operation=None)
     with noticing():
         poses = read_estimate(
             path,
@@ -104,9 +104,9 @@ def command(
 
 def _as_written(given: Source, reading: Reading) -> Instance:
     """The graph with fixed nodes as its file has them, not as constraints."""
-    found = replace(reading, fixed=False).open(given, notices=False, distances=True)
+    found = replace(reading, fixed=False).open(given, notices=False, operation=None)
     if found.graph.has_scales and reading.fixed:
         # Of similarities they are no constraints, but one states the unit.
-        found = reading.open(given, notices=False, distances=True)
+        found = reading.open(given, notices=False, operation=None)
     reading.tell(found)
     return found

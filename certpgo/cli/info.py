@@ -30,7 +30,7 @@ def command(
     from certpgo.solve import diagnostics
 
     graph, reading = reading.of_all(graphs)
-    instance = reading.open(reading.resolve(graph), notices=False, distances=True)
+    instance = reading.open(reading.resolve(graph), notices=False, operation=None)
     found = diagnostics.structure(instance)
     spectra: dict[str, dict[str, Spectrum]] = {}
     symmetries: dict[str, Symmetry | None] = {}

@@ -67,8 +67,8 @@ def command(
     sources = [reading.resolve(name) for name in maps]
     joints = reading.resolve(between)
     outputs.refuse_overwriting(*sources, joints, *reading.others)
-    read = [reading.open(source, distances=True) for source in sources]
-    joint = reading.open(joints, distances=True)
+    read = [reading.open(source, operation=None) for source in sources]
+    joint = reading.open(joints, operation=None)
     merged = merge(read, joint, offset=offset, robust=robust)
     names = [one.name for one in read]
     return emit([_Merged(merged.answer.certificate, merged, names, joint)], [outputs])

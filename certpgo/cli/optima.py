@@ -99,7 +99,7 @@ def command(
         _list(held, cost, json)
         return 0
     source = reading.resolve(graph)
-    instance = reading.open(source, notices=False, distances=True)
+    instance = reading.open(source, notices=False, operation=None)
     start = None if estimate is None else _start(reading, estimate, instance)
     if not add:
         return _recognise(held, instance, cost, start, json)

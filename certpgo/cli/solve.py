@@ -27,8 +27,7 @@ from certpgo.cli._options import (
     Timestamps,
     chosen_cost,
     refuse_chordal_only,
-    refuse_with_distances,
-    refuse_with_scales,
+    require_for,
     tier_for,
     tier_option,
     time_limit_option,
@@ -186,9 +185,8 @@ def command(
     of_initial = reading.resolve(initial)
     inputs = (source, *reading.others, of_initial, of_truth, file_of_times(timestamps))
     outputs.refuse_overwriting(*inputs)
-    instance = timed(reading.open(source, distances=True), timestamps)
-    refuse_with_distances(instance, method=method, proof=proof)
-    refuse_with_scales(instance, method=method, robust=robust, covariances=covariances)
+    instance = timed(reading.open(source, operation=None), timestamps)
+    require_for(instance, method=method, proof=proof, robust=robust, covariances=covariances)
     _refuse_with_logarithms(instance, scales_within, stored, html=html, cost=cost, proof=proof)
     parts = reading.parts(instance)
     if len(parts) > 1 or not certify:

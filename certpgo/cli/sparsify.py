@@ -84,7 +84,7 @@ def command(
     outputs.refuse()
     source = reading.resolve(graph)
     outputs.refuse_overwriting(source, *reading.others)
-    instance = reading.open(source, distances=True)
+    instance = reading.open(source, operation=None)
     note_distances_uncounted(instance)
     with working(f"sparsifying {instance.name}"):
         found = sparsify(instance, keep, by=by.value)

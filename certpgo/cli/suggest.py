@@ -37,7 +37,7 @@ def command(
     """
     from certpgo.solve.suggesting import suggest_loops
 
-    instance = reading.open(reading.resolve(graph), distances=True)
+    instance = reading.open(reading.resolve(graph), operation=None)
     note_distances_uncounted(instance)
     with working(f"connectivity of {instance.name}"):
         found = suggest_loops(instance, count, within=within)

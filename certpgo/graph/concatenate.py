@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from certpgo.errors import GraphError
-from certpgo.graph.graph import Graph, require_one_unit
+from certpgo.graph.capabilities import require_capable
+from certpgo.graph.graph import Graph
 from certpgo.graph.information import joined_information
 from certpgo.graph.observations import Observations
 from certpgo.graph.pose_graph import PoseGraph
@@ -37,7 +38,7 @@ def joined(
         They are of different dimensions or kinds, or only some have couplings.
     """
     for graph in graphs:
-        require_one_unit(graph, "a joint graph does")
+        require_capable(graph, "joint graph")
     require_one_make(map(make_of, graphs))
     own = nodes or [np.arange(graph.num_nodes) for graph in graphs]
     rotations = [graph.rotation for graph in graphs]

@@ -6,7 +6,7 @@ world <- body i, an edge (i, j) measures R_ij ~ R_i^T R_j and t_ij ~ R_i^T (t_j 
 
 from __future__ import annotations
 
-from certpgo.errors import GraphError, InputError
+from certpgo.errors import GraphError
 from certpgo.graph.kinds import Measurements
 from certpgo.graph.pose_graph import PoseGraph
 from certpgo.graph.rotation_graph import RotationGraph
@@ -21,8 +21,6 @@ __all__ = [
     "has_no_unit",
     "length_unit",
     "require_connected",
-    "require_isotropic",
-    "require_one_unit",
 ]
 
 Graph = RotationGraph | PoseGraph
@@ -52,20 +50,3 @@ def has_no_unit(graph: object) -> bool:
 def length_unit(graph: Graph) -> str:
     """The unit of lengths, in words: metres, but with nodes of unknown scale the map's own."""
     return "units" if graph.has_scales else "m"
-
-
-def require_one_unit(graph: Graph, it_does: str) -> None:
-    """Refuse a graph with nodes of unknown scale by an InputError: ``it_does`` not take them."""
-    if graph.has_scales:
-        raise InputError(f"{it_does} not take nodes of unknown scale (similarities)")
-
-
-def require_isotropic(graph: Graph) -> None:
-    """Refuse a graph whose weights are not kappa and tau alone, by an InputError."""
-    if graph.is_partial:
-        raise InputError("this method takes edges that measure both rotation and translation")
-    if graph.is_general:
-        raise InputError(
-            "this method takes the weights kappa and tau alone, not edges with matrix weights, "
-            "couplings or arms"
-        )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from numbers import Integral
@@ -57,7 +58,8 @@ class Observations(Brief):
     def _check_values(self) -> None:
         """Refuse numbers that are not finite, and weights that are not positive."""
         for name in self._columns:
-            values = np.asarray(getattr(self, name), dtype=np.float64).reshape(self.num_edges, -1)
+            values = np.asarray(getattr(self, name), dtype=np.float64)
+            values = values.reshape(self.num_edges, math.prod(values.shape[1:]))
             is_weight = name in self.weighs and values.shape[1] == 1
             bad = ~np.isfinite(values).all(axis=1) | (is_weight & ~(values > 0.0).all(axis=1))
             if bad.any():

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from certpgo.errors import GraphError, InputError, require
+from certpgo.graph.capabilities import require_capable
 from certpgo.graph.concatenate import joined
 from certpgo.graph.edges import broadcast, check_weights, components_of
 from certpgo.graph.estimate import Estimate
-from certpgo.graph.graph import Graph, has_matrix_weights, require_one_unit
+from certpgo.graph.graph import Graph
 from certpgo.graph.kinds import places_world
 from certpgo.graph.pose_graph import PoseGraph
 from certpgo.graph.rotation_graph import RotationGraph
@@ -82,9 +83,7 @@ def with_priors(
     CERTIFIED True
     """
     require(graph, PoseGraph, "a PoseGraph")
-    require_one_unit(graph, "priors do")
-    if has_matrix_weights(graph):
-        raise InputError("priors are added before matrix weights, couplings or arms")
+    require_capable(graph, "priors")
     nodes = _numbers(nodes)
     for name, weights, values in (("kappa", kappa, rotations), ("tau", tau, translations)):
         if np.any(weights) != (values is not None):
@@ -157,7 +156,7 @@ def with_directions(
     CERTIFIED True
     """
     require(graph, PoseGraph, "a PoseGraph")
-    require_one_unit(graph, "directions do")
+    require_capable(graph, "directions")
     nodes, d, rotation = _numbers(nodes), graph.d, graph.rotation
     k = len(nodes)
     g, h = frozen_floats(seen), np.eye(d)[-1]

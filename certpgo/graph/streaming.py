@@ -7,9 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from certpgo.errors import InputError
+from certpgo.graph.capabilities import require_capable
 from certpgo.graph.concatenate import with_others
 from certpgo.graph.dataset import Instance, graph_of
-from certpgo.graph.graph import Graph, require_one_unit
+from certpgo.graph.graph import Graph
 from certpgo.graph.labels import Label
 from certpgo.linalg.arrays import IntArray
 
@@ -54,7 +55,7 @@ def streamed(
     [[0, 1], [1, 2], [2, 3], [0, 3]]
     """
     graph = graph_of(measured)
-    require_one_unit(graph, "certpgo follow does")
+    require_capable(graph, "follow")
     _refuse_unreached(measured)
     order = arrivals(measured)
     come, m = np.zeros(graph.num_nodes, dtype=bool), graph.num_edges

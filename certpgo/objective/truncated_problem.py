@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from certpgo.errors import InputError, require
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.graph.capabilities import lacking
 from certpgo.graph.relaxed_point import Point
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_floats
 from certpgo.linalg.ball_arithmetic import U
@@ -90,8 +91,8 @@ class TruncatedProblem(Objective):
         if self.is_rejected[self.measured.num_edges :].any():
             others = self.measured.blocks[0].kind.plural
             raise UncertifiableError(f"rejections of {others} are not certified")
-        if self.graph.rotation.is_general:
-            raise UncertifiableError("edges with matrix weights have no minorants")
+        if said := lacking(self.graph, "rejections"):
+            raise UncertifiableError(said)
         self.whole.refuse_indefinite()
         if not self.is_rejected.any():
             raise InputError("no measurement is rejected: all prices are infinite")
@@ -340,8 +341,6 @@ def rejecting(
         problem of another cost than F.
     """
     require(problem, Objective, "the problem of a graph")
-    if problem.takes_scales:
-        raise InputError("rejections are certified without nodes of unknown scale alone")
     m = problem.graph.num_edges
     chosen = indices_of(rejected, m, "rejected")
     refuse_quantile(quantile)

@@ -8,8 +8,9 @@ import numpy as np
 
 from certpgo.errors import GraphError
 from certpgo.graph import Graph, Instance
+from certpgo.graph.capabilities import require_capable
 from certpgo.graph.edges import components_of
-from certpgo.graph.graph import require_connected, require_one_unit
+from certpgo.graph.graph import require_connected
 from certpgo.graph.kinds import Kind
 from certpgo.graph.succession import Succession, succession
 from certpgo.graph.trees import minimum_spanning_tree
@@ -30,7 +31,7 @@ class Rotations(NamedTuple):
 def with_rotations(graph: Instance | Graph | AnyPath) -> tuple[Instance, Rotations]:
     """The instance, and its relative rotations."""
     instance = as_instance(graph, "a choice of loop closures")
-    require_one_unit(instance.graph, "a choice of loop closures does")
+    require_capable(instance.graph, "loop closures")
     require_connected(instance.measurements)
     edges = np.flatnonzero(instance.measurements.are(Kind.BETWEEN, Kind.ROTATION))
     nodes = np.unique(instance.graph.edges[edges])

@@ -20,9 +20,9 @@ from scipy import special
 
 from certpgo.errors import GraphError, InputError, require
 from certpgo.graph import Estimate, Graph, Instance
+from certpgo.graph.capabilities import require_capable
 from certpgo.graph.concatenate import joined
 from certpgo.graph.display import Speaking
-from certpgo.graph.graph import require_one_unit
 from certpgo.graph.held import refuse_held
 from certpgo.graph.kinds import Kind
 from certpgo.graph.labels import WORLD, Label, Landmark, called, in_order
@@ -198,8 +198,8 @@ def merge(
     names = _labelled(instances, offset)
     whole, across = _joined(instances, names, joints)
     problem = certifiable(whole, CHORDAL)
-    if robust and whole.graph.blocks:
-        raise InputError("robust fits are of poses: maps with distances are merged without")
+    if robust:
+        require_capable(whole.graph, "robust merge")
 
     def alone(one: Instance, ends: Monitor) -> CertifiedSolution:
         return search(certifiable(one, CHORDAL), chosen, monitor=ends)
@@ -266,7 +266,7 @@ def _tails(problem: Posed, estimate: Estimate) -> FloatArray:
 
 def _as_instance(one: Instance | Graph | AnyPath) -> Instance:
     instance = as_instance(one, "merge", "map")
-    require_one_unit(instance.graph, "certpgo merge does")
+    require_capable(instance.graph, "merge")
     return instance
 
 

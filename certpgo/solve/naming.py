@@ -6,7 +6,7 @@ from collections.abc import Hashable, Iterable, Sequence
 
 from certpgo.errors import InputError, kind_of
 from certpgo.graph import Graph, Instance, PoseGraph, RotationGraph
-from certpgo.graph.graph import require_one_unit
+from certpgo.graph.capabilities import require_capable
 from certpgo.graph.held import refuse_held
 from certpgo.graph.labels import WORLD, Label, in_order
 from certpgo.linalg.arrays import FloatArray, IntArray
@@ -30,7 +30,7 @@ def labels_of(measurements: object, nodes: Sequence[Label] | None) -> Sequence[L
         own = range(measurements.num_nodes)
     if not isinstance(graph, PoseGraph | RotationGraph):
         raise InputError(f"a session takes graphs and instances, not {kind_of(measurements)}")
-    require_one_unit(graph, "a session does")
+    require_capable(graph, "session")
     if nodes is not None and (isinstance(nodes, str) or not isinstance(nodes, Iterable)):
         raise InputError(f"the names of the nodes expected, not {kind_of(nodes)}")
     names = list(own if nodes is None else nodes)

@@ -13,16 +13,15 @@ from typing import Any
 import numpy as np
 
 from certpgo.certify.certificate import of_instance
-from certpgo.errors import InputError
 from certpgo.graph import Estimate, Graph, Instance
+from certpgo.graph.capabilities import require_capable
 from certpgo.io.accept_paths import AnyPath, measured
 from certpgo.linalg.arrays import IntArray
 from certpgo.objective.choose_cost import (
     InformationProblem,
     certifiable,
-    source_of,
 )
-from certpgo.objective.problem import SCALED, Problem
+from certpgo.objective.problem import Problem
 from certpgo.objective.truncated_problem import (
     UncertifiableError,
     indices_of,
@@ -104,8 +103,7 @@ def solve_robustly(
     given = measured(graph)
     source = given if isinstance(given, Instance) else None
     posed: Any = certifiable(given, cost)
-    if posed.takes_scales:
-        raise InputError(f"{source_of(given)}{SCALED}")
+    require_capable(posed.graph, "robust fit", "" if source is None else source.name)
     chosen = settings_from(settings, options)
     limit = chosen.time_limit
     if initial is not None:

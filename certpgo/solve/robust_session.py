@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from certpgo.errors import InputError
 from certpgo.graph import Graph
+from certpgo.graph.capabilities import require_capable
 from certpgo.graph.concatenate import joined
 from certpgo.graph.labels import WORLD, Label
 from certpgo.graph.origins import Measured
@@ -70,9 +70,7 @@ class RobustSession(Session):
         self._put_aside: dict[int, tuple[Graph, list[Label]]] = {}
 
     def _take(self, graph: Graph, labels: Sequence[Label], numbers: Sequence[int]) -> None:
-        if graph.blocks:
-            others = graph.blocks[0].kind.plural
-            raise InputError(f"a robust session takes no {others}")
+        require_capable(graph, "robust session")
         super()._take(graph, labels, numbers)
 
     @property

@@ -1,7 +1,8 @@
-"""The page of combinations that are refused, from the rules of the study that asks for them."""
+"""Pages of what takes what, from the table of capabilities and from the rules of a study."""
 
 from __future__ import annotations
 
+from certpgo.graph.capabilities import FEATURES, OPERATIONS
 from reports.studies.bookkeeping.covering import Rule
 from reports.studies.bookkeeping.factors import REFUSED
 
@@ -17,10 +18,28 @@ is rejected. What is refused is refused in one line. These are the combinations:
 |---|---|---|---|
 """
 
+TABLE = """\
+# What takes which measurements
+
+`certpgo.solve`, `certify` and `Session` take measurements of every kind, mixed in one graph, under
+each cost that knows them. Some operations do not take everything: they refuse it in a sentence that
+is read from the table below (`certpgo.graph.capabilities`). A test tries every cell.
+
+"""
+
 
 def pages() -> dict[str, str]:
-    """The text of the page by its name."""
-    return {"refused.md": HEAD + "".join(map(_row, REFUSED))}
+    """The texts of the pages by their names."""
+    return {"refused.md": HEAD + "".join(map(_row, REFUSED)), "takes.md": TABLE + _matrix()}
+
+
+def _matrix() -> str:
+    """A row for each operation, a column for each feature."""
+    rows = [["operation", *FEATURES, "instead"], ["---"] * (len(FEATURES) + 2)]
+    for name, operation in OPERATIONS.items():
+        cells = ["no" if feature in operation.lacks else "yes" for feature in FEATURES]
+        rows.append([name, *cells, operation.instead])
+    return "".join(f"| {' | '.join(row)} |\n" for row in rows)
 
 
 def _row(rule: Rule) -> str:

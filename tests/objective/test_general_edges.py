@@ -19,7 +19,7 @@ from strategies import (
 from certpgo import get_solver, solve
 from certpgo.errors import GraphError, InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
-from certpgo.graph.graph import require_isotropic
+from certpgo.graph.capabilities import require_capable
 from certpgo.graph.relaxed_point import Lift
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import rotations as so
@@ -442,19 +442,19 @@ def test_methods_for_isotropic_weights_refuse_others(name):
     general = poses.with_matrix_weights(definite(rng_of(2), poses.num_edges, 4))
     method = get_solver(name)
     posed = problem_of(general if method.poses else general.rotation)
-    with pytest.raises(InputError, match="takes the weights kappa and tau alone"):
+    with pytest.raises(InputError, match="this method does not take matrix weights"):
         method().solve(posed)
 
 
 def test_closed_forms_for_isotropic_weights_refuse_others():
     cycle = winding_cycle(5, 0.3, 0)[0].graph
     general = RotationProblem(cycle.with_matrix_weights(np.tile(np.diag([1.0, 2, 3]), (5, 1, 1))))
-    with pytest.raises(InputError, match="takes the weights kappa and tau alone"):
+    with pytest.raises(InputError, match="this method does not take matrix weights"):
         get_solver("cycle_closed_form")().solve(general)
     graph, _, _ = general_graph(rng_of(0), 5, 3)
-    with pytest.raises(InputError, match="takes the weights kappa and tau alone"):
+    with pytest.raises(InputError, match="this method does not take matrix weights"):
         get_solver("eigen_ma")(translations="thesis").solve(PoseProblem(graph))
-    require_isotropic(cycle)
+    require_capable(cycle, "closed form")
 
 
 def test_there_are_no_proofs_for_general_edges():

@@ -22,8 +22,8 @@ import numpy as np
 
 from certpgo.errors import GraphError
 from certpgo.graph import Estimate, RotationGraph
+from certpgo.graph.capabilities import require_capable
 from certpgo.graph.cycles import walk
-from certpgo.graph.graph import require_isotropic
 from certpgo.graph.trees import compose
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
@@ -93,7 +93,7 @@ def stationary_point(graph: RotationGraph, winding: int = 0) -> Estimate:
     InputError
         Its edges have matrix weights.
     """
-    require_isotropic(graph)
+    require_capable(graph, "closed form")
     around = walk(graph)
     composed = compose(graph, around.parents).rotations
     last, edge = int(around.nodes[-1]), int(around.edges[-1])

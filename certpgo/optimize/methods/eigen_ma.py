@@ -9,7 +9,7 @@ import numpy as np
 
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
-from certpgo.graph.graph import require_isotropic
+from certpgo.graph.capabilities import require_capable
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.objective.problem import PoseProblem, Problem
@@ -78,7 +78,7 @@ def symmetrized_translations(problem: PoseProblem, rotations: FloatArray) -> Flo
     (R_i t_ij + R_j R_ij^T t_ij) / 2. The sign of b between 4.11 and 4.12 is wrong; both are right.
     """
     graph = problem.graph
-    require_isotropic(graph)
+    require_capable(graph, "closed form")
     i, j = graph.edges.T
     t = graph.translations[:, :, None]
     forward = rotations[i] @ t

@@ -27,7 +27,7 @@ import numpy as np
 
 from certpgo.errors import SpecError
 from certpgo.graph import Estimate
-from certpgo.graph.graph import require_isotropic
+from certpgo.graph.capabilities import require_capable
 from certpgo.linalg.arrays import CSC, BoolArray, FloatArray
 from certpgo.linalg.eigen import Eigenpairs, krylov_schur
 from certpgo.objective import operators
@@ -136,7 +136,7 @@ class EigenRAO(Iterative):
 
     def steps(self, rotation: RotationProblem, watch: Stopwatch | None = None) -> Iterator[Step]:
         """The iterations of Algorithm 3, without end; the first is EigenRA's estimate."""
-        require_isotropic(rotation.graph)
+        require_capable(rotation.graph, "closed form")
         watch = watch or Stopwatch()
         i, j = rotation.graph.edges.T
         measured = Rbar = rotation.graph.rotations

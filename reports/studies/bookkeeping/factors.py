@@ -218,7 +218,7 @@ REFUSED = (
         estimate="part",
     ),
     _is_refused(
-        "--proof is not for graphs with distances|the proof tier is not for .*distances",
+        "--proof does not take distances|the proof tier is not for .*distances",
         "No proofs of distances.",
         proof=("tier", *_PROOFS),
         distances="some",
@@ -286,14 +286,14 @@ REFUSED = (
     ),
     # Commands.
     _is_refused(
-        "a robust session takes no distances",
+        "a robust session does not take distances",
         "A stream rejects measurements under F, without distances.",
         command="follow",
         outliers="robust",
         distances="some",
     ),
     _is_refused(
-        "which this command does not take|is not for graphs with distances",
+        "does not take distances",
         "Distances are for `solve`, `certify`, `follow` and `info`.",
         command=("outliers", "compare"),
         distances="some",

@@ -1,0 +1,126 @@
+"""What takes which measurements: one table, from which refusals and the site's matrix are read.
+
+An operation that is not listed, or a feature that its row leaves out, is taken. What a single cost
+or file format does not know, is said by that: see `certpgo.objective.choose_cost` and
+`certpgo.io.unwritten`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from certpgo.errors import InputError, SpecError
+from certpgo.graph.ranges import Ranges
+
+
+@dataclass(frozen=True)
+class Feature:
+    """What a graph may have.
+
+    Attributes
+    ----------
+    called : in sentences, such as ``"distances"``
+    is_in : whether a graph has it
+    """
+
+    called: str
+    is_in: Callable[[Any], bool]
+
+
+@dataclass(frozen=True)
+class Operation:
+    """What takes graphs.
+
+    Attributes
+    ----------
+    does : subject and verb of a sentence that goes on with "not take"
+    lacks : names of the features that it does not take
+    instead : what takes them, the end of a sentence
+    """
+
+    does: str
+    lacks: tuple[str, ...]
+    instead: str = ""
+
+
+FEATURES = {
+    "distances": Feature("distances", lambda graph: _has(graph, distances=True)),
+    "own kinds": Feature("measurements of other kinds", lambda graph: _has(graph, distances=False)),
+    "scales": Feature("nodes of unknown scale (similarities)", lambda graph: graph.has_scales),
+    "partial edges": Feature(
+        "edges that measure only a rotation or a translation, or points",
+        lambda graph: graph.is_partial,
+    ),
+    "matrix weights": Feature(
+        "matrix weights or couplings", lambda graph: graph.rotation.is_general
+    ),
+    "arms": Feature(
+        "arms, as of mounted sensors and held poses", lambda graph: graph.arms is not None
+    ),
+}
+
+_BLOCKS = "distances", "own kinds"
+_FULLY = "certpgo.solve and certify do"
+
+#: By the name that code and options have for it.
+OPERATIONS = {
+    "priors": Operation("priors do", ("scales", "matrix weights", "arms"), "add them before"),
+    "directions": Operation("directions do", ("scales",)),
+    "joint graph": Operation("a joint graph does", ("scales",)),
+    "loop closures": Operation("a choice of loop closures does", ("scales",)),
+    "merge": Operation("certpgo merge does", ("scales",)),
+    "robust merge": Operation("a robust merge does", (*_BLOCKS, "scales"), "merge without robust"),
+    "session": Operation("a session does", ("scales",)),
+    "robust session": Operation("a robust session does", (*_BLOCKS, "scales"), "a session does"),
+    "follow": Operation("certpgo follow does", ("scales",)),
+    "robust fit": Operation("a robust fit does", ("scales",), _FULLY),
+    "rejections": Operation("a truncated cost does", ("scales", "matrix weights")),
+    "tables": Operation("this command does", (*_BLOCKS, "scales"), "certpgo solve and certify do"),
+    "closed form": Operation(
+        "this method does", (*_BLOCKS, "scales", "partial edges", "matrix weights", "arms")
+    ),
+    "method": Operation("--method does", (*_BLOCKS, "scales"), "certpgo solve does without"),
+    "proof": Operation("--proof does", _BLOCKS),
+    "covariances": Operation("--covariances do", ("scales",)),
+    "robust": Operation("--robust does", ("scales",), _FULLY),
+}
+
+
+def lacking(graph: Any, operation: str) -> str:
+    """Why an operation does not take a graph, in a sentence without its end; empty if it does.
+
+    Raises
+    ------
+    SpecError
+        No such operation is in the table.
+    """
+    row = OPERATIONS.get(operation)
+    if row is None:
+        raise SpecError.unknown("operation", operation, OPERATIONS)
+    for name in row.lacks:
+        if FEATURES[name].is_in(graph):
+            said = f"{row.does} not take {FEATURES[name].called}"
+            return f"{said}; {row.instead}" if row.instead else said
+    return ""
+
+
+def require_capable(graph: Any, operation: str, source: str = "") -> None:
+    """Refuse a graph that an operation does not take, as `lacking` says.
+
+    Parameters
+    ----------
+    source : where it is from, to begin the message
+
+    Raises
+    ------
+    InputError
+        The operation does not take it.
+    """
+    if said := lacking(graph, operation):
+        raise InputError(f"{source}: {said}" if source else said)
+
+
+def _has(graph: Any, *, distances: bool) -> bool:
+    return any(isinstance(block, Ranges) is distances for block in graph.blocks)
