@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
-from certpgo.graph.graph import require_isotropic
+from certpgo.graph.capabilities import require_capable
 from certpgo.objective.choose_cost import InformationProblem
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.optimize.iterative import Settings
@@ -101,7 +101,7 @@ class Baseline(Settings):
             if problem.edge_cost.name not in self.own_costs:
                 raise InputError(f"this method does not minimise {problem.edge_cost.title}")
             return
-        require_isotropic(problem.graph)
+        require_capable(problem.graph, "isotropic method")
         if not (self.poses if isinstance(problem, PoseProblem) else self.rotations):
             taken = ("pose graphs, not rotations alone", "rotations alone, not pose graphs")
             raise InputError(f"this method of GTSAM takes {taken[not self.poses]}")

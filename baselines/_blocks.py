@@ -11,7 +11,7 @@ import numpy as np
 from scipy import sparse
 
 from certpgo.graph import Estimate
-from certpgo.graph.graph import require_isotropic
+from certpgo.graph.capabilities import require_capable
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.linalg.blocks import scatter_sum
@@ -25,7 +25,7 @@ def block_size(problem: Problem) -> int:
 
 def edge_blocks(problem: Problem) -> tuple[IntArray, FloatArray]:
     """Edges (m, 2) and their blocks M_ij (m, b, b)."""
-    require_isotropic(problem.graph)
+    require_capable(problem.graph, "isotropic method")
     graph = problem.rotation.graph
     d, b = problem.d, block_size(problem)
     blocks = np.zeros((graph.num_edges, b, b))

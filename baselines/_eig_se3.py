@@ -20,7 +20,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from certpgo.graph.graph import require_isotropic
+from certpgo.graph.capabilities import require_capable
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal, scatter_sum
 from certpgo.linalg.cg import conjugate_gradients
@@ -51,7 +51,7 @@ def leading_eigenvectors(
     loop : c >= 0
     tol : relative accuracy of the eigenpairs
     """
-    require_isotropic(problem.graph)
+    require_capable(problem.graph, "isotropic method")
     rotation = problem.rotation
     n, d = problem.n, problem.d
     root = 1.0 / np.sqrt(operators.degrees(rotation.graph.edges, weights, n) + loop)

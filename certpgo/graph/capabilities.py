@@ -47,7 +47,7 @@ class Operation:
 
 FEATURES = {
     "distances": Feature("distances", lambda graph: _has(graph, distances=True)),
-    "own kinds": Feature("measurements of other kinds", lambda graph: _has(graph, distances=False)),
+    "own kinds": Feature("other measurements", lambda graph: _has(graph, distances=False)),
     "scales": Feature("nodes of unknown scale (similarities)", lambda graph: graph.has_scales),
     "partial edges": Feature(
         "edges that measure only a rotation or a translation, or points",
@@ -78,7 +78,7 @@ OPERATIONS = {
     "robust fit": Operation("a robust fit does", ("scales",), _FULLY),
     "rejections": Operation("a truncated cost does", ("scales", "matrix weights")),
     "tables": Operation("this command does", (*_BLOCKS, "scales"), "certpgo solve and certify do"),
-    "closed form": Operation(
+    "isotropic method": Operation(
         "this method does", (*_BLOCKS, "scales", "partial edges", "matrix weights", "arms")
     ),
     "method": Operation("--method does", (*_BLOCKS, "scales"), "certpgo solve does without"),

@@ -89,7 +89,7 @@ def test_methods_that_need_whole_edges_say_so(certpgo, field, tmp_path, monkeypa
     monkeypatch.chdir(tmp_path)
     done = certpgo("solve", field, "--method", "eig_se3")
     assert done.code == 1
-    assert "edges that measure both rotation and translation" in done.err
+    assert "edges that measure only a rotation or a translation" in done.err
     assert certpgo("solve", field, "--method", "newton", "--json").json["solution"]
 
 

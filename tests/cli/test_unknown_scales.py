@@ -162,7 +162,7 @@ def test_the_cost_of_logarithms_has_a_bound_near_its_scales(certpgo, essential, 
             "certifies nothing that a page or proof could state: not with --html",
         ),
         (("--cost", "chordal"), "not with --cost"),
-        (("--robust",), "--robust is not for"),
+        (("--robust",), "--robust does not take"),
     ):
         refused = certpgo("solve", essential, "--scales-within", "1.05", *more)
         assert refused.code == 1

@@ -41,7 +41,9 @@ ASKED = {
     "robust fit": certpgo.solve_robustly,
     "rejections": lambda g: rejecting(certifiable(g), np.array([g.num_edges - 1])),
     "tables": problem_under,
-    "closed form": lambda g: get_solver("eigen_ma")(translations="thesis").solve(problem_under(g)),
+    "isotropic method": lambda g: get_solver("eigen_ma")(translations="thesis").solve(
+        problem_under(g)
+    ),
 }
 #: What options of commands are called, and their values.
 OPTIONS = ("method", "proof", "covariances", "robust")

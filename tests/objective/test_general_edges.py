@@ -454,7 +454,7 @@ def test_closed_forms_for_isotropic_weights_refuse_others():
     graph, _, _ = general_graph(rng_of(0), 5, 3)
     with pytest.raises(InputError, match="this method does not take matrix weights"):
         get_solver("eigen_ma")(translations="thesis").solve(PoseProblem(graph))
-    require_capable(cycle, "closed form")
+    require_capable(cycle, "isotropic method")
 
 
 def test_there_are_no_proofs_for_general_edges():

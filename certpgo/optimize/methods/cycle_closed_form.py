@@ -63,7 +63,7 @@ class CycleClosedForm:
         """The rotations, the first at the identity; GraphError unless the graph is a cycle."""
         watch = Stopwatch()
         graph = problem.rotation.graph
-        with watch.phase("closed form"):
+        with watch.phase("isotropic method"):
             estimate = stationary_point(graph)
         cost = problem.cost(estimate)
         # Rounding of sqrt(F), a norm of residuals, is relative to sqrt(W).
@@ -93,7 +93,7 @@ def stationary_point(graph: RotationGraph, winding: int = 0) -> Estimate:
     InputError
         Its edges have matrix weights.
     """
-    require_capable(graph, "closed form")
+    require_capable(graph, "isotropic method")
     around = walk(graph)
     composed = compose(graph, around.parents).rotations
     last, edge = int(around.nodes[-1]), int(around.edges[-1])

@@ -78,7 +78,7 @@ def symmetrized_translations(problem: PoseProblem, rotations: FloatArray) -> Flo
     (R_i t_ij + R_j R_ij^T t_ij) / 2. The sign of b between 4.11 and 4.12 is wrong; both are right.
     """
     graph = problem.graph
-    require_capable(graph, "closed form")
+    require_capable(graph, "isotropic method")
     i, j = graph.edges.T
     t = graph.translations[:, :, None]
     forward = rotations[i] @ t

@@ -136,7 +136,7 @@ class EigenRAO(Iterative):
 
     def steps(self, rotation: RotationProblem, watch: Stopwatch | None = None) -> Iterator[Step]:
         """The iterations of Algorithm 3, without end; the first is EigenRA's estimate."""
-        require_capable(rotation.graph, "closed form")
+        require_capable(rotation.graph, "isotropic method")
         watch = watch or Stopwatch()
         i, j = rotation.graph.edges.T
         measured = Rbar = rotation.graph.rotations
