@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Self, TypeVar
+from typing import ClassVar, Self, TypeVar, cast
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from certpgo.errors import InputError, kind_of
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.display import Brief
 from certpgo.graph.graph import has_matrix_weights
-from certpgo.graph.relaxed_point import Point, require_nodes
+from certpgo.graph.relaxed_point import Lift, Point, require_nodes, rounded
 from certpgo.linalg import factor
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import CSC, BoolArray, FloatArray, IntArray
@@ -128,6 +128,10 @@ class Quadratic(Objective, ABC):
     def settled(self, estimate: Estimate) -> Estimate:
         """The estimate with its best translations: elsewhere, bounds are valid, but useless."""
         return self.complete(estimate.rotations)
+
+    def nearest_estimates(self, point: Point) -> Iterator[Estimate]:
+        """The nearest estimate to a point of higher rank."""
+        yield self.complete(rounded(cast("Lift", point).subset(self.poses)).rotations)
 
     def surrogate(self, point: Point) -> Surrogate:
         """The cost itself."""

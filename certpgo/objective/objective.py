@@ -12,7 +12,7 @@ import numpy as np
 
 from certpgo.graph import Estimate
 from certpgo.graph.display import Speaking
-from certpgo.graph.relaxed_point import Point
+from certpgo.graph.relaxed_point import Point, rounded
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.minorants import Minorants
@@ -201,6 +201,10 @@ class Objective(Speaking, ABC):
     def estimate_of(self, point: Any) -> Estimate:
         """The nearest estimate to the end of a descent: rounding would widen the enclosure."""
         return Estimate(so.project(point.rotations), point.translations)
+
+    def nearest_estimates(self, point: Any) -> Iterator[Estimate]:
+        """Estimates near a point of higher rank, from which descents begin."""
+        yield rounded(point)
 
     # --- Rejected measurements --------------------------------------------------------------------
 

@@ -13,14 +13,16 @@ the mean of s_i^2, and all traces are equal. docs/concepts/similarities.md has t
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
-from certpgo.graph.relaxed_point import Lift, Point, translations_of
+from certpgo.graph.relaxed_point import Lift, Point, main_subspace, translations_of
 from certpgo.graph.similarity_graph import SimilarityGraph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import CSC, BoolArray, FloatArray, IntArray
@@ -80,6 +82,16 @@ class SimilarityProblem(PoseProblem):
         if estimate.scales is None:
             estimate = self.complete(estimate.rotations)
         return self.with_optimal_translations(estimate)
+
+    def nearest_estimates(self, point: Point) -> Iterator[Estimate]:
+        """The projections to the main subspace of a point, of either handedness."""
+        basis = main_subspace(cast("Lift", point).subset(self.poses))
+        Y = point.rotations
+        scales = np.where(self.graph.free, np.linalg.norm(Y, axis=(1, 2)) / math.sqrt(self.d), 1.0)
+        for hand in (1.0, -1.0):
+            B = basis * np.r_[hand, np.ones(self.d - 1)]
+            t = translations_of(point) @ B
+            yield self.with_optimal_translations(Estimate(so.project(B.T @ Y), t, scales=scales))
 
     def shares(self, rank: int) -> tuple[float, ...]:
         """Shares of the multipliers to give up where rounding has no other compensation.

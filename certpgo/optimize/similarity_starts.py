@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import suppress
+from collections.abc import Callable
 
 import numpy as np
 
@@ -17,21 +16,27 @@ from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.optimize.initialization import Start, start_of
 
 
-def starts(problem: SimilarityProblem) -> Iterator[Start]:
-    """Estimates from which descents begin: the nearest to a basin, then the least shrunk.
+def starts(problem: SimilarityProblem) -> list[Callable[[], Start]]:
+    """How starts of descents are computed: the nearest to a basin, then the least shrunk."""
+    return [
+        lambda: Start(problem.linear_start(), "linear relaxation"),
+        lambda: Start(separate_start(problem), "scales, then poses"),
+    ]
+
+
+def first_start(problem: SimilarityProblem) -> Start:
+    """The first of them that can be computed.
 
     Raises
     ------
     NumericalError
-        The weights are too uneven for both.
+        The weights are too uneven for all.
     """
+    nearest, other = starts(problem)
     try:
-        yield Start(problem.linear_start(), "linear relaxation")
+        return nearest()
     except (NumericalError, np.linalg.LinAlgError):
-        yield Start(separate_start(problem), "scales, then poses")
-        return
-    with suppress(NumericalError, np.linalg.LinAlgError):
-        yield Start(separate_start(problem), "scales, then poses")
+        return other()
 
 
 def separate_start(problem: SimilarityProblem) -> Estimate:

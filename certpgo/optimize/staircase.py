@@ -26,7 +26,7 @@ from certpgo.optimize.curvature import negative_curvature, resolution
 from certpgo.optimize.levenberg_marquardt import minimise
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.progress import Progress, Stop
-from certpgo.optimize.solution import Status
+from certpgo.optimize.solution import Level, Status
 
 #: Stationarity, radians, and steps of a descent at one rank, where translations are eliminated.
 TOLERANCE, STEPS = 1e-8, 100
@@ -57,6 +57,11 @@ class Stair:
     point: Lift
     cost: float
     status: Status
+
+    @property
+    def level(self) -> Level:
+        """The rank, with what was reached there."""
+        return Level(self.point.rank, self.cost, self.status)
 
 
 def climb(

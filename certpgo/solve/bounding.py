@@ -29,7 +29,7 @@ from certpgo.objective.objective import Surrogate
 from certpgo.objective.problem import Problem
 from certpgo.optimize.descent import CLOSE, descend, polished, rested
 from certpgo.optimize.riemannian_newton import NewtonSettings
-from certpgo.optimize.staircase import climb
+from certpgo.optimize.staircase import Stair, climb
 from certpgo.solve.rejection_bounds import bound_of_prices, with_most_prices
 from certpgo.solve.relaxation import SOLVED, range_bound
 
@@ -121,11 +121,18 @@ def reproven(normalized: NormalizedProblem[Any], found: DualBound) -> DualBound 
 
 @dataclass(frozen=True)
 class Reached:
-    """A point of a surrogate's relaxation, its bound on the cost, and the surrogate's number."""
+    """A point of a surrogate's relaxation and its bound on the cost.
+
+    Attributes
+    ----------
+    number : of the surrogate
+    stair : what was climbed for it; None of an estimate
+    """
 
     point: Point
     bound: DualBound | None
     number: int
+    stair: Stair | None = None
 
     @property
     def solves(self) -> bool:
@@ -200,7 +207,8 @@ def _minima(
         for end in climb(problem, start, problem.d + ranks, stop, monitor):
             if stop.should_stop():
                 return
-            found = Reached(end.point, _of_point(normalized, below, end.point, cost), number)
+            bound = _of_point(normalized, below, end.point, cost)
+            found = Reached(end.point, bound, number, end)
             yield found
             if found.solves:
                 return

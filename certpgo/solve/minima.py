@@ -109,9 +109,9 @@ def _starts(normalized: NormalizedProblem[Any]) -> Iterator[Estimate]:
     if not problem.takes_scales:
         yield _near_relaxation_of_f(normalized, problem) or _spectral(normalized, problem)
         return
-    with suppress(NumericalError, np.linalg.LinAlgError):
-        for start in similarity_starts.starts(problem):
-            yield start.estimate
+    for start in similarity_starts.starts(problem):
+        with suppress(NumericalError, np.linalg.LinAlgError):
+            yield start().estimate
 
 
 def _spectral(normalized: NormalizedProblem[Any], problem: Any) -> Estimate:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, cast
 
 from certpgo.certify.certificate import Certificate
@@ -14,7 +14,6 @@ from certpgo.graph.relaxed_point import Lift, Point
 from certpgo.graph.trees import tree_initialization
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.lifted_cost import LiftedCost
-from certpgo.optimize.descent import descend
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.solution import Solution, Status
@@ -51,7 +50,7 @@ class RangeSearch(Search):
             initial, stored = stored, None
         return super().solved(initial, stored, report)
 
-    def begin(self, initial: Start | None, report: Report | None) -> None:
+    def begin(self, initial: Start | None) -> None:
         """Descend from a given estimate; without one, any point is a first answer."""
         if initial is None:
             whole = self.relaxed.problem.whole
@@ -84,10 +83,16 @@ class RangeSearch(Search):
         """Its projections to d dimensions."""
         return self.relaxed.projections()
 
-    def descend(self, start: Estimate, *, monitor: Monitor | None = None) -> Solution:
-        """Levenberg and Marquardt's method."""
+    def own_starts(self) -> Iterable[Callable[[], Start]]:
+        """None: the relaxation is climbed first, from a random point."""
+        return ()
+
+    def descend(
+        self, start: Estimate, *, near: bool = False, monitor: Monitor | None = None
+    ) -> Solution:
+        """Local descent, as of any cost."""
         with self.watch.phase("round"):
-            return descend(self.problem, start, monitor=monitor or self.stop, watch=self.watch)
+            return super().descend(start, near=near, monitor=monitor)
 
     def improve_bound(self, point: Point) -> None:
         """Nothing: estimates have no bounds of their own worth their time."""

@@ -98,7 +98,7 @@ class Relaxed:
         with suppress(NumericalError, np.linalg.LinAlgError):
             for end in climb(self.problem, self.point, self.highest, self.stop):
                 self.point = end.point
-                self.levels.append(Level(self.rank, end.cost, end.status))
+                self.levels.append(end.level)
                 if self.stop.should_stop():
                     break
                 with self.stop.watch.phase("certify"):

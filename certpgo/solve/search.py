@@ -9,18 +9,16 @@ from certpgo.solve.range_search import RangeSearch
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.search_loop import Report, Search, normalized_for
 from certpgo.solve.settings import SolveSettings
-from certpgo.solve.similarity_search import SimilaritySearch
 from certpgo.solve.staircase import Staircase
 from certpgo.solve.surrogates import SurrogateSearch
 
 
 def _kind(problem: Certifiable) -> type[Search]:
     """The search of a cost."""
-    if problem.takes_scales:
-        return SimilaritySearch
     if problem.is_lifted:
         return RangeSearch
-    return Staircase if problem.is_chordal else SurrogateSearch
+    of_poses = problem.is_chordal and not problem.takes_scales
+    return Staircase if of_poses else SurrogateSearch
 
 
 def search(

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Lift, Point
 from certpgo.graph.trees import with_leaves_placed
 from certpgo.objective.choose_cost import Certifiable
+from certpgo.optimize.descent import descend
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor, Stopwatch
 from certpgo.optimize.progress import Hopeful
@@ -54,6 +55,8 @@ class Search(ABC):
     origin: str
     #: Whether all terms of the cost are of edges between nodes of one scale.
     of_edges_alone: bool = True
+    #: Whether bounds of estimates are sharpened beyond what suffices.
+    sharp: bool = False
 
     def __init__(
         self, posed: Certifiable, normalized: NormalizedProblem[Any], settings: SolveSettings
@@ -103,7 +106,7 @@ class Search(ABC):
         stored : another start, which is tried if the first descent is not certified
         report : is called with measurements that disagree with the rest
         """
-        self.begin(initial, report)
+        self.begin(initial)
         self.try_stored(stored)
         self.look_for_outliers(report)
         self.levels = [Level(self.problem.d, self.best.cost, self.best.status)]
@@ -113,9 +116,47 @@ class Search(ABC):
                 self.descend_near(point)
         self.finish()
 
+    def begin(self, initial: Start | None) -> None:
+        """The first descent with its bound, and others while a better point is possible.
+
+        Raises
+        ------
+        NumericalError
+            No start could be computed, or no descent from one.
+        """
+        starts, failed = list(self.starts(initial)), NumericalError("there is no initialization")
+        for start in starts:
+            begun = math.isfinite(self.cost)
+            # The weight of a bridge may raise the tolerance above a possible improvement.
+            if begun and (self.normalized.is_sharp(self.basin) or self.stop.should_stop()):
+                return
+            try:
+                here = start()
+                self.begin_from(here, self.descend(here.estimate, near=here.near))
+            except (NumericalError, np.linalg.LinAlgError) as error:
+                failed = NumericalError(str(error))
+        if not math.isfinite(self.cost):
+            raise failed
+
+    def begin_from(self, start: Start, found: Solution) -> None:
+        """Keep the end of a descent, if it is the first or a better one."""
+        if not math.isfinite(self.cost):
+            self.start = self.origin = start.name
+            self.keep(found)
+        elif self.improve(found):
+            self.start = start.name
+            self.origin = f"{start.name}, which led to a lower cost than {self.origin}"
+
+    def starts(self, initial: Start | None) -> Iterator[Callable[[], Start]]:
+        """Where descents begin: what is given, then what is computed."""
+        if initial is not None:
+            yield lambda: self.given(initial)
+        if initial is None or self.settings.try_own_start:
+            yield from self.own_starts()
+
     @abstractmethod
-    def begin(self, initial: Start | None, report: Report | None) -> None:
-        """The first descent, with its bound."""
+    def own_starts(self) -> Iterable[Callable[[], Start]]:
+        """Computed initializations."""
 
     @abstractmethod
     def relaxation(self) -> Iterator[Lift]:
@@ -129,9 +170,9 @@ class Search(ABC):
             if self.ends():
                 break
 
-    @abstractmethod
     def roundings(self, point: Lift) -> Iterable[Estimate]:
         """Estimates near a point of the relaxation, from which descents begin."""
+        return cast("Iterable[Estimate]", self.problem.nearest_estimates(point))
 
     def look_for_outliers(self, report: Report | None) -> None:
         """Report measurements that disagree with the rest, if that is not done yet."""
@@ -155,13 +196,25 @@ class Search(ABC):
         """What is left to try at the end."""
         return
 
-    @abstractmethod
-    def descend(self, start: Estimate, *, monitor: Monitor | None = None) -> Solution:
+    def descend(
+        self, start: Estimate, *, near: bool = False, monitor: Monitor | None = None
+    ) -> Solution:
         """Local descent on the cost."""
+        found = descend(
+            self.problem,
+            start,
+            self.settings.newton,
+            near=near,
+            monitor=monitor or self.stop,
+            watch=self.watch,
+        )
+        self.counts.update(found.counts)
+        return found
 
     def given(self, initial: Start) -> Start:
-        """An initial estimate as descents take it."""
-        return initial
+        """An initial estimate with its best translations."""
+        with self.watch.phase("start"):
+            return replace(initial, estimate=self.problem.settled(initial.estimate))
 
     def try_stored(self, start: Start | None) -> None:
         """Descend from another estimate, as long as that may lead to a lower cost."""
@@ -195,9 +248,15 @@ class Search(ABC):
         if self.bound is None or not self.is_certified:
             self.improve_bound(best.estimate)
 
-    @abstractmethod
     def improve_bound(self, point: Point) -> None:
         """Compute the bound of a point and keep it if it is better."""
+        if self.stop.should_stop():
+            return
+        with self.watch.phase("certify"), suppress(NumericalError, np.linalg.LinAlgError):
+            bound = bounding.bound_near(self.normalized, point, self.cost, sharp=self.sharp)
+            if bound is not None:
+                self.counts["factorizations"] += bound.factorizations
+            self.keep_bound(bound)
 
     def keep_bound(self, bound: DualBound | None) -> None:
         """Keep a bound if it is the best so far."""

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -22,19 +21,16 @@ from certpgo.certify.dual import DualBound
 from certpgo.certify.normalized import NormalizedProblem
 from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.certify.wording import early
-from certpgo.errors import InputError, NumericalError
-from certpgo.graph import Estimate
+from certpgo.errors import InputError
 from certpgo.graph.priors import mirrored_by
-from certpgo.graph.relaxed_point import Lift, Point, rounded
+from certpgo.graph.relaxed_point import Lift, Point
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import Problem
 from certpgo.optimize import low_rank_descent as low_rank
 from certpgo.optimize.curvature import negative_curvature, resolution
 from certpgo.optimize.initialization import Start, start_of
-from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.randomized_rounding import roundings
-from certpgo.optimize.riemannian_newton import newton
-from certpgo.optimize.solution import Level, Solution, Status
+from certpgo.optimize.solution import Level, Status
 from certpgo.solve import bounding
 from certpgo.solve.outliers import agrees, disagreement
 from certpgo.solve.result import CertifiedSolution
@@ -71,24 +67,14 @@ class Staircase(Search):
         self.exhausted: Point | None = None  # point without a better bound
         self.floor = -math.inf  # the relaxation's minimum up to rounding, once it is reached
 
-    def begin(self, initial: Start | None, report: Report | None) -> None:
-        """The first descent, and if that is not certified, one from a computed initialization."""
-        start = self.own_start() if initial is None else self.given(initial)
-        self.start = self.origin = start.name
-        self.keep(self.descend(start.estimate, near=start.near))
-        if initial is not None and self.settings.try_own_start:
-            self.start_again(initial.name)
+    def own_starts(self) -> Iterable[Callable[[], Start]]:
+        """A computed initialization."""
+        return [self.own_start]
 
-    def start_again(self, initial: str) -> None:
-        """Descend from a computed initialization; keep the better result."""
-        # The weight of a bridge may raise the tolerance above a possible improvement.
-        if self.normalized.is_sharp(self.basin) or self.stop.should_stop():
-            return
-        with suppress(NumericalError, np.linalg.LinAlgError):
-            own = self.own_start()
-            if self.improve(self.descend(own.estimate, near=own.near)):
-                self.start = own.name
-                self.origin = f"{own.name}, which led to a lower cost than {initial}"
+    def own_start(self) -> Start:
+        """The initialization that suits the problem."""
+        with self.watch.phase("start"):
+            return start_of(self.problem)
 
     def look_for_outliers(self, report: Report | None) -> None:
         """Look for measurements that disagree with the rest, and report them."""
@@ -120,16 +106,6 @@ class Staircase(Search):
         if self.basin.value > 0.0:
             self.impatient = min(self.impatient, time.monotonic() + self.patience)
 
-    def given(self, initial: Start) -> Start:
-        """An initial estimate with its best translations."""
-        with self.watch.phase("start"):
-            return replace(initial, estimate=self.problem.complete(initial.estimate.rotations))
-
-    def own_start(self) -> Start:
-        """A computed initialization."""
-        with self.watch.phase("start"):
-            return start_of(self.problem)
-
     def relaxation(self) -> Iterator[Lift]:
         """Escape to higher ranks until the gap is closed or the relaxation is solved."""
         self.point: Point = self.best.estimate
@@ -151,11 +127,6 @@ class Staircase(Search):
                 self.point = self.best.estimate  # no gain at the higher rank yet
             elif not self.is_certified:
                 self.improve_bound(self.point)
-
-    def roundings(self, point: Lift) -> Iterator[Estimate]:
-        """The nearest estimate."""
-        poses = point.subset(self.problem.poses)
-        yield self.problem.complete(rounded(poses).rotations)
 
     def finish(self) -> None:
         """Descents from random roundings; then a weaker bound, if there is no other."""
@@ -221,21 +192,6 @@ class Staircase(Search):
                 starts = roundings(self.problem, point, before.estimate, rng)
             self.improve_hopefully(starts)
             failures = failures + 1 if self.best is before else 0
-
-    def descend(
-        self, start: Estimate, *, near: bool = False, monitor: Monitor | None = None
-    ) -> Solution:
-        """Newton's method at rank d."""
-        found = newton(
-            self.problem,
-            start,
-            self.settings.newton,
-            near=near,
-            monitor=monitor or self.stop,
-            watch=self.watch,
-        )
-        self.counts.update(found.counts)
-        return found
 
     def improve_bound(self, point: Point, *, tight: bool = True) -> None:
         """Compute the bound of a point and keep it if it is better."""

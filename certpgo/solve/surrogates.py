@@ -9,12 +9,9 @@ the current point.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from typing import Any
-
-import numpy as np
+from typing import Any, cast
 
 from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.dual import DualBound
@@ -23,16 +20,14 @@ from certpgo.certify.normalized import NormalizedProblem
 from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.certify.verdict import loses_to_rounding
 from certpgo.certify.wording import early
-from certpgo.errors import GraphError, NumericalError
-from certpgo.graph import Estimate
+from certpgo.errors import GraphError
+from certpgo.graph import Estimate, PoseGraph
 from certpgo.graph.phrases import counted
 from certpgo.graph.priors import mirrored_by
-from certpgo.graph.relaxed_point import Lift, Point, rounded
+from certpgo.graph.relaxed_point import Lift
 from certpgo.graph.trees import tree_initialization
-from certpgo.objective.information_problem import InformationProblem
-from certpgo.optimize.descent import descend
+from certpgo.optimize import similarity_starts
 from certpgo.optimize.initialization import Start
-from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.solution import Level, Solution, Status
 from certpgo.solve import bounding
 from certpgo.solve.outliers import disagreement, ignore
@@ -41,6 +36,8 @@ from certpgo.solve.search_loop import Report, Search, normalized_for
 from certpgo.solve.settings import OUTLIERS_PATIENCE, SolveSettings
 from certpgo.solve.staircase import Staircase
 
+#: Verdicts whose gap something keeps open.
+UNPROVEN = (Verdict.BOUNDED, Verdict.UNDECIDED)
 #: Surrogates after which the search does not begin again.
 SURROGATES = 10
 
@@ -52,12 +49,11 @@ class SurrogateSearch(Search):
     after the first descent. Where the chordal search before it finds many, it is short.
     """
 
-    posed: InformationProblem
-    problem: InformationProblem
+    sharp = True
 
     def __init__(
         self,
-        posed: InformationProblem,
+        posed: Any,
         normalized: NormalizedProblem[Any],
         settings: SolveSettings,
     ) -> None:
@@ -65,14 +61,20 @@ class SurrogateSearch(Search):
         asked, most = settings.max_rank, posed.most_ranks
         self.ranks = most if asked is None else min(max(asked - posed.d, 0), most)
         self.hurried, self.surrogates = False, 0
-        self.of_edges_alone = not posed.measured.blocks
+        self.of_edges_alone = not (posed.measured.blocks or posed.takes_scales)
 
-    def begin(self, initial: Start | None, report: Report | None) -> None:
-        """Descend from the best estimate under F."""
-        start = self.chordal_start() if initial is None else initial
-        self.start = self.origin = start.name
-        self.keep(self.descend(start.estimate))
-        self.lose_patience()
+    def starts(self, initial: Start | None) -> Iterator[Callable[[], Start]]:
+        """Where descents begin; the search under F is left out where an estimate is given."""
+        if initial is not None and not self.problem.takes_scales:
+            yield lambda: self.given(initial)
+        else:
+            yield from super().starts(initial)
+
+    def own_starts(self) -> Iterable[Callable[[], Start]]:
+        """The best estimate under F; over similarities those of `certpgo.optimize`."""
+        if self.problem.takes_scales:
+            return similarity_starts.starts(self.problem)
+        return [self.chordal_start]
 
     def chordal_start(self) -> Start:
         """The best estimate under F, found in half of the time; else along a tree."""
@@ -100,7 +102,7 @@ class SurrogateSearch(Search):
 
     def look_for_outliers(self, report: Report | None) -> None:
         """Look for measurements that disagree with the rest, and report them."""
-        if report is None:
+        if report is None or self.problem.takes_scales:
             return
         with self.watch.phase("residuals"):
             self.disagreement = disagreement(
@@ -131,43 +133,33 @@ class SurrogateSearch(Search):
                 self.normalized, before.estimate, self.cost, ranks=self.ranks
             ):
                 self.keep_bound(found.bound)
-                if isinstance(found.point, Lift) and not self.ends():
+                if found.stair is not None and not self.ends():
                     tried = found.number + 1
-                    yield found.point
+                    self.levels.append(found.stair.level)
+                    yield found.stair.point
                 if self.best is not before or self.ends():
                     break
             self.surrogates += tried
             if self.best is before:
                 return
 
-    def roundings(self, point: Lift) -> Iterator[Estimate]:
-        """The nearest estimate."""
-        # With many outliers a bound comes first: descents are long, and worth little.
-        if not self.hurried or self.basin.value > 0.0:
-            yield rounded(point)
+    def roundings(self, point: Lift) -> Iterable[Estimate]:
+        """Estimates near a point; with many outliers a bound comes first: descents are long."""
+        hopeless = self.hurried and self.basin.value <= 0.0
+        return () if hopeless else super().roundings(point)
 
     def finish(self) -> None:
         """A bound by a lower cost, if there is no other."""
         if self.basin.value <= 0.0 and not self.ends():
             self.keep_bound(bounding.lowered_bound(self.normalized, self.best.estimate))
         self.ended_early = self.patience < math.inf and self.stop.cut is Status.TIME_LIMIT
-        self.levels = [Level(self.problem.d, self.best.cost, self.status)]
-
-    def descend(self, start: Estimate, *, monitor: Monitor | None = None) -> Solution:
-        """Levenberg and Marquardt's method."""
-        return descend(self.problem, start, monitor=monitor or self.stop, watch=self.watch)
+        if not self.problem.takes_scales:  # of one surrogate after another
+            self.levels = [Level(self.problem.d, self.best.cost, self.status)]
 
     def keep(self, best: Solution) -> None:
         """Make a solution the best so far, and compute its bound."""
         self.best, self.cost = best, self.normalized.cost_upper(best.estimate)
         self.improve_bound(best.estimate)
-
-    def improve_bound(self, point: Point) -> None:
-        """The bound by the surrogate expanded at the point."""
-        if self.stop.should_stop():
-            return
-        with self.watch.phase("certify"), suppress(NumericalError, np.linalg.LinAlgError):
-            self.keep_bound(bounding.bound_near(self.normalized, point, self.cost))
 
     def keep_bound(self, bound: DualBound | None) -> None:
         """Keep a bound if it is the best so far; the first useful one begins the end."""
@@ -192,6 +184,8 @@ class SurrogateSearch(Search):
         """Where the search ended, and how to continue it if its own limit ended it."""
         surrogates = counted(self.surrogates, "surrogate{s}")
         minimised = f"; {surrogates} minimised" if self.surrogates else ""
+        if self.problem.takes_scales:
+            minimised = f"; the staircase ended at rank {self.levels[-1].rank}"
         return minimised + (f"; ended {early(self.patience)}" if self.ended_early else "")
 
     def obstacle(self, certificate: Certificate) -> Obstacle:
@@ -199,7 +193,9 @@ class SurrogateSearch(Search):
         stopped, found = self.stop.cut, certificate.obstacle
         if stopped is not None and certificate.verdict is Verdict.UNDECIDED:
             return Obstacle(LimitedBy.STOPPED, True, self.problem.d, stopped)
+        if self.problem.takes_scales and certificate.verdict in UNPROVEN:
+            return replace(found, searched=True, rank=self.levels[-1].rank)
         loose = found.kind is LimitedBy.LOOSE
         if stopped is None and loose and certificate.verdict is Verdict.BOUNDED:
-            return replace(found, mirrored=mirrored_by(self.posed.measured))
+            return replace(found, mirrored=mirrored_by(cast("PoseGraph", self.posed.measured)))
         return found

@@ -32,7 +32,7 @@ from certpgo.objective.problem import problem_of
 from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.optimize.initialization import start_of
 from certpgo.optimize.methods.spanning_tree import SpanningTree
-from certpgo.optimize.similarity_starts import starts
+from certpgo.optimize.similarity_starts import first_start
 from certpgo.optimize.solution import Solution
 from certpgo.solve.result import CertifiedSolution
 from certpgo.view.layout import Arrangement, layout
@@ -275,7 +275,7 @@ def start(instance: Instance) -> tuple[str, Estimate]:
             "not connected and has no initial values"
         )
     if isinstance(instance.graph, SimilarityGraph):
-        return "start", next(starts(SimilarityProblem(instance.graph))).estimate
+        return "start", first_start(SimilarityProblem(instance.graph)).estimate
     graph = instance.graph
     problem = problem_of(graph.with_blocks() if graph.has_positions else graph)
     if graph.is_partial:

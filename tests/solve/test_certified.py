@@ -817,7 +817,7 @@ def test_only_an_eigenvalue_beyond_rounding_is_a_way_down(monkeypatch, over):
     problem = problem_of(winding_cycle(6, 0.3, 0)[0].graph)
     normalized = NormalizedProblem.of(problem, Tier.STANDARD, 0.0, 0.0)
     search = Staircase(problem, normalized, SolveSettings())
-    search.begin(None, None)
+    search.begin(None)
     search.levels = [Level(3, search.best.cost, search.best.status)]
     eigenvalue = -over * resolution(normalized.problem)
     direction = np.ones((6, 3))
@@ -926,7 +926,7 @@ def test_a_search_stopped_before_its_proof_claims_none():
     problem = problem_of(instance.graph)
     normalized = NormalizedProblem.of(problem, Tier.STANDARD, 1e-5, 1e-12)
     search = Staircase(problem, normalized, SolveSettings(tier=Tier.STANDARD))
-    search.begin(None, None)
+    search.begin(None)
     assert search.is_certified
     search.stop.deadline = -math.inf
     assert search.certificate().verdict is Verdict.CERTIFIED

@@ -32,7 +32,7 @@ from certpgo.optimize.monitor import Stopwatch, silent
 from certpgo.optimize.progress import Progress
 from certpgo.optimize.solution import Status
 from certpgo.optimize.staircase import escape
-from certpgo.solve import range_search
+from certpgo.solve import search_loop
 from certpgo.solve.relaxation import Relaxed, range_bound
 
 few = settings(max_examples=12)
@@ -432,7 +432,7 @@ def test_a_stopped_climb_is_projected(seed):
 
 def test_a_descent_that_fails_is_not_the_last(monkeypatch):
     problem, _, _ = measured(1, 3, noise=1.0, poses=12, points=4)
-    descent, failures = range_search.descend, [NumericalError("no"), np.linalg.LinAlgError("no")]
+    descent, failures = search_loop.descend, [NumericalError("no"), np.linalg.LinAlgError("no")]
 
     def failing_first(*given, **more):
         if failures:
@@ -441,7 +441,7 @@ def test_a_descent_that_fails_is_not_the_last(monkeypatch):
 
     whole = solve(problem)
     assert {"descend", "certify", "escape", "round"} <= set(whole.solution.seconds)
-    monkeypatch.setattr(range_search, "descend", failing_first)
+    monkeypatch.setattr(search_loop, "descend", failing_first)
     found = solve(problem)
     assert not failures
     assert found.solution.status is Status.CONVERGED

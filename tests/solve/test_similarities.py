@@ -216,7 +216,7 @@ def test_all_starts_lead_to_the_optimum_where_noise_is_small():
     problem = SimilarityProblem(graph)
     best = certpgo.solve(graph)
     assert best.verdict == "CERTIFIED"
-    for start in starts(problem):
+    for start in (compute() for compute in starts(problem)):
         assert descend(problem, start.estimate).cost == pytest.approx(best.cost, rel=1e-9)
 
 
