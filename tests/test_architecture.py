@@ -161,6 +161,25 @@ def test_certificates_know_no_descent():
     assert rooms <= WATCHED
 
 
+#: Questions about the class of a graph or problem in the whole package: at doors alone.
+CLASS_QUESTIONS = 25
+
+
+def test_rooms_ask_a_graph_and_not_its_class():
+    asked = [
+        f"{path.relative_to(ROOT)}:{node.lineno}"
+        for path in FILES
+        for node in ast.walk(tree(path))
+        if isinstance(node, ast.Call)
+        and ast.unparse(node.func) == "isinstance"
+        and any(
+            name.endswith(("Graph", "Problem", "Quadratic", "Sum"))
+            for name in ast.unparse(node.args[1]).strip("()").replace("|", ",").split(",")
+        )
+    ]
+    assert len(asked) <= CLASS_QUESTIONS, asked
+
+
 def test_the_library_imports_nothing_of_the_checkout():
     for path in FILES:
         heads = {name.partition(".")[0] for name in imports(path)}
