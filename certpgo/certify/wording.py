@@ -131,7 +131,7 @@ class Statement(Speaking):
 
     def _proven(self) -> Iterator[tuple[str, str]]:
         yield from numbers(self)
-        yield from limits(self)
+        yield from reasons(self)
         yield from trusts(self)
 
 
@@ -200,12 +200,12 @@ def _above(c: Statement) -> str:
     return f"at most {gap_shown(c.gap)}{share}"
 
 
-def limits(certificate: Statement) -> Iterable[tuple[str, str]]:
+def reasons(certificate: Statement) -> Iterable[tuple[str, str]]:
     """What keeps the gap open, where the numbers do not say it."""
     c = certificate
     if not math.isfinite(c.cost_upper):
         yield "reason", _OVERFLOW
-    elif c.verdict in ("BOUNDED", "UNDECIDED") and (why := limit_in_words(c)):
+    elif c.verdict in ("BOUNDED", "UNDECIDED") and (why := obstacle_in_words(c)):
         yield "reason", why
     elif c.verdict == "UNDECIDED":
         yield "reason", _NO_BOUND
@@ -290,7 +290,7 @@ def reason_of(c: Statement) -> str:
     """What is proven about the estimate, and why it is not more."""
     if not math.isfinite(c.cost_upper):
         return _OVERFLOW
-    why = limit_in_words(c) if c.verdict in ("BOUNDED", "UNDECIDED") else ""
+    why = obstacle_in_words(c) if c.verdict in ("BOUNDED", "UNDECIDED") else ""
     if why and c.verdict == "UNDECIDED" and c.obstacle.searched:
         return why
     return f"{_proven(c)}; {why}" if why else _proven(c)
@@ -336,7 +336,7 @@ def _against_weight(c: Statement) -> str:
     return small if _is_within_atol(c) else ""
 
 
-def limit_in_words(c: Statement) -> str:
+def obstacle_in_words(c: Statement) -> str:
     """What keeps the gap open, in words; empty where the numbers say it."""
     o, undecided = c.obstacle, c.verdict == "UNDECIDED"
     if o.missing and o.edge is not None:

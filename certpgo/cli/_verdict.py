@@ -56,7 +56,7 @@ def show(
     With the name of a ``cost``, also what the register knows of the graph under it.
     """
     from certpgo.certify.certificate import CHORDAL
-    from certpgo.certify.wording import limits, numbers, stated_objective, trusts
+    from certpgo.certify.wording import numbers, reasons, stated_objective, trusts
     from certpgo.graph.graph import length_unit
     from certpgo.solve import accuracy_wording as wording
 
@@ -65,7 +65,7 @@ def show(
     facts(
         [
             *numbers(certificate, farthest, length_unit(part.graph)),
-            *limits(certificate),
+            *reasons(certificate),
             *([] if fit is None else [("chi^2", str(fit))]),
             *wording.redundancy(part),
             *more,

@@ -23,7 +23,7 @@ from certpgo.linalg.refined import SingleFirst
 from certpgo.objective.chordal_cost import ChordalCost
 from certpgo.objective.edge_cost import EdgeCost
 from certpgo.objective.edge_equations import EdgeEquations, relative
-from certpgo.objective.lifted_cost import LiftedCost, LiftedModel
+from certpgo.objective.lifted_distances import LiftedDistances, LiftedModel
 from certpgo.objective.marginalized import isotropic_below
 from certpgo.objective.minorants import Minorants
 from certpgo.objective.normal_equations import NormalEquations
@@ -88,11 +88,11 @@ class InformationProblem(Objective):
         return InformationProblem(Sum(self.measured.with_blocks(ranges), ChordalCost), self.engine)
 
     @cached_property
-    def lifted_form(self) -> LiftedCost | None:
+    def lifted_form(self) -> LiftedDistances | None:
         """The same cost at points of any rank; None where some terms have no value there."""
         own, graph = self.cost_name == ChordalCost.name, self.measured
         alone = own and len(graph.blocks) == 1 and graph.ranges is not None
-        return LiftedCost(graph, self.engine) if alone else None
+        return LiftedDistances(graph, self.engine) if alone else None
 
     @property
     def is_lifted(self) -> bool:
@@ -150,7 +150,7 @@ class InformationProblem(Objective):
         general, constant = found.subset(frozen).summed(graph.with_edges(frozen), kind)
         if (ranges := self.measured.ranges) is None:
             return Surrogate(self.chordal.of_same_edges(general), constant, minorants)
-        below = LiftedCost(general.with_blocks(ranges), self.engine)
+        below = LiftedDistances(general.with_blocks(ranges), self.engine)
         return Surrogate(below, constant, minorants)
 
     def relaxed(self) -> InformationProblem | None:

@@ -18,7 +18,7 @@ from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal, divided, pinned
 from certpgo.linalg.eigen import krylov_schur
 from certpgo.linalg.factor import Factor
-from certpgo.objective.lifted_cost import LiftedCost
+from certpgo.objective.lifted_distances import LiftedDistances
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.optimize import low_rank_descent as low_rank
@@ -40,7 +40,7 @@ ACCURACY, MORE = 1e-3, 2
 RESOLUTION = 1e-13
 
 #: Problems whose translations move with their rotations.
-Climbing = SimilarityProblem | LiftedCost
+Climbing = SimilarityProblem | LiftedDistances
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ class Stair:
 
 
 def climb(
-    problem: Problem | LiftedCost,
+    problem: Problem | LiftedDistances,
     start: Point,
     highest: int,
     stop: Stop,
@@ -97,7 +97,7 @@ def climb(
         following = way_down(problem, end.point, stop)
 
 
-def way_down(problem: Problem | LiftedCost, point: Point, stop: Stop) -> Lift | None:
+def way_down(problem: Problem | LiftedDistances, point: Point, stop: Stop) -> Lift | None:
     """A lower point of the next rank; None where the certificate matrix has no way down.
 
     Raises
@@ -116,7 +116,9 @@ def way_down(problem: Problem | LiftedCost, point: Point, stop: Stop) -> Lift | 
         return low_rank.leave(form, form.with_optimal_translations(above), direction)
 
 
-def _minimised(problem: Problem | LiftedCost, start: Lift, stop: Stop, monitor: Monitor) -> Stair:
+def _minimised(
+    problem: Problem | LiftedDistances, start: Lift, stop: Stop, monitor: Monitor
+) -> Stair:
     """The end of descent at the rank of a point."""
     if problem.eliminates:
         found = low_rank.descend(

@@ -13,7 +13,7 @@ from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Lift, Point
 from certpgo.graph.trees import tree_initialization
 from certpgo.objective.information_problem import InformationProblem
-from certpgo.objective.lifted_cost import LiftedCost
+from certpgo.objective.lifted_distances import LiftedDistances
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.solution import Solution, Status
@@ -39,7 +39,7 @@ class RangeSearch(Search):
         self, posed: InformationProblem, normalized: NormalizedProblem[Any], settings: SolveSettings
     ) -> None:
         super().__init__(posed, normalized, settings)
-        form = cast("LiftedCost", self.problem.lifted_form)
+        form = cast("LiftedDistances", self.problem.lifted_form)
         self.relaxed = Relaxed(form, self.stop, settings.max_rank)
 
     def solved(

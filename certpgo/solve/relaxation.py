@@ -23,7 +23,7 @@ from certpgo.graph.trees import tree_initialization
 from certpgo.linalg import rotations as so
 from certpgo.objective.families.distances import SHORTEST
 from certpgo.objective.information_problem import InformationProblem
-from certpgo.objective.lifted_cost import LiftedCost
+from certpgo.objective.lifted_distances import LiftedDistances
 from certpgo.objective.objective import Surrogate
 from certpgo.optimize.descent import descend
 from certpgo.optimize.progress import Stop
@@ -49,7 +49,7 @@ def _lever(graph: PoseGraph) -> float:
     return float(np.abs(graph.translations).max()) or 1.0
 
 
-def range_bound(problem: LiftedCost, point: Point, cost: float) -> DualBound | None:
+def range_bound(problem: LiftedDistances, point: Point, cost: float) -> DualBound | None:
     """A lower bound on f* from a stationary point of the relaxation; None if not above zero.
 
     Parameters
@@ -70,7 +70,7 @@ class Relaxed:
     highest : the largest rank
     """
 
-    def __init__(self, problem: LiftedCost, stop: Stop, highest: int | None = None) -> None:
+    def __init__(self, problem: LiftedDistances, stop: Stop, highest: int | None = None) -> None:
         self.problem, self.stop = problem, stop
         self.highest = max(highest or problem.d + RANKS, problem.d + problem.whole.dimensions)
         self.rng = np.random.default_rng(0)

@@ -33,7 +33,7 @@ from certpgo.graph.relaxed_point import Lift, translations_of
 from certpgo.io import datasets
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import certifiable
-from certpgo.objective.lifted_cost import LiftedCost
+from certpgo.objective.lifted_distances import LiftedDistances
 from certpgo.objective.signed_weights import SignedProblem
 from certpgo.optimize.descent import descend
 from certpgo.solve.relaxation import Relaxed
@@ -61,7 +61,7 @@ class Maps:
 class Mean:
     """The cost of the mean of the Gram matrices of K maps, and descent on it."""
 
-    def __init__(self, problem: LiftedCost, K: int) -> None:
+    def __init__(self, problem: LiftedDistances, K: int) -> None:
         self.problem, self.graph, self.K = problem, problem.measured, K
         self.d, self.q = problem.d, so.tangent_dim(problem.d)
         size = np.full(problem.n, self.d)
@@ -165,7 +165,7 @@ class Mean:
         return cost, maps
 
 
-def lowest_mean(problem: LiftedCost, starts: list[Lift], scale: float, copies: int) -> float:
+def lowest_mean(problem: LiftedDistances, starts: list[Lift], scale: float, copies: int) -> float:
     """The lowest cost found of a mean: of two of the starts' maps, then of twice as many.
 
     Parameters
@@ -228,7 +228,7 @@ def row(name: str, copies: int) -> str:
     )
 
 
-def triangles(problem: LiftedCost, t: np.ndarray) -> float:
+def triangles(problem: LiftedDistances, t: np.ndarray) -> float:
     """The largest violation of a triangle inequality, relative to the sides, at positions (n, r).
 
     Of triangles of two distances that share a node, and a distance or measurement between the

@@ -24,7 +24,7 @@ from certpgo.certify.normalized import NormalizedProblem
 from certpgo.graph.relaxed_point import Lift
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import InformationProblem, certifiable
-from certpgo.objective.lifted_cost import LiftedCost
+from certpgo.objective.lifted_distances import LiftedDistances
 from certpgo.objective.signed_weights import SignedProblem, quarter_turn
 from certpgo.optimize.levenberg_marquardt import descend, minimise
 from certpgo.optimize.low_rank_descent import orthonormal
@@ -180,7 +180,7 @@ def test_certificate_matrices_have_the_cost_and_its_multipliers(seed, d):
 @cached_property
 def over_real_matrices(problem):
     """The lifted form with the relaxation over real matrices."""
-    form = LiftedCost(problem.measured)
+    form = LiftedDistances(problem.measured)
     form.__dict__["whole"] = SignedProblem(form.whole.graph, form.engine)
     return form
 

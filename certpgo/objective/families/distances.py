@@ -91,7 +91,7 @@ class Distances(Term):
 
     def minorants(self, v: FloatArray, Q: FloatArray) -> Minorants:
         """Minorants that touch the costs at v, up to rounding."""
-        tau, constants = self.tangents(self._apart(v))
+        tau, constants = self.tangent_weights(self._apart(v))
         none, N = np.zeros_like(v), np.zeros((*v.shape, v.shape[1]))
         return Minorants(tau, none, none, N, constants)
 
@@ -106,7 +106,9 @@ class Distances(Term):
         pairs = np.sort(self.edges, axis=1) @ np.array([self.ranges.num_nodes, 1])
         return np.unique(pairs, return_inverse=True)[1]
 
-    def tangents(self, lengths: FloatArray, more: float = 0.0) -> tuple[FloatArray, FloatArray]:
+    def tangent_weights(
+        self, lengths: FloatArray, more: float = 0.0
+    ) -> tuple[FloatArray, FloatArray]:
         """(k,) weights tau of the tangents at positive lengths, and constants, rounded down.
 
         Parameters

@@ -41,7 +41,7 @@ GAUGE, DAMPING = 1e-9, 1e-4
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LiftedCost(Brief):
+class LiftedDistances(Brief):
     """F over poses and points, plus the terms of distances, at points of any rank.
 
     Attributes
@@ -205,7 +205,7 @@ class LiftedCost(Brief):
         """
         _, length = self._apart(point)
         for more in (0.0, FAINT):
-            tau, constants = self.distances.tangents(length, more)
+            tau, constants = self.distances.tangent_weights(length, more)
             constant = math.nextafter(math.fsum(constants), -math.inf)
             weights = np.r_[self.measured.tau, tau]
             yield self.whole.of_same_edges(replace(self.graph, tau=weights)), constant
@@ -214,7 +214,7 @@ class LiftedCost(Brief):
 class LiftedModel:
     """The cost near a point, a `QuadraticModel` over translations and an orthonormal basis."""
 
-    def __init__(self, problem: LiftedCost, point: Point) -> None:
+    def __init__(self, problem: LiftedDistances, point: Point) -> None:
         self.problem, self.point = problem, Lift(point.rotations, point.translations)
         self.cost = problem.cost(point)
         self.rank = point.rotations.shape[1]
