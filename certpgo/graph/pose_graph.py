@@ -76,6 +76,7 @@ class PoseGraph(Speaking, OfRotations):
     kind: ClassVar[Literal["poses", "rotations"]] = "poses"
     has_positions: ClassVar[Literal[True]] = True
     has_scales: ClassVar[bool] = False
+    is_signed: ClassVar[bool] = False  # tau may be negative, as in surrogates
 
     rotation: RotationGraph
     translations: FloatArray
@@ -382,9 +383,8 @@ class PoseGraph(Speaking, OfRotations):
         blocks: tuple[Observations, ...],
     ) -> PoseGraph:
         arms = None if self.arms is None else self.arms[chosen]
-        assumed, absolute = (
-            None if f is None else f[chosen] for f in (self.assumed, self.absolute)
-        )
+        flags = self.assumed, self.absolute
+        assumed, absolute = (None if f is None else f[chosen] for f in flags)
         t, tau = self.translations[chosen], self.tau[chosen]
         information = self.information and self.information.subset(chosen)
         return type(self)(rotation, t, tau, arms, points, assumed, absolute, information, blocks)

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Self, TypeVar, cast
+from typing import Any, Self, TypeVar, cast
 
 import numpy as np
 
@@ -104,7 +104,7 @@ class Quadratic(Objective, ABC):
 
     is_chordal = True
     #: Whether weights may be negative, and bounds below zero useful.
-    is_signed: ClassVar[bool] = False
+    is_signed: Any = False
 
     @property
     def chordal(self) -> Self:

@@ -29,7 +29,7 @@ from certpgo.objective.minorants import Minorants
 from certpgo.objective.normal_equations import NormalEquations
 from certpgo.objective.objective import Objective, Surrogate
 from certpgo.objective.problem import PoseProblem
-from certpgo.objective.signed_weights import SignedGraph, SignedProblem
+from certpgo.objective.signed_weights import SignedGraph
 from certpgo.objective.sum import Sum
 
 
@@ -75,8 +75,7 @@ class InformationProblem(Objective):
     @cached_property
     def chordal(self) -> PoseProblem:
         """The problem of these edges with isotropic weights; shares pattern and order."""
-        kind = SignedProblem if self.measured.blocks else PoseProblem
-        return kind(self.graph, self.engine)
+        return PoseProblem(self.graph, self.engine)
 
     @property
     def isotropic(self) -> PoseProblem | InformationProblem:

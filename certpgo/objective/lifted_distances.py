@@ -30,8 +30,9 @@ from certpgo.linalg.rotations import orthonormal
 from certpgo.objective import operators
 from certpgo.objective.edge_sums import EdgeSums
 from certpgo.objective.families.distances import FAINT, SHORTEST, Distances
+from certpgo.objective.problem import PoseProblem
 from certpgo.objective.quadratic_model import ROUNDING, largest_step
-from certpgo.objective.signed_weights import OrientedProblem, SignedGraph, SignedProblem
+from certpgo.objective.signed_weights import OrientedProblem, SignedGraph
 
 #: Distances of estimates below this share of the coordinates, which may be rounding, have no
 #: direction.
@@ -90,11 +91,11 @@ class LiftedDistances(Brief):
         return self.whole.graph
 
     @cached_property
-    def whole(self) -> SignedProblem:
+    def whole(self) -> PoseProblem:
         """The problem in which each distance is an edge that measures zero, with its weight."""
         one = self.measured
         is_general = one.arms is not None or one.rotation.is_general
-        kind = OrientedProblem if self.d == 2 and not is_general else SignedProblem
+        kind = OrientedProblem if self.d == 2 and not is_general else PoseProblem
         return kind(SignedGraph.with_rows_of(one, [self.distances]), self.engine)
 
     @cached_property
@@ -196,7 +197,7 @@ class LiftedDistances(Brief):
         """Of such matrices at points of that rank."""
         return self.whole.pattern.layout(rank + self.whole.tangent_dim(rank), rank)
 
-    def tangents(self, point: Point) -> Iterator[tuple[SignedProblem, float]]:
+    def tangents(self, point: Point) -> Iterator[tuple[PoseProblem, float]]:
         """Pose graphs whose edges are tangents at a point of any rank, and the constants.
 
         These are rounded down for exactly the weights of the problems. The second ones have faint

@@ -18,6 +18,7 @@ from certpgo.graph.graph import require_connected
 from certpgo.graph.priors import require_determined
 from certpgo.graph.relaxed_point import Lift, Point, translations_of
 from certpgo.graph.scale import Scale
+from certpgo.linalg import rotations as so
 from certpgo.linalg import scalar_least_squares as network
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import scatter_sum
@@ -76,7 +77,12 @@ class PoseProblem(Quadratic):
     #: Whether nodes have positions.
     has_positions: ClassVar[Literal[True]] = True
 
+    #: Dimensions by which points of the relaxation rise.
+    dimensions: ClassVar[int] = 1
+
     def __post_init__(self) -> None:
+        if isinstance(self.graph, PoseGraph) and self.graph.is_signed:
+            return  # the edges of a surrogate need not determine the nodes
         require_graph(self, PoseGraph, "a RotationGraph has no translations: RotationProblem(g)")
         if self.graph.has_scales and not self.takes_scales:
             raise InputError(SCALED)
@@ -110,6 +116,19 @@ class PoseProblem(Quadratic):
         return operators.data_matrix(self.pattern, self.graph, self._sums.node_sums)
 
     @property
+    def is_signed(self) -> bool:
+        """Whether weights may be negative, and bounds below zero useful."""
+        return self.graph.is_signed
+
+    @property
+    def eliminates(self) -> bool:
+        """Whether translations are best for rotations where their equations are solved.
+
+        Not where negative weights leave them without a minimum.
+        """
+        return not self.graph.is_signed or self._translation_factor is not None
+
+    @property
     def matrix(self) -> CSC:
         """The objective's matrix: the data matrix."""
         return self.data_matrix
@@ -122,6 +141,28 @@ class PoseProblem(Quadratic):
         """(k, r) rows of X^T whose lengths no constraint fixes, the pinned pose at the origin."""
         t = translations_of(point)
         return self.position_rows(t - t[pin]).reshape(-1, t.shape[1])
+
+    def multipliers(self, point: Point) -> FloatArray:
+        """(n, d, d) Lagrange multipliers at a point of any rank; see `FirstOrder`."""
+        if isinstance(point, Estimate) and not self.is_signed:
+            return self.first_order(point).multipliers
+        return self.constrained(self.gradient(point)[:, :, -self.d :], point.rotations)
+
+    def constrained(self, gradient: FloatArray, Y: FloatArray) -> FloatArray:
+        """(n, d, d) multipliers of rotations Y (n, r, d), by half the gradient there."""
+        return operators.multipliers(gradient, Y)
+
+    def tangent_basis(self, Y: FloatArray) -> FloatArray:
+        """(n, q, r, d) orthonormal bases of the tangents at the rotations of a point."""
+        return so.tangent_basis(Y)
+
+    def tangent_dim(self, rank: int) -> int:
+        """Number q of these."""
+        return rank * self.d - self.d * (self.d + 1) // 2
+
+    def frames(self, basis: FloatArray) -> tuple[FloatArray, ...]:
+        """(r, d) frames of the subspace of an orthonormal basis, one of each handedness."""
+        return basis, basis * np.r_[-1.0, np.ones(self.d - 1)]
 
     def rising(self, rows: FloatArray) -> Lift:
         """The move into new dimensions along (n, b) rows of the certificate matrix."""

@@ -11,17 +11,18 @@ import numpy as np
 from certpgo.errors import GraphError
 from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.graph.concatenate import joined_arms
-from certpgo.graph.relaxed_point import Lift, Point
+from certpgo.graph.relaxed_point import Lift
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import scatter_sum
-from certpgo.linalg.rotations import tangent_basis
 from certpgo.objective import operators
 from certpgo.objective.problem import PoseProblem
 from certpgo.objective.term import Term
 
 
 class SignedGraph(PoseGraph):
-    """A pose graph in which translations have weights of either sign."""
+    """A pose graph in which translations have weights of either sign; edges need not fix nodes."""
+
+    is_signed = True
 
     def _check_tau(self) -> None:
         if not np.isfinite(self.tau).all():
@@ -52,46 +53,7 @@ class SignedGraph(PoseGraph):
         return cls(of_all, t, tau, arms, graph.points, *flags)
 
 
-class SignedProblem(PoseProblem):
-    """The problem of a pose graph whose edges need not determine the nodes."""
-
-    is_signed = True
-    #: Dimensions by which points of the relaxation rise.
-    dimensions = 1
-
-    def __post_init__(self) -> None:
-        pass
-
-    @property
-    def eliminates(self) -> bool:
-        """Whether translations are best for rotations where their equations are solved.
-
-        Not where negative weights leave them without a minimum.
-        """
-        return self._translation_factor is not None
-
-    def multipliers(self, point: Point) -> FloatArray:
-        """(n, d, d) multipliers at a point of the relaxation."""
-        return self.constrained(self.gradient(point)[:, :, -self.d :], point.rotations)
-
-    def constrained(self, gradient: FloatArray, Y: FloatArray) -> FloatArray:
-        """(n, d, d) multipliers of rotations Y (n, r, d), by half the gradient there."""
-        return operators.multipliers(gradient, Y)
-
-    def tangent_basis(self, Y: FloatArray) -> FloatArray:
-        """(n, q, r, d) orthonormal bases of the tangents at the rotations of a point."""
-        return tangent_basis(Y)
-
-    def tangent_dim(self, rank: int) -> int:
-        """Number q of these."""
-        return rank * self.d - self.d * (self.d + 1) // 2
-
-    def frames(self, basis: FloatArray) -> tuple[FloatArray, ...]:
-        """(r, d) frames of the subspace of an orthonormal basis, one of each handedness."""
-        return basis, basis * np.r_[-1.0, np.ones(self.d - 1)]
-
-
-class OrientedProblem(SignedProblem):
+class OrientedProblem(PoseProblem):
     """The problem in the plane over complex numbers, so that lifted rotations stay proper.
 
     A rotation is a unit complex number z, and R m = z m. Its relaxation has unit vectors z of C^k

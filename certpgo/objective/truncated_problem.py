@@ -27,9 +27,9 @@ from certpgo.objective.costs import CHORDAL
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.minorants import Minorants
 from certpgo.objective.objective import Objective, Surrogate
-from certpgo.objective.problem import Problem
+from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.objective.rotation_problem import RotationsOfPoses
-from certpgo.objective.signed_weights import SignedGraph, SignedProblem
+from certpgo.objective.signed_weights import SignedGraph
 from certpgo.objective.truncated import Truncation
 
 #: Share of the smallest price that a tolerated gap may be; a larger one says nothing about choices.
@@ -295,7 +295,7 @@ class TruncatedProblem(Objective):
         g = self.graph
         if g.has_positions:
             signed = SignedGraph(g.rotation, g.translations, g.tau, points=g.points)
-            return SignedProblem(signed, self.engine)
+            return PoseProblem(signed, self.engine)
         return RotationsOfPoses(g, self.engine)
 
 

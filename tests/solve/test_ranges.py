@@ -16,6 +16,7 @@ from certpgo import (
     InputError,
     NumericalError,
     PoseGraph,
+    PoseProblem,
     Ranges,
     RotationGraph,
     solve,
@@ -25,7 +26,7 @@ from certpgo.graph.relaxed_point import Lift
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import InformationProblem, certifiable
 from certpgo.objective.lifted_distances import LiftedDistances
-from certpgo.objective.signed_weights import SignedProblem, quarter_turn
+from certpgo.objective.signed_weights import quarter_turn
 from certpgo.optimize.levenberg_marquardt import descend, minimise
 from certpgo.optimize.low_rank_descent import orthonormal
 from certpgo.optimize.monitor import Stopwatch, silent
@@ -181,7 +182,7 @@ def test_certificate_matrices_have_the_cost_and_its_multipliers(seed, d):
 def over_real_matrices(problem):
     """The lifted form with the relaxation over real matrices."""
     form = LiftedDistances(problem.measured)
-    form.__dict__["whole"] = SignedProblem(form.whole.graph, form.engine)
+    form.__dict__["whole"] = PoseProblem(form.whole.graph, form.engine)
     return form
 
 
