@@ -103,9 +103,12 @@ class Followed:
 
     def warn(self) -> None:
         """Name what disagrees, with both certificates."""
+        from certpgo.graph.capabilities import lacking
+
         found = self.session.suspicion()
         if found is not None:
-            notice(f"{found}; --robust leaves such measurements out")
+            robust = not lacking(self.session.graph, "robust session")
+            notice(f"{found}; --robust leaves such measurements out" if robust else f"{found}")
 
     def report(self, json: bool, *, interrupted: bool = False) -> int:
         """Print the last line; returns the exit code."""

@@ -29,13 +29,10 @@ class Asked(NamedTuple):
     judging: Mapping[str, Any] | None = None
 
     def judged_again(self, instance: Instance) -> Iterator[str]:
-        """The options on the command line that judge so, and the cost if it is not implied."""
+        """The options on the command line that judge so, but the cost."""
         from certpgo.io.matching import MAX_DIFFERENCE
-        from certpgo.view.advice import cost_options
 
         options = self.judging or {}
-        if options.get("rejected") is not None and not cost_options(instance, self.cost):
-            yield from ("--cost", self.cost)  # the default is chordal there
         usual = {"max-difference": MAX_DIFFERENCE}
         for name, value in options.items():
             if value is not None and value != usual.get(name):

@@ -390,5 +390,5 @@ class Solved(Result):
             assessment,
             origin,
             solution.trace,
-            rejected=part.graph.edges[solution.rejected],
+            rejected=part.graph.pairs[solution.rejected],
         )

@@ -319,7 +319,7 @@ def _disagreement(problem: Judged, found: Assessment) -> Disagreement | None:
     from certpgo.solve.outliers import disagreement
     from certpgo.solve.selection import Posed
 
-    if problem.is_lifted or problem.takes_scales or len(problem.rejected):
+    if problem.takes_scales or len(problem.rejected):
         return None
     return disagreement(cast("Posed", problem), found.best, refit=not found.best_is_optimal)
 

@@ -71,7 +71,6 @@ OPERATIONS = {
     "joint graph": Operation("a joint graph does", ("scales",)),
     "loop closures": Operation("a choice of loop closures does", ("scales",)),
     "merge": Operation("certpgo merge does", ("scales",)),
-    "robust merge": Operation("a robust merge does", (*_BLOCKS, "scales"), "merge without robust"),
     "session": Operation("a session does", ("scales",)),
     "robust session": Operation("a robust session does", (*_BLOCKS, "scales"), "a session does"),
     "follow": Operation("certpgo follow does", ("scales",)),

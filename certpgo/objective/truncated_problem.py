@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 from certpgo.errors import InputError, require
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.capabilities import lacking
+from certpgo.graph.concatenate import by_rows
 from certpgo.graph.relaxed_point import Point
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_floats
 from certpgo.linalg.ball_arithmetic import U
@@ -88,9 +89,10 @@ class TruncatedProblem(Objective):
             raise InputError(
                 f"prices must be {self.whole.graph.num_edges} positive numbers, one per edge"
             )
-        if self.is_rejected[self.measured.num_edges :].any():
-            others = self.measured.blocks[0].kind.plural
-            raise UncertifiableError(f"rejections of {others} are not certified")
+        _, *of_blocks = by_rows(self.measured, self.is_rejected)
+        for block, cut in zip(self.measured.blocks, of_blocks, strict=True):
+            if cut.any():
+                raise UncertifiableError(f"rejections of {block.kind.plural} are not certified")
         if said := lacking(self.graph, "rejections"):
             raise UncertifiableError(said)
         self.whole.refuse_indefinite()

@@ -18,7 +18,7 @@ from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.io.accept_paths import AnyPath, estimated, measured
 from certpgo.io.writing import AnyAnswer
 from certpgo.linalg.arrays import IntArray
-from certpgo.objective.choose_cost import CHORDAL, Judged, certifiable
+from certpgo.objective.choose_cost import Judged, certifiable
 from certpgo.objective.truncated_problem import rejecting
 from certpgo.optimize.monitor import Iteration, Monitor, silent
 from certpgo.optimize.notebook import watched
@@ -64,7 +64,7 @@ def certify(
         `certpgo.solve`, or the path of a file, see `certpgo.read_estimate`
     cost : the cost of a graph, an instance or a file, as in `certpgo.solve`
     rejected : (k,) indices of measurements that were rejected, as in ``solution.rejected`` of a
-        robust answer. The certificate is then about the truncated cost, F of the others plus
+        robust answer. The certificate is then about the truncated cost, that of the others plus
         min(f_e, c_e) of each of these: CERTIFIED if no other estimate costs less, whichever of them
         it takes back
     quantile : of chi^2, their prices c_e; by default that from which measurements are rejected,
@@ -103,7 +103,7 @@ def certify(
     whole = posed = measured(problem)
     given = estimated(estimate, posed)
     if cost is not None or isinstance(posed, Instance | PoseGraph | RotationGraph):
-        posed = certifiable(posed, CHORDAL if cost is None and rejected is not None else cost)
+        posed = certifiable(posed, cost)
     if rejected is not None:
         posed = rejecting(posed, rejected, quantile)
     elif quantile is not None:

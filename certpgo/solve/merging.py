@@ -31,8 +31,7 @@ from certpgo.graph.phrases import counted, few
 from certpgo.io.accept_paths import AnyPath, as_instance, measured
 from certpgo.io.frames import frame_node
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
-from certpgo.objective.chi_squared import FALSE_ALARMS
-from certpgo.objective.choose_cost import CHORDAL, certifiable, problem_under
+from certpgo.objective.choose_cost import CHORDAL, certifiable
 from certpgo.optimize.descent import descend
 from certpgo.optimize.monitor import Monitor
 from certpgo.solve.fit import Fit, squares
@@ -198,27 +197,20 @@ def merge(
     names = _labelled(instances, offset)
     whole, across = _joined(instances, names, joints)
     problem = certifiable(whole, CHORDAL)
-    if robust:
-        require_capable(whole.graph, "robust merge")
 
     def alone(one: Instance, ends: Monitor) -> CertifiedSolution:
         return search(certifiable(one, CHORDAL), chosen, monitor=ends)
 
     parts = tuple(by_threads(alone, instances))
     answer = search(problem, chosen)
-    if whole.graph.blocks:
-        whole = _in_first_frame(whole, instances, names, answer.estimate)
-        tails = _tails(problem, answer.estimate)
-        disagreeing = across[tails[across] < FALSE_ALARMS / len(tails)]
-        terms = problem.edge_costs(answer.estimate)
-        return Merged(whole, answer, parts, across, terms[across], tails[across], disagreeing)
-    judged = problem_under(whole)
+    judged = certifiable(whole)
     fit = _fit(judged, answer.estimate)
     disagreeing = across[outlying(judged, judged.edge_costs(fit), 1.0)[across]]
     left_out = False
     if len(disagreeing):
         # Least squares spreads the error of a wrong measurement over right ones.
-        selection = select(judged, trusted=np.arange(across[0]))
+        own = np.setdiff1d(np.arange(judged.graph.num_edges), across)
+        selection = select(judged, trusted=own)
         disagreeing = across[selection.rejected[across]]
         if left_out := robust and len(disagreeing) > 0:
             answer = search(problem.reweighted(selection.weights), chosen)

@@ -17,7 +17,7 @@ from typing import cast
 
 import numpy as np
 
-from certpgo.errors import NumericalError
+from certpgo.errors import GraphError, NumericalError
 from certpgo.graph import Estimate, Graph
 from certpgo.graph.display import Brief
 from certpgo.graph.phrases import counted
@@ -261,11 +261,13 @@ def _begun(
         edges = problem.chordal
         return select(edges, fit=fit, initial=initial, trusted=trusted, monitor=monitor)
     graph, rows = problem.measured.with_blocks(), problem.graph.num_edges
-    if not graph.is_connected:
+    try:
+        alone = problem_of(graph, problem.engine)
+    except GraphError:  # all else that is measured determines some nodes
         found = fit or initial or near_relaxation(problem)
         return Selection(np.ones(rows), found, "residuals", 1.0)
-    alone = problem_of(graph, problem.engine)
-    chosen = select(alone, initial=initial or fit, trusted=trusted, monitor=monitor)
+    own = None if trusted is None else trusted[trusted < graph.num_edges]
+    chosen = select(alone, initial=initial or fit, trusted=own, monitor=monitor)
     return chosen.with_more(rows - problem.measured.num_edges)
 
 

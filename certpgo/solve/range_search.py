@@ -41,6 +41,7 @@ class RangeSearch(Search):
         super().__init__(posed, normalized, settings)
         form = cast("LiftedDistances", self.problem.lifted_form)
         self.relaxed = Relaxed(form, self.stop, settings.max_rank)
+        self.report: Report | None = None
 
     def solved(
         self, initial: Start | None, stored: Start | None, report: Report | None
@@ -78,6 +79,15 @@ class RangeSearch(Search):
             yield self.relaxed.point
         if self.best is not before:
             self.start = self.origin = ORIGIN
+
+    def look_for_outliers(self, report: Report | None) -> None:
+        """Not before the end: the first answer says nothing of measurements."""
+        self.report = report
+
+    def finish(self) -> None:
+        """Look for measurements that disagree with the rest, and report them."""
+        if not self.stop.stop_requested:
+            super().look_for_outliers(self.report)
 
     def roundings(self, point: Lift) -> Iterator[Estimate]:
         """Its projections to d dimensions."""

@@ -29,7 +29,7 @@ from certpgo.optimize.monitor import Monitor, Stopwatch
 from certpgo.optimize.progress import Hopeful
 from certpgo.optimize.solution import Level, Solution, Status
 from certpgo.solve import bounding
-from certpgo.solve.outliers import Disagreement
+from certpgo.solve.outliers import Disagreement, disagreement
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.settings import SolveSettings
 
@@ -175,8 +175,18 @@ class Search(ABC):
         return cast("Iterable[Estimate]", self.problem.nearest_estimates(point))
 
     def look_for_outliers(self, report: Report | None) -> None:
-        """Report measurements that disagree with the rest, if that is not done yet."""
-        return
+        """Look for measurements that disagree with the rest, and report them."""
+        if report is None or self.problem.takes_scales:
+            return
+        with self.watch.phase("residuals"):
+            self.disagreement = disagreement(
+                self.posed,
+                self.best.estimate,
+                refit=not self.is_certified,
+                monitor=lambda _: self.stop.stop_requested,
+            )
+        if self.disagreement is not None:
+            report(self.disagreement)
 
     @property
     def holds(self) -> bool:

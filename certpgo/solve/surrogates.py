@@ -30,9 +30,9 @@ from certpgo.optimize import similarity_starts
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.solution import Level, Solution, Status
 from certpgo.solve import bounding
-from certpgo.solve.outliers import disagreement, ignore
+from certpgo.solve.outliers import ignore
 from certpgo.solve.range_search import RangeSearch
-from certpgo.solve.search_loop import Report, Search, normalized_for
+from certpgo.solve.search_loop import Search, normalized_for
 from certpgo.solve.settings import OUTLIERS_PATIENCE, SolveSettings
 from certpgo.solve.staircase import Staircase
 
@@ -99,20 +99,6 @@ class SurrogateSearch(Search):
             self.hurry()
         best = "optimum" if found.verdict is Verdict.CERTIFIED else "best estimate found"
         return Start(found.estimate, f"the {best} under the chordal cost")
-
-    def look_for_outliers(self, report: Report | None) -> None:
-        """Look for measurements that disagree with the rest, and report them."""
-        if report is None or self.problem.takes_scales:
-            return
-        with self.watch.phase("residuals"):
-            self.disagreement = disagreement(
-                self.posed,
-                self.best.estimate,
-                refit=not self.is_certified,
-                monitor=lambda _: self.stop.stop_requested,
-            )
-        if self.disagreement is not None:
-            report(self.disagreement)
 
     def hurry(self) -> None:
         """Search for a short time only after a first bound, unless a time limit was set."""

@@ -128,8 +128,7 @@ def advice(
 
 def cost_options(instance: Instance, cost: str) -> tuple[str, ...]:
     """The options with which a graph is judged by a cost: none where it is the graph's own."""
-    is_usual = instance.graph.ranges is not None or cost == own_cost(instance)
-    return () if is_usual else ("--cost", cost)
+    return () if cost == own_cost(instance) else ("--cost", cost)
 
 
 def _after_certified(given: _Given) -> Iterator[Step]:

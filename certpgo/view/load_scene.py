@@ -323,8 +323,8 @@ def _truth(
 
 def _flags(given: ArrayLike | None, answered: IntArray | None, instance: Instance) -> BoolArray:
     """(m,) rejected measurements: as given, or of the answer, or known outliers; no distances."""
-    m, ranges = instance.graph.num_edges, instance.graph.ranges
-    flags = np.zeros(m + (0 if ranges is None else ranges.num_edges), dtype=bool)
+    m = instance.graph.num_edges
+    flags = np.zeros(len(instance.graph.pairs), dtype=bool)
     if given is None:
         if answered is not None:
             flags[answered] = True

@@ -145,10 +145,6 @@ def test_maps_that_cannot_be_merged_are_refused(graph):
         certpgo.merge(maps, joints, offset=3)
     with pytest.raises(InputError, match="is in none of the maps"):
         certpgo.merge(maps, joints, offset=1000)
-    n = maps[0].num_nodes
-    far = maps[0].with_ranges(Ranges(n, np.array([[0, 1]]), np.ones(1), np.ones(1)))
-    with pytest.raises(InputError, match="a robust merge does not take distances"):
-        certpgo.merge([far, maps[1]], joints, offset=100, robust=True)
     names = tuple(f"x{k}" for k in range(maps[0].num_nodes))
     named = Instance("named", maps[0], np.arange(maps[0].num_nodes), names=names)
     with pytest.raises(InputError, match="node x0 of map 0 has a name: an offset is for ids"):
