@@ -127,9 +127,11 @@ def provable(source: str | Path, instance: Instance) -> Path:
     Raises
     ------
     InputError
-        The checker cannot read its format.
+        The checker cannot read its format, or knows nothing of what is measured.
     """
     path = Path(source)
+    for block in instance.graph.blocks:
+        raise InputError(f"{path}: a proof is not about measured {block.kind.plural}")
     form, similar = format_of(path).name, instance.graph.has_scales
     if form not in FORMATS[similar]:
         said = f"{path}: a proof is about {CALLED[similar]}, not {form}"

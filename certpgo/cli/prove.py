@@ -58,7 +58,7 @@ def command(
     A line a graph. Files of estimates are skipped. The exit code is 0 if every answer is CERTIFIED
     and its proof accepted, 1 if a file cannot be read or no proof can be about it, else 6.
     """
-    from certpgo.io.writing import folder_to_write, write_text
+    from certpgo.io.writing import write_text
 
     tier_for(Path(), None, cost)
     found: dict[str, str | Answer] = {}
@@ -72,7 +72,6 @@ def command(
             refuse_unwritable(badge)
         for name, proof in proofs.items():
             try:
-                folder_to_write(proof.parent)
                 with working(f"proving {name}"):
                     found[name] = _proven(name, proof, cost, time_limit)
             except NoEdges:
@@ -81,7 +80,8 @@ def command(
             except NumericalError as reason:
                 found[name] = f"NOT PROVED: {reason}"
             except InputError as error:
-                found[name], unread = f"ERROR: {error}", True
+                said = str(error).removeprefix(f"{name}: ")  # the line begins with it
+                found[name], unread = f"ERROR: {said}", True
             if not json:
                 typer.echo(f"{name}: {found[name]}")
     good = sum(not isinstance(said, str) for said in found.values())
@@ -118,6 +118,7 @@ def _proven(name: str, proof: Path, cost: str | None, time_limit: float | None) 
     import certpgo
     from certpgo.certify.proof_file import refuse_unreadable
     from certpgo.io.pipes import readable
+    from certpgo.io.writing import folder_to_write
     from certpgo.objective.choose_cost import own_cost
     from certpgo.optimize.solution import Status
 
@@ -130,6 +131,7 @@ def _proven(name: str, proof: Path, cost: str | None, time_limit: float | None) 
         raise KeyboardInterrupt
     if answer.verdict is not certpgo.Verdict.CERTIFIED:
         raise NumericalError(answer.certificate.reason)
+    folder_to_write(proof.parent)
     certpgo.write_proof(proof, name, instance, answer.estimate, answer.certificate)
     return certpgo.check(readable(Path(name)), proof)
 

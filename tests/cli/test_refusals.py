@@ -83,7 +83,10 @@ def test_distances_are_not_left_out(certpgo, beacon, command):
 
 def test_no_proof_is_about_distances(certpgo, beacon):
     done = certpgo("prove", beacon)
-    assert (done.code, "beacon.pyfg: a proof is not about measured distances" in done.out) == (
+    assert (
+        done.code,
+        "beacon.pyfg: ERROR: a proof is not about measured distances" in done.out,
+    ) == (
         1,
         True,
     )
