@@ -23,6 +23,7 @@ from certpgo import (
 )
 from certpgo.certify.normalized import NormalizedProblem
 from certpgo.graph.relaxed_point import Lift
+from certpgo.io.datasets.synthetic import helix
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import InformationProblem, certifiable
 from certpgo.objective.lifted_distances import LiftedDistances
@@ -579,3 +580,53 @@ def test_robust_fits_take_distances():
     answer = certpgo.solve_robustly(instance)
     assert not len(answer.solution.rejected)
     assert answer.cost == pytest.approx(solve(problem).cost, rel=1e-8)
+
+
+def doubtful():
+    """A drive whose loops and distances are right but for three distances, four metres too long."""
+    rng, instance = rng_of(3), helix(8, rng_of(3))
+    n, t = instance.graph.num_nodes, instance.truth.translations
+    pairs = np.array([(i, j) for i in range(0, n, 2) for j in range(i + 3, n, 4)])
+    apart = np.linalg.norm(t[pairs[:, 0]] - t[pairs[:, 1]], axis=1)
+    distances = np.abs(apart + 0.05 * rng.standard_normal(len(pairs)))
+    wrong = np.array([5, 40, 90])
+    distances[wrong] += 4.0
+    ranges = Ranges(n, pairs, distances, np.full(len(pairs), 400.0))
+    graph = instance.graph.with_ranges(ranges)
+    return replace(instance, graph=graph), graph.num_edges + wrong
+
+
+@pytest.mark.parametrize("cost", ["chordal", "g2o"])
+def test_wrong_distances_are_named(cost, tmp_path):
+    instance, wrong = doubtful()
+    path = tmp_path / "doubtful.npz"
+    information = certpgo.graph.information.Information
+    measured = instance.graph
+    known = information.isotropic(measured.rotation.kappa, measured.tau, 3, "g2o", "quaternion")
+    certpgo.write(path, replace(instance, graph=measured.with_information(known)))
+    answer = solve(path, cost=cost)
+    assert answer.disagreement.edges.tolist() == wrong.tolist()
+    robust = certpgo.solve_robustly(path, cost=cost)
+    assert robust.solution.rejected.tolist() == wrong.tolist()
+
+
+def test_a_wrong_distance_between_maps_is_the_one_that_is_named():
+    instance, wrong = doubtful()
+    n = instance.graph.num_nodes
+    first, second = np.arange(n // 2), np.arange(n // 2, n)
+    maps = [
+        certpgo.Instance(name, instance.graph.with_ranges(None).subgraph(nodes), nodes)
+        for name, nodes in (("a", first), ("b", second))
+    ]
+    graph, ranges = instance.graph, instance.graph.ranges
+    crosses = (graph.edges < n // 2).sum(axis=1) == 1
+    between = graph.with_edges(crosses).with_ranges(
+        ranges.subset((ranges.edges < n // 2).sum(axis=1) == 1)
+    )
+    joint = certpgo.Instance("joint", between, np.arange(n))
+    for robust in (False, True):
+        found = certpgo.merge(maps, joint, robust=robust)
+        named = found.instance.graph.pairs[found.disagreeing]
+        across = [pair for pair in graph.pairs[wrong].tolist() if (min(pair) < n // 2 <= max(pair))]
+        assert sorted(map(sorted, named.tolist())) == sorted(map(sorted, across))
+        assert found.left_out == (robust and len(across) > 0)

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from features import having
 
 import certpgo
 from certpgo.errors import FormatError, InputError, InputNotice
@@ -326,3 +327,9 @@ def test_surfaces_are_framed():
     scene = scene_of(cloud)
     assert scene.surfaces[0][0] == "cloud"
     assert scene.frame.extent >= np.ptp(cloud.points[:, 0]) / np.sqrt(3)
+
+
+@pytest.mark.parametrize("feature", ["distances", "own kinds"])
+def test_measurements_that_are_no_edges_are_drawn_as_such(feature):
+    answer = certpgo.solve(having(feature))
+    assert certpgo.plot.trajectory(answer) is not None
