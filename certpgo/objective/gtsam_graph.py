@@ -211,6 +211,8 @@ def to_gtsam(
 
 def factors_of(problem: InformationProblem) -> Any:
     """The factor graph of `to_gtsam`."""
+    for block in problem.measured.blocks:
+        raise InputError(f"to_gtsam takes relative poses, not {block.kind.plural}")
     gtsam, measured, d = _library(), problem.graph, problem.d
     order = _tangent_order(d)
     factor = getattr(gtsam, f"BetweenFactorPose{d}")

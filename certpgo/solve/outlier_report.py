@@ -176,7 +176,9 @@ def outlier_report(
     (True, True)
     """
     if answer.rejection is None:
-        raise InputError("the answer rejects no measurement")
+        rejects = bool(len(answer.solution.rejected))
+        why = "what it rejects is not certified, see answer.solution.note"
+        raise InputError(why if rejects else "the answer rejects no measurement")
     if not 0.0 < level < 1.0:
         raise InputError(f"a level lies between 0 and 1, not at {level}")
     found, stop = answer.rejection, Stop(monitor)
