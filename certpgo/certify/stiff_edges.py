@@ -39,7 +39,7 @@ def eased(problem: AnyProblem, *, cycles: bool = True) -> AnyProblem:
         whole = eased(problem.whole, cycles=cycles)
         same = whole is problem.whole
         return problem if same else cast("AnyProblem", TruncatedProblem(whole, problem.prices))
-    if problem.is_lifted or problem.takes_scales:
+    if problem.takes_scales:
         return problem
     graph = problem.graph
     weights = graph.rotation.kappa, graph.tau

@@ -317,11 +317,10 @@ def _refuse_part(
 def _disagreement(problem: Judged, found: Assessment) -> Disagreement | None:
     """Measurements that disagree with the rest, by their terms of the cost."""
     from certpgo.solve.outliers import disagreement
-    from certpgo.solve.selection import Posed
 
     if problem.takes_scales or len(problem.rejected):
         return None
-    return disagreement(cast("Posed", problem), found.best, refit=not found.best_is_optimal)
+    return disagreement(cast("Any", problem), found.best, refit=not found.best_is_optimal)
 
 
 def _batch(

@@ -122,4 +122,4 @@ def require_capable(graph: Any, operation: str, source: str = "") -> None:
 
 
 def _has(graph: Any, *, distances: bool) -> bool:
-    return any(isinstance(block, Ranges) is distances for block in graph.blocks)
+    return any((type(block) is Ranges) is distances for block in graph.blocks)

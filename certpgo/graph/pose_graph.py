@@ -176,12 +176,12 @@ class PoseGraph(Speaking, OfRotations):
     def with_ranges(self, ranges: Ranges | None) -> Self:
         """The same measurements with these distances, or with none."""
         require(ranges, Ranges | None, "distances, or None,")
-        return self.with_blocks(*(of for of in self.blocks if not isinstance(of, Ranges)), ranges)
+        return self.with_blocks(*(of for of in self.blocks if type(of) is not Ranges), ranges)
 
     @property
     def ranges(self) -> Ranges | None:
         """The distances; None for none."""
-        return next((block for block in self.blocks if isinstance(block, Ranges)), None)
+        return next((block for block in self.blocks if type(block) is Ranges), None)
 
     @property
     def information_matrices(self) -> FloatArray:

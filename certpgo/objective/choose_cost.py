@@ -13,7 +13,7 @@ from certpgo.graph import Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.dataset import graph_of
 from certpgo.graph.kinds import Kind
 from certpgo.graph.phrases import counted
-from certpgo.graph.priors import require_determined
+from certpgo.graph.priors import require_determined, require_held
 from certpgo.objective.chordal_cost import ChordalCost
 from certpgo.objective.costs import CHORDAL, COSTS
 from certpgo.objective.edge_cost import EdgeCost
@@ -123,6 +123,8 @@ def problem_under(
         if cost not in (None, posed.cost_name):
             own = f"this problem has {posed.cost_name!r}"
             raise InputError(f"cost={cost!r} is a choice for graphs: {own}")
+        if len(posed.rejected):
+            raise InputError("a truncated cost is certified, not solved: take its `whole`")
         return posed
     graph = graph_of(posed)
     if isinstance(posed, Instance) and graph.is_partial:
@@ -154,6 +156,11 @@ def _problem_of_blocks(measured: PoseGraph | Instance, cost: str | None) -> Cert
         raise SpecError.unknown("cost", chosen, [CHORDAL, *COSTS])
     if chosen != CHORDAL:
         return information_problem(measured, chosen)
+    if isinstance(measured, Instance):
+        require_held(graph, measured.named)
+    if graph.rotation.is_general:
+        lacks = "are for isotropic weights, not for matrix weights or directions alone"
+        raise InputError(f"{source_of(measured)}measured {graph.blocks[0].kind.plural} {lacks}")
     return InformationProblem(edge_cost(cast("PoseGraph", graph), CHORDAL))
 
 

@@ -23,6 +23,7 @@ from certpgo.linalg.refined import SingleFirst
 from certpgo.objective.chordal_cost import ChordalCost
 from certpgo.objective.edge_cost import EdgeCost
 from certpgo.objective.edge_equations import EdgeEquations, relative
+from certpgo.objective.families.distances import Distances
 from certpgo.objective.lifted_distances import LiftedDistances, LiftedModel
 from certpgo.objective.marginalized import isotropic_below
 from certpgo.objective.minorants import Minorants
@@ -87,10 +88,18 @@ class InformationProblem(Objective):
         return InformationProblem(Sum(self.measured.with_blocks(ranges), ChordalCost), self.engine)
 
     @cached_property
+    def _distances(self) -> IntArray:
+        """(k,) the rows whose cost is that of distances, which alone has a value at any rank."""
+        # Not of a class that derives from it, whose cost is another one.
+        found = [rows for rows, term in self.edge_cost.terms if type(term) is Distances]
+        return np.concatenate([np.zeros(0, dtype=np.intp), *found])
+
+    @cached_property
     def lifted_form(self) -> LiftedDistances | None:
         """The same cost at points of any rank; None where some terms have no value there."""
-        own, graph = self.cost_name == ChordalCost.name, self.measured
-        alone = own and len(graph.blocks) == 1 and graph.ranges is not None
+        cost, graph = self.edge_cost, self.measured
+        is_of_f = type(cost) is Sum and cost.between is ChordalCost
+        alone = is_of_f and len(graph.blocks) == 1 and len(self._distances) > 0
         return LiftedDistances(graph, self.engine) if alone else None
 
     @property
@@ -101,10 +110,12 @@ class InformationProblem(Objective):
     @cached_property
     def lifted(self) -> BoolArray:
         """(m,) which measurements have a cost at points of any rank."""
-        lifted = np.zeros(self.graph.num_edges, dtype=bool)
-        for rows, term in self.edge_cost.terms:
-            lifted[rows] = term.lifts and self.measured.ranges is not None
-        return lifted
+        return np.isin(np.arange(self.graph.num_edges), self._distances)
+
+    @property
+    def most_steps(self) -> int:
+        """Steps of a descent."""
+        return 250 if self.is_lifted else 600
 
     most_ranks = 3
 
@@ -147,7 +158,7 @@ class InformationProblem(Objective):
             general, constant = found.summed(graph, kind)
             return Surrogate(self.chordal.of_same_edges(general), constant, minorants)
         general, constant = found.subset(frozen).summed(graph.with_edges(frozen), kind)
-        if (ranges := self.measured.ranges) is None:
+        if (ranges := self.measured.ranges) is None or not len(self._distances):
             return Surrogate(self.chordal.of_same_edges(general), constant, minorants)
         below = LiftedDistances(general.with_blocks(ranges), self.engine)
         return Surrogate(below, constant, minorants)

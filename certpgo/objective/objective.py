@@ -75,7 +75,7 @@ class Objective(Speaking, ABC):
     #: Whether scales of nodes may be unknown.
     takes_scales: ClassVar[bool] = False
     #: Steps of a descent, and the stationarity at which one that begins near its end may stop.
-    most_steps: ClassVar[int] = 600
+    most_steps: Any = 600
     polished: ClassVar[float] = 1e-8
     #: Ranks above d that the relaxation is climbed to.
     most_ranks: ClassVar[int] = 7

@@ -8,6 +8,7 @@ which costs its price c_e as long as it is left out. Its minorants are in
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from numbers import Real
@@ -101,6 +102,10 @@ class TruncatedProblem(Objective):
         if self.is_rejected.all():
             raise InputError("all measurements are rejected: none is kept")
         _ = self.kept, self.below  # refuse what is not determined, or not known
+
+    def _facts(self) -> Iterator[tuple[str, str]]:
+        yield "cost", self.title
+        yield "next", "certpgo.certify(problem, estimate)"
 
     @cached_property
     def is_rejected(self) -> BoolArray:
@@ -343,6 +348,8 @@ def rejecting(
         problem of another cost than F.
     """
     require(problem, Objective, "the problem of a graph")
+    if len(problem.rejected):
+        raise InputError("measurements are rejected of a problem that rejects none")
     m = problem.graph.num_edges
     chosen = indices_of(rejected, m, "rejected")
     refuse_quantile(quantile)

@@ -65,13 +65,14 @@ def bound_near(
     refine : whether to improve the parts' points
     """
     problem = normalized.problem
-    if problem.is_lifted:
-        return range_bound(problem.lifted_form, point, cost)
     if len(problem.rejected):
         if not isinstance(point, Estimate):
             return None
         return bound_of_prices(normalized, point, cost, sharp=sharp, tight=tight)
-    found = _bound_at(normalized, point, cost, sharp=sharp, tight=tight)
+    if problem.is_lifted:
+        found = range_bound(normalized.eased.lifted_form, point, cost)
+    else:
+        found = _bound_at(normalized, point, cost, sharp=sharp, tight=tight)
     how = {"sharp": sharp, "tight": tight, "refine": refine}
     found = _softened(normalized, found, point, cost, **how)
     return _by_parts(normalized, found, point, cost, **how)

@@ -154,6 +154,7 @@ class Judge:
         self._time_limit, self._ctrl_c = time_limit, ctrl_c
         self._best: LocalMinimum | None = None
         self._other: LocalMinimum | None = None
+        self._latest: LocalMinimum | None = None  # the other one of this estimate, if cut short
         self._raised = False  # whether that has its best bound
 
     def certify(self, estimate: Estimate) -> Certificate:
@@ -166,6 +167,7 @@ class Judge:
         """
         normalized = self._normalized
         self._problem.check(estimate)
+        self._latest = None
         limits = normalized.stop.within(self._time_limit, ctrl_c=self._ctrl_c)
         # No warnings for infinite costs.
         with np.errstate(over="ignore", invalid="ignore"), limits:
@@ -243,10 +245,13 @@ class Judge:
         """A minimum known to be optimal, or the one reached without the estimate, if any."""
         if self._best is not None and self._normalized.is_sharp(self._best):
             return self._best
+        if self._other is None and self._latest is not None:
+            return self._latest
         if self._other is None:
             normalized = self._normalized
             found = elsewhere(normalized)
             if normalized.stop.cut is not None:
+                self._latest = found
                 return found
             self._other = found
         return self._other

@@ -39,7 +39,7 @@ class RangeSearch(Search):
         self, posed: InformationProblem, normalized: NormalizedProblem[Any], settings: SolveSettings
     ) -> None:
         super().__init__(posed, normalized, settings)
-        form = cast("LiftedDistances", self.problem.lifted_form)
+        form = cast("LiftedDistances", self.normalized.eased.lifted_form)
         self.relaxed = Relaxed(form, self.stop, settings.max_rank)
         self.report: Report | None = None
 
@@ -85,7 +85,9 @@ class RangeSearch(Search):
         self.report = report
 
     def finish(self) -> None:
-        """Look for measurements that disagree with the rest, and report them."""
+        """A bound without stiff measurements; then look for some that disagree, and report them."""
+        if not self.ends():
+            super().improve_bound(self.best.estimate)
         if not self.stop.stop_requested:
             super().look_for_outliers(self.report)
 

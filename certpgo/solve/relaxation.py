@@ -132,7 +132,7 @@ class Relaxed:
 
 def near_relaxation(normalized: NormalizedProblem[InformationProblem]) -> LocalMinimum | None:
     """The best estimate near the relaxation's minimum, with its bound; None without one."""
-    stop, form = normalized.stop, normalized.problem.lifted_form
+    stop, form = normalized.stop, normalized.eased.lifted_form
     if form is None:
         return None
     relaxed = Relaxed(form, stop)

@@ -39,7 +39,7 @@ TESTS = {
     "certpgo/linalg/factor.py": ("linalg/test_factor*",),
     "certpgo/certify/bounds.py": ("certify/test_bounds*",),
     "certpgo/certify/verdict.py": (
-        "certify/test_case*",
+        "certify/test_verdict*",
         "certify/test_parts*",
         "certify/test_extremes*",
         "certify/test_certify*",

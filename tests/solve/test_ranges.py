@@ -1,13 +1,13 @@
 """Measured distances: minorants, derivatives, bounds, and the real data's gaps."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from strategies import dimensions, point_graph, rng_of, seeds
+from strategies import dimensions, point_graph, pose_graph, rng_of, seeds
 
 import certpgo
 from certpgo import (
@@ -26,8 +26,11 @@ from certpgo.graph.relaxed_point import Lift
 from certpgo.io.datasets.synthetic import helix
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import InformationProblem, certifiable
+from certpgo.objective.families.distances import Distances
 from certpgo.objective.lifted_distances import LiftedDistances
 from certpgo.objective.signed_weights import quarter_turn
+from certpgo.objective.term import Term
+from certpgo.objective.truncated_problem import rejecting
 from certpgo.optimize.levenberg_marquardt import descend, minimise
 from certpgo.optimize.low_rank_descent import orthonormal
 from certpgo.optimize.monitor import Stopwatch, silent
@@ -630,3 +633,95 @@ def test_a_wrong_distance_between_maps_is_the_one_that_is_named():
         across = [pair for pair in graph.pairs[wrong].tolist() if (min(pair) < n // 2 <= max(pair))]
         assert sorted(map(sorted, named.tolist())) == sorted(map(sorted, across))
         assert found.left_out == (robust and len(across) > 0)
+
+
+def test_a_class_that_derives_from_distances_has_a_cost_of_its_own():
+    """Half the weight, by its own term: neither descents nor bounds take it for distances."""
+    graph, _, t = pose_graph(rng_of(5), 6, 2, noise=0.1)
+    pairs = np.array([[0, 3], [1, 4], [2, 5], [0, 5]])
+    apart = np.linalg.norm(t[pairs[:, 1]] - t[pairs[:, 0]], axis=1)
+    apart = apart + np.array([1.5, -0.5, 1.0, 2.0])
+    halves = graph.with_blocks(HalfRanges(6, pairs, apart, np.ones(4)))
+    plain = graph.with_ranges(Ranges(6, pairs, apart, 0.5 * np.ones(4)))
+    found, expected = solve(halves), solve(plain)
+    assert found.verdict.value == expected.verdict.value == "CERTIFIED"
+    assert found.cost == pytest.approx(expected.cost, rel=1e-7)
+    assert halves.ranges is None
+    assert certifiable(halves).lifted_form is None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class HalfRanges(Ranges):
+    """Distances that cost half."""
+
+
+@dataclass(frozen=True, eq=False)
+class Half(Term):
+    """Half the term of the same distances."""
+
+    of: HalfRanges
+    takes = HalfRanges
+    plural = "half distances"
+    in_metres = True
+
+    @property
+    def plain(self):
+        of = self.of
+        return Distances(Ranges(of.num_nodes, of.edges, of.distances, 0.5 * of.weights))
+
+    @property
+    def edges(self):
+        return self.of.edges
+
+    @property
+    def weights(self):
+        return self.plain.weights
+
+    @property
+    def scale(self):
+        return self.plain.scale
+
+    def residuals(self, v, Q):
+        return self.plain.residuals(v, Q)
+
+    def linearized(self, v, Q):
+        return self.plain.linearized(v, Q)
+
+    def enclosures(self, v, Q):
+        return self.plain.enclosures(v, Q)
+
+    def minorants(self, v, Q):
+        return self.plain.minorants(v, Q)
+
+
+def test_stiff_measurements_beside_distances_cost_no_bound():
+    """Two rings, a mount of 1e12 times the weight, three distances, one wrong measurement."""
+    rng, n = np.random.default_rng(0), 12
+    R, t = so.exp(rng.uniform(-3, 3, (n, 1))), 3.0 * rng.standard_normal((n, 2))
+    ring = [(k, (k + 1) % 6) for k in range(6)] + [(0, 3), (1, 4), (2, 5), (0, 2)]
+    edges = np.array([*ring, *((a + 6, b + 6) for a, b in ring), (0, 6)])
+    (i, j), m = edges.T, len(edges)
+    turns = np.swapaxes(R[i], 1, 2) @ R[j] @ so.exp(0.05 * rng.standard_normal((m, 1)))
+    steps = np.einsum("mba,mb->ma", R[i], t[j] - t[i]) + 0.05 * rng.standard_normal((m, 2))
+    turns[7] = turns[7] @ so.exp(np.array([[2.0]]))[0]
+    weights = np.full(m, 400.0)
+    weights[-1] *= 1e12
+    pairs = np.array([[0, 4], [7, 10], [3, 5]])
+    apart = np.linalg.norm(t[pairs[:, 1]] - t[pairs[:, 0]], axis=1)
+    graph = PoseGraph(RotationGraph(n, edges, turns, weights), steps, weights)
+    graph = graph.with_ranges(Ranges(n, pairs, apart, np.full(3, 400.0)))
+    robust = certpgo.solve_robustly(graph)
+    assert robust.solution.rejected.tolist() == [7]
+    assert (robust.verdict.value, robust.rejection.verdict.value) == ("CERTIFIED",) * 2
+    assert solve(graph).verdict.value == "CERTIFIED"
+
+
+def test_truncated_costs_are_judged_and_not_posed_again():
+    problem, _, _ = measured(1, 2)
+    truncated = rejecting(problem, np.array([0]))
+    with pytest.raises(InputError, match="rejects none"):
+        rejecting(truncated, np.array([1]))
+    with pytest.raises(InputError, match="is certified, not solved"):
+        certpgo.solve_robustly(truncated)
+    assert "certpgo.certify" in str(truncated)
+    assert "certpgo.solve" not in str(truncated)
