@@ -33,6 +33,7 @@ class NormalizedProblem(Generic[AnyObjective]):
     problem : the problem with its weights divided by ``unit``
     unit : the power of two nearest W; it makes verdicts independent of the weights' scale
     stop : the monitor of all descents; where it requests a stop, bounds are left out
+    ranks : above d that points reach for better bounds; None for what suits the problem
     """
 
     problem: AnyObjective
@@ -41,6 +42,7 @@ class NormalizedProblem(Generic[AnyObjective]):
     rtol: float
     atol: float
     stop: Stop = field(default_factory=Stop)
+    ranks: int | None = None
 
     @classmethod
     def of(

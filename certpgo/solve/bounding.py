@@ -144,9 +144,7 @@ class Reached:
         return bound.attained - bound.value <= SOLVED * abs(bound.attained)
 
 
-def reached(
-    normalized: NormalizedProblem[Any], start: Estimate, cost: float, *, ranks: int | None = None
-) -> Iterator[Reached]:
+def reached(normalized: NormalizedProblem[Any], start: Estimate, cost: float) -> Iterator[Reached]:
     """Points of surrogates' relaxations, and the bounds on the cost there.
 
     The first is the start, in the surrogate expanded there. Minima of rising rank follow, and then
@@ -159,10 +157,9 @@ def reached(
     ----------
     start : stationary for the cost
     cost : the cost there; it decides when a bound suffices
-    ranks : above d that points reach
     """
     problem, number, point = normalized.eased, 0, cast("Point", start)
-    ranks = problem.most_ranks if ranks is None else ranks
+    ranks = problem.most_ranks if normalized.ranks is None else normalized.ranks
     below = _expanded(problem, start)
     if below is not None and below.minorants is None:
         yield from _minima(normalized, below, point, cost, 0, ranks)

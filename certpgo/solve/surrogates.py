@@ -59,7 +59,8 @@ class SurrogateSearch(Search):
     ) -> None:
         super().__init__(posed, normalized, settings)
         asked, most = settings.max_rank, posed.most_ranks
-        self.ranks = most if asked is None else min(max(asked - posed.d, 0), most)
+        ranks = most if asked is None else min(max(asked - posed.d, 0), most)
+        self.normalized = replace(self.normalized, ranks=ranks)
         self.hurried, self.surrogates = False, 0
         self.of_edges_alone = not (posed.measured.blocks or posed.takes_scales)
 
@@ -115,9 +116,7 @@ class SurrogateSearch(Search):
         """Minimise surrogates, and begin again where that leads to a lower cost."""
         while not self.ends() and self.surrogates < SURROGATES:
             before, tried = self.best, 0
-            for found in bounding.reached(
-                self.normalized, before.estimate, self.cost, ranks=self.ranks
-            ):
+            for found in bounding.reached(self.normalized, before.estimate, self.cost):
                 self.keep_bound(found.bound)
                 if found.stair is not None and not self.ends():
                     tried = found.number + 1
