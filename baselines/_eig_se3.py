@@ -152,7 +152,7 @@ def _translated(problem: PoseProblem, weights: FloatArray, y: FloatArray) -> Flo
     graph = problem.graph
     i, j = graph.edges.T
     t = weights[:, None] * graph.translations
-    back = np.einsum("mba,mb->ma", graph.rotation.rotations, t)
+    back = np.einsum("mba,mb->ma", graph.rotations, t)
     total = scatter_sum(i, t * y[j][:, None], problem.n)
     return np.asarray((total - scatter_sum(j, back * y[i][:, None], problem.n)).ravel())
 

@@ -23,7 +23,14 @@ if TYPE_CHECKING:
     from certpgo import plot as plot
     from certpgo.certify import Certificate, Tier, Verdict
     from certpgo.certify.proof_file import check
-    from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph, SimilarityGraph
+    from certpgo.graph import (
+        Estimate,
+        Graph,
+        Instance,
+        PoseGraph,
+        RotationGraph,
+        SimilarityGraph,
+    )
     from certpgo.graph.labels import WORLD
     from certpgo.graph.priors import with_directions, with_priors
     from certpgo.graph.ranges import Ranges
@@ -62,7 +69,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "certify": ("Certificate", "Tier", "Verdict"),
     "certify.proof_file": ("check",),
-    "graph": ("Estimate", "Instance", "PoseGraph", "RotationGraph", "SimilarityGraph"),
+    "graph": ("Estimate", "Graph", "Instance", "PoseGraph", "RotationGraph", "SimilarityGraph"),
     "graph.labels": ("WORLD",),
     "graph.priors": ("with_directions", "with_priors"),
     "graph.ranges": ("Ranges",),
@@ -112,6 +119,7 @@ __all__ = [
     "Disagreement",
     "Estimate",
     "FormatError",
+    "Graph",
     "GraphError",
     "InputError",
     "InputNotice",

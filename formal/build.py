@@ -18,12 +18,13 @@ import sys
 import tempfile
 from pathlib import Path
 
+from certpgo.graph import Graph
+
 sys.path.insert(0, str(Path(__file__).parent))
 import certificate
 
 import certpgo
 from certpgo import io
-from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.graph.components import rotations_alone
 from certpgo.io import datasets
 from certpgo.solve.proving import write_proof
@@ -51,7 +52,7 @@ extracted to OCaml with the integers of zarith. Seconds are of the processor. Ma
 MISSING = "is missing; formal/README.md says how to install it"
 
 
-def prove(graph: Path, theorem: Path, rotations: bool = False) -> PoseGraph | RotationGraph:
+def prove(graph: Path, theorem: Path, rotations: bool = False) -> Graph:
     """Solve a graph, and write the theorem about it."""
     instance = io.read(graph, quiet=True)
     instance = rotations_alone(instance) if rotations else instance

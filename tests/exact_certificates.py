@@ -28,7 +28,7 @@ def exact_rotation(q):
 
 def with_exact_rotations(graph):
     """The graph with rotations rounded from rationals, and those rationals."""
-    R = graph.rotation.rotations
+    R = graph.rotations
     if graph.d == 2:
         half = np.arctan2(R[:, 1, 0], R[:, 0, 0]) / 2
         q = np.c_[np.cos(half), np.sin(half)]
@@ -36,7 +36,7 @@ def with_exact_rotations(graph):
         q = Rotation.from_matrix(R).as_quat()
     exact = [exact_rotation(row) for row in q]
     rounded = np.array([[[float(v) for v in row] for row in block] for block in exact])
-    rotation = RotationGraph(graph.num_nodes, graph.edges, rounded, graph.rotation.kappa)
+    rotation = RotationGraph(graph.num_nodes, graph.edges, rounded, graph.kappa)
     return PoseGraph(rotation, graph.translations, graph.tau), exact
 
 
@@ -53,7 +53,7 @@ def exact_certificate(graph, exact, multipliers, poses):
 
     at = b - d
     for e, (i, j) in enumerate(graph.edges):
-        kappa, tau = Fraction(graph.rotation.kappa[e]), Fraction(graph.tau[e])
+        kappa, tau = Fraction(graph.kappa[e]), Fraction(graph.tau[e])
         for c in range(d):  # column c of R_j - R_i R_ij
             column = [(int(i) * b + at + a, -exact[e][a][c]) for a in range(d)]
             add(kappa, [*column, (int(j) * b + at + c, Fraction(1))])

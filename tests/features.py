@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 from strategies import definite, pose_graph, rng_of
 
-from certpgo import PoseGraph, Ranges, RotationGraph, SimilarityGraph
+from certpgo import PoseGraph, Ranges
+from certpgo.graph import RotationGraph, SimilarityGraph
+from certpgo.graph.constructors import of_couplings
 
 _FILE = Path(__file__).parent / "data" / "observations" / "heights.py"
 _SPEC = importlib.util.spec_from_file_location("heights", _FILE)
@@ -33,17 +35,17 @@ def having(name):
         up = np.tile([0.0, 0.0, 1.0], (2, 1))
         return graph.with_blocks(added.Heights(N, pairs, up, 0.5 * ones, ones))
     if name == "scales":
-        rotation = graph.rotation
+        rotation = graph.rotations_alone
         return SimilarityGraph(
             rotation, graph.translations, graph.tau, scales=np.ones(m), free=np.arange(N) > 0
         )
     if name == "partial edges":
-        kappa = graph.rotation.kappa.copy()
+        kappa = graph.kappa.copy()
         kappa[-2:] = 0.0
         rotation = RotationGraph(N, graph.edges, graph.rotations, kappa)
         return PoseGraph(rotation, graph.translations, graph.tau)
     if name == "matrix weights":
         N_of_K = graph.rotations @ definite(rng_of(1), m, 3)
-        rotation = RotationGraph.of_couplings(N, graph.edges, graph.rotations, N_of_K)
+        rotation = of_couplings(N, graph.edges, graph.rotations, N_of_K)
         return PoseGraph(rotation, graph.translations, graph.tau)
     return replace(graph, arms=np.full((m, 3), 0.1))

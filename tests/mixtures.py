@@ -3,7 +3,8 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from certpgo import Estimate, PoseGraph, Ranges, RotationGraph
+from certpgo import Estimate, Ranges
+from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.graph.information import Information
 from certpgo.linalg import rotations as so
 
@@ -61,7 +62,7 @@ def independent(graph, cost, x):
         R = Rotation.from_rotvec(w).as_matrix()
     out = []
     for e, (i, j) in enumerate(graph.edges):
-        M, tau, kappa = graph.rotation.rotations[e], graph.tau[e], graph.rotation.kappa[e]
+        M, tau, kappa = graph.rotations[e], graph.tau[e], graph.kappa[e]
         omega = graph.information_matrices[e]
         v, Q = R[i].T @ (t[j] - t[i]), R[i].T @ R[j]
         E, y = M.T @ Q, M.T @ (v - graph.translations[e])

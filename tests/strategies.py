@@ -48,7 +48,7 @@ def pose_graph(rng, n, d, *, extra=None, noise=0.1, weights=True):
 
 def dense_cost(graph, R, t=None):
     """F by a loop over the edges, as DESIGN's formula reads."""
-    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    rotation = graph.rotations_alone if graph.has_positions else graph
     total = 0.0
     for e, (i, j) in enumerate(rotation.edges):
         total += rotation.kappa[e] * np.linalg.norm(R[j] - R[i] @ rotation.rotations[e]) ** 2
@@ -69,9 +69,9 @@ def general_graph(rng, n, d, **options):
     """A graph whose edges have arms, and couplings N of which some have det N < 0."""
     graph, R, t = pose_graph(rng, n, d, **options)
     m = graph.num_edges
-    N = graph.rotation.rotations @ definite(rng, m, d)
+    N = graph.rotations @ definite(rng, m, d)
     N[::4, :, 0] *= -1.0
-    rotation = RotationGraph(n, graph.edges, graph.rotation.rotations, graph.rotation.kappa, N)
+    rotation = RotationGraph(n, graph.edges, graph.rotations, graph.kappa, N)
     arms = 0.5 * rng.standard_normal((m, d))
     return PoseGraph(rotation, graph.translations, graph.tau, arms), R, t
 

@@ -107,13 +107,13 @@ def assert_same_graph(instance, mine):
     graph = instance.graph
     assert mine.n == graph.num_nodes
     assert np.array_equal(np.stack([mine.i, mine.j], axis=1), graph.edges)
-    assert np.array_equal(mine.kappa, graph.rotation.kappa)
+    assert np.array_equal(mine.kappa, graph.kappa)
     assert np.array_equal(mine.tau, graph.tau)
     assert np.array_equal(mine.t, graph.translations)
-    points = np.zeros(mine.n, bool) if graph.points is None else graph.points
+    points = graph.is_point
     assert np.array_equal(np.zeros(mine.n, bool) if mine.points is None else mine.points, points)
     stored = (mine.R / 2**checker.POINT).astype(float)
-    assert np.abs(stored - graph.rotation.rotations).max() < 2.0**-49
+    assert np.abs(stored - graph.rotations).max() < 2.0**-49
     world = -1 if instance.world is None else instance.world
     assert mine.priors == np.count_nonzero(graph.edges[:, 0] == world)
 
@@ -243,7 +243,7 @@ def test_proves_public_maps(name, landmarks, tmp_path, dataset, dataset_path):
     proven = certpgo.certify(problem_of(instance.graph), answer.estimate, tier="proof")
     assert proven.verdict is certpgo.Verdict.CERTIFIED
     assert proven.gap < 1e-9 * proven.cost_upper
-    assert not proven.multipliers[instance.graph.points].any()
+    assert not proven.multipliers[instance.graph.is_point].any()
 
 
 @pytest.mark.parametrize("far", [0.0, 5.0e5])
@@ -312,7 +312,7 @@ def test_only_what_is_positive_semidefinite_passes(
     arrays["multipliers"][k] += size if add else -size
     if tried(path, arrays) is not None:
         graph = checker.read_graph(path.read_bytes(), proofs.claim_of(arrays), None)
-        assert not arrays["multipliers"][graph.points].any()
+        assert not arrays["multipliers"][graph.is_point].any()
         measured = measured_by(path, graph)
         A = proofs.exact_matrix(graph, measured, arrays["multipliers"], True)
         assert proofs.is_positive_semidefinite(A)
@@ -349,7 +349,7 @@ def small(request, tmp_path):
 def test_multipliers_of_points_are_refused(small):
     path, arrays, instance = small
     assert tried(path, arrays) is not None
-    point = np.flatnonzero(instance.graph.points)[0]
+    point = np.flatnonzero(instance.graph.is_point)[0]
     for size in (1e-3, -1e-3, 5e-324, 1e300):
         for k in range(arrays["multipliers"].shape[1]):
             forged = arrays["multipliers"].copy()
@@ -470,6 +470,6 @@ def test_some_maps_have_no_proofs(tmp_path):
         write_proof(tmp_path / "p.cert", path, instance, answer.estimate, answer.certificate)
     with pytest.raises(InputError, match="chordal cost and g2o's, not for twice GTSAM's"):
         certpgo.solve(instance, certpgo.SolveSettings(tier="proof"), cost="gtsam")
-    alone = replace(instance, graph=instance.graph.rotation)
+    alone = replace(instance, graph=instance.graph.rotations_alone)
     with pytest.raises(InputError, match="rotations alone"):
         write_proof(tmp_path / "p.cert", path, alone, answer.estimate, answer.certificate)

@@ -145,7 +145,7 @@ def test_mutations_prove_nothing_false(tmp_path, d):
     proof, instance = proven(path, "g2o")
     arrays, rng = proofs.arrays_of(proof), np.random.default_rng(0)
     said, names = tried(path, arrays), sorted(arrays.keys() - {"claim", "order"})
-    point = np.flatnonzero(instance.graph.points)[0]
+    point = np.flatnonzero(instance.graph.is_point)[0]
     multipliers = arrays["multipliers"].copy()
     multipliers[point, 0] = 1e-3
     assert tried(path, {**arrays, "multipliers": multipliers}) is None

@@ -81,9 +81,9 @@ def graph_message(graph, estimate, names, also=()):
     links = []
     for (i, j), R, t, kappa, tau in zip(
         graph.edges.tolist(),
-        graph.rotation.rotations,
+        graph.rotations,
         graph.translations.tolist(),
-        graph.rotation.kappa,
+        graph.kappa,
         graph.tau,
         strict=True,
     ):

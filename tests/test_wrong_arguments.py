@@ -31,7 +31,7 @@ def given(tmp_path_factory):
     return {
         "folder": folder,
         "graph": made.graph,
-        "rotations alone": made.graph.rotation,
+        "rotations alone": made.graph.rotations_alone,
         "instance": made,
         "read": read,
         "answer": answer,
@@ -63,7 +63,7 @@ def given(tmp_path_factory):
 def calls(of):
     """Public functions with arguments that they take, by name."""
     graph, read, estimate, folder = of["graph"], of["read"], of["estimate"], of["folder"]
-    rotation, proof = graph.rotation, folder / "p.cert"
+    rotation, proof = graph.rotations_alone, folder / "p.cert"
     certpgo.write_proof(proof, of["path"], read, estimate, of["certificate"])
     under = information_problem(read, "g2o")
     newton, problem = certpgo.get_solver("newton")(), of["problem"]
@@ -78,7 +78,7 @@ def calls(of):
         "Instance": (certpgo.Instance, "name", graph, np.arange(NODES), estimate, estimate),
         "Marginals": (certpgo.Marginals, of["problem"], estimate, 0),
         "Marginals.joint": (marginals.joint, 0, 1),
-        "PoseGraph": (certpgo.PoseGraph, rotation, graph.translations, graph.tau),
+        "PoseGraph": (certpgo.Graph, rotation, graph.translations, graph.tau),
         "PoseGraph.reweighted": (graph.reweighted, np.ones(graph.num_edges)),
         "PoseGraph.subgraph": (graph.subgraph, [0, 1]),
         "PoseGraph.with_edges": (graph.with_edges, [0, 1]),
@@ -91,7 +91,7 @@ def calls(of):
         "RobustSession": (certpgo.RobustSession, None),
         "RobustSession.add": (lambda *a: certpgo.RobustSession().add(*a), graph, range(NODES)),
         "RotationGraph": (
-            certpgo.RotationGraph,
+            certpgo.Graph,
             NODES,
             rotation.edges,
             rotation.rotations,
@@ -101,7 +101,7 @@ def calls(of):
         "Session": (certpgo.Session, None),
         "Session.remove": (lambda *a: certpgo.Session().remove(*a), [0]),
         "Session.add": (lambda *a: certpgo.Session().add(*a), graph, range(NODES)),
-        "SimilarityGraph": (certpgo.SimilarityGraph, rotation, graph.translations, graph.tau),
+        "SimilarityGraph": (certpgo.Graph, rotation, graph.translations, graph.tau),
         "certify": (certpgo.certify, graph, estimate),
         "certify_many": (lambda *a: list(certpgo.certify_many(*a)), [(graph, estimate)]),
         "certify_values": (certpgo.certify_values, graph, {}),
@@ -230,7 +230,7 @@ def test_wrong_arguments_work_or_are_refused_in_a_line(name, given, tmp_path, mo
             "the graph of an instance expected, not an Instance",
         ),
         (
-            lambda of: certpgo.PoseGraph(of["graph"].rotation, "abc", [1.0]),
+            lambda of: certpgo.PoseGraph(of["graph"].rotations_alone, "abc", [1.0]),
             "an array of numbers expected, not a str",
         ),
         (

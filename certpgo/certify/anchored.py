@@ -24,7 +24,7 @@ from functools import cached_property
 
 import numpy as np
 
-from certpgo.graph import Estimate, Graph, PoseGraph
+from certpgo.graph import Estimate, Graph
 from certpgo.graph.edges import symmetric
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.ball_arithmetic import U
@@ -61,14 +61,13 @@ class EdgeForces:
     @staticmethod
     def of(graph: Graph, estimate: Estimate) -> EdgeForces:
         """Those at an estimate."""
-        rotation = graph.rotation
-        own, weight, measured = rotation_defect(estimate.rotations), rotation.kappa, 0.0
-        _, K, _ = rotation.polar
-        if rotation.is_general:  # the polar factors reproduce the couplings up to rounding
+        own, weight, measured = rotation_defect(estimate.rotations), graph.kappa, 0.0
+        _, K, _ = graph.polar
+        if graph.has_couplings:  # the polar factors reproduce the couplings up to rounding
             weight = np.trace(K, axis1=1, axis2=2)
         else:
-            measured = rotation_defect(rotation.rotations)
-        E = operators.rotation_residuals(rotation, estimate.rotations)
+            measured = rotation_defect(graph.rotations)
+        E = operators.rotation_residuals(graph, estimate.rotations)
         size, off = np.sqrt(np.einsum("mab,mab->m", E, E)), 2.0 * own + measured + 192.0 * U
         turn, turn_error = weight * size, weight * (off + 64.0 * U * size)
         moment = np.einsum("mab,mcb->ac", E @ K, E)
@@ -87,7 +86,7 @@ class EdgeForces:
         return EdgeForces(turn, turn_error, pull, pull_error, moment, UP * (error.sum() + rounding))
 
 
-def _lengths(graph: PoseGraph) -> tuple[FloatArray, FloatArray]:
+def _lengths(graph: Graph) -> tuple[FloatArray, FloatArray]:
     """(m,) lengths of the levers from i to j, and of the arms at j."""
     lever = np.linalg.norm(graph.translations, axis=1)
     return lever, np.zeros_like(lever) if graph.arms is None else np.linalg.norm(graph.arms, axis=1)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from certpgo.graph import PoseGraph
+from certpgo.graph import Graph
 from certpgo.linalg import compiled
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.linalg.ball_arithmetic import U
@@ -52,13 +52,13 @@ def assembly_errors(
     return layout.pack(np.stack(rows, axis=1))
 
 
-def _lever_sums(graph: PoseGraph) -> FloatArray:
+def _lever_sums(graph: Graph) -> FloatArray:
     """(4, n) sums, in any order, of the sizes of levers b from i to j, and of arms a at j.
 
     With 1-norms: of tau |b| at i and tau |a| at j, of these times |a| + |b|, of tau |b| at j and
     tau |a| at i, and of tau at both.
     """
-    n, (i, j), rotation = graph.num_nodes, graph.edges.T, graph.rotation
+    n, (i, j), rotation = graph.num_nodes, graph.edges.T, graph.rotations_alone
     if compiled.AVAILABLE:
         measured = rotation.rotations, None, rotation.kappa, graph.tau, graph.translations
         sums = np.zeros((n, 4))

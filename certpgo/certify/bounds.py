@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo.errors import NumericalError
-from certpgo.graph import Estimate, RotationGraph
+from certpgo.graph import Estimate, Graph
 from certpgo.graph.cycles import is_cycle, walk
 from certpgo.graph.display import Brief
 from certpgo.linalg import rotations as so
@@ -143,7 +143,7 @@ def row_bound(problem: RotationProblem, estimate: Estimate) -> FloatArray:
     return np.asarray(rows / problem.node_weights)
 
 
-def cycle_bound(graph: RotationGraph) -> float | None:
+def cycle_bound(graph: Graph) -> float | None:
     """Pi / n for a cycle of equal weights (Eriksson et al., Theorem 4.2), else None."""
     equal = np.ptp(graph.kappa) <= SAME * graph.kappa.max()
     return float(np.pi / graph.num_nodes) if equal and is_cycle(graph) else None

@@ -160,7 +160,7 @@ def proven_surrogate(
     if found is None:
         return None
     diagonal = np.einsum("naa->na", found[0])
-    centre = np.repeat(-problem.graph.rotation.kappa, 2 * problem.d)
+    centre = np.repeat(-problem.graph.kappa, 2 * problem.d)
     total = math.fsum(np.concatenate([diagonal.ravel(), constants, centre]))
     multipliers = recentred(problem, graph, found[0], -1.0)
     taken = np.einsum("naa->na", problem.multipliers(point) - multipliers)
@@ -295,8 +295,9 @@ def exact_graph(problem: Problem) -> checker.Graph:
     (i, j), m = graph.edges.T.astype(np.intp), graph.num_edges
     t, tau, points = np.zeros((m, graph.d)), np.ones(m), None
     if problem.has_positions:
-        t, tau, points = problem.graph.translations, problem.graph.tau, problem.graph.points
-    R, N = None, graph.couplings if graph.is_general else None
+        t, tau = problem.graph.translations, problem.graph.tau
+        points = problem.graph.is_point if problem.graph.is_point.any() else None
+    R, N = None, graph.couplings
     if N is None:
         R = checker.rotations(quaternions(graph.rotations))
     exact = checker.Graph(graph.num_nodes, i, j, R, t, graph.kappa, tau, N=N, points=points)

@@ -34,7 +34,7 @@ import numpy as np
 
 from certpgo import checker
 from certpgo.errors import FormatError, InputError, NumericalError, require_path
-from certpgo.graph import Instance, SimilarityGraph
+from certpgo.graph import Graph, Instance
 from certpgo.graph.held import HELD
 from certpgo.io.compressed import is_compressed
 from certpgo.io.format import format_of
@@ -206,18 +206,18 @@ def claim_and_graph(
         said = f"a proof is about a whole file: {source} connects {graph.n} nodes, the graph has"
         n = instance.graph.num_nodes
         raise InputError(f"{said} {n}; write that part to a file of its own")
-    if isinstance(instance.graph, SimilarityGraph) and not _is_read(graph, instance.graph):
+    if instance.graph.has_scales and not _is_read(graph, instance.graph):
         said = "the graph is not that of the file: write it to an .npz file of its own"
         raise InputError(f"{source}: {said}")
     return claim, graph
 
 
-def _is_read(exact: checker.Graph, graph: SimilarityGraph) -> bool:
+def _is_read(exact: checker.Graph, graph: Graph) -> bool:
     """Whether the checker reads these similarities, but for rounding."""
     R = np.ldexp(exact.R.astype(np.float64), -checker.POINT)
     measured = exact.t, exact.scales, exact.kappa, exact.tau, R
-    rotation, flags = graph.rotation, (exact.free, ~exact.poses)
-    own = graph.translations, graph.scales, rotation.kappa, graph.tau, rotation.rotations
+    flags = (exact.free, ~exact.poses)
+    own = graph.translations, graph.scales, graph.kappa, graph.tau, graph.rotations
     return (
         np.array_equal(np.stack([exact.i, exact.j], axis=1), graph.edges)
         and np.array_equal(np.array(flags), np.array([graph.free, graph.is_point]))
@@ -228,8 +228,8 @@ def _is_read(exact: checker.Graph, graph: SimilarityGraph) -> bool:
 def _map_of(instance: Instance) -> dict[str, Any]:
     """What the claim says of landmarks and priors; nothing if there are none."""
     said: dict[str, Any] = {}
-    if instance.graph.points is not None:
-        said["landmarks"] = bool(instance.graph.points.any())
+    if instance.graph.is_point.any():
+        said["landmarks"] = True
     if instance.world is not None:
         origin = instance.origin
         said |= {"priors": True, "origin": None if origin is None else origin.tolist()}

@@ -18,7 +18,7 @@ def claimed_rejections(
 ) -> checker.Rejections:
     """What minorants with weights W claim; those whose prices are not reached get none."""
     moved, C = at.moved, at.centres(W)
-    from_measured = C - np.dstack([at.translations, at.graph.rotation.rotations])[:, :, 1 - moved :]
+    from_measured = C - np.dstack([at.translations, at.graph.rotations])[:, :, 1 - moved :]
 
     def claimed() -> checker.Rejections:
         return checker.Rejections(

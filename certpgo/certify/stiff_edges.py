@@ -42,7 +42,7 @@ def eased(problem: AnyProblem, *, cycles: bool = True) -> AnyProblem:
     if problem.takes_scales:
         return problem
     graph = problem.graph
-    weights = graph.rotation.kappa, graph.tau
+    weights = graph.kappa, graph.tau
     if not any(_may_be_stiff(w[w > 0.0], graph.num_nodes) for w in weights):
         return problem
     pair, cut = np.array([graph.num_nodes, 1]), bridges(graph)

@@ -67,7 +67,6 @@ class KnownPoses:
         """
         import numpy as np
 
-        from certpgo.graph.graph import has_no_unit
         from certpgo.io.estimates import matched_truth, truth_in_words
 
         if source is None:
@@ -79,7 +78,7 @@ class KnownPoses:
         notice(f"{path}: {truth_in_words(found, part)}")
         of_poses = np.isin(nodes, part.poses)
         known = poses.subset(np.flatnonzero(of_poses))
-        return cls(nodes[of_poses], known, has_no_unit(part.graph))
+        return cls(nodes[of_poses], known, part.graph.in_mean_unit)
 
     def errors(self, estimate: Estimate) -> TrajectoryErrors:
         """The errors of an estimate of the graph, in the order of node ids."""

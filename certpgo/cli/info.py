@@ -107,7 +107,6 @@ def _as_json(
 def _lines(
     instance: Instance, found: Structure, engine: str, left_open: str | None
 ) -> Iterable[tuple[str, str]]:
-    from certpgo.graph import SimilarityGraph
     from certpgo.graph.phrases import counted, reading_sentence, shown_path
     from certpgo.objective.choose_cost import costs_of
     from certpgo.optima import recognise
@@ -119,7 +118,7 @@ def _lines(
     yield "nodes", f"{found.nodes}, ids {found.first_id} to {found.last_id}{gaps}"
     yield "edges", f"{found.edges}, {found.parallel_edges} of them parallel to an earlier edge"
     scaled = instance.graph.has_scales
-    if isinstance(instance.graph, SimilarityGraph):
+    if instance.graph.has_scales:
         unknown = counted(int(instance.graph.free.sum()), "node{s}")
         yield "scales", f"unknown of {unknown}: certpgo solve and certify know them, in the cost F"
     if found.points:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import csgraph
 
-from certpgo.graph import Graph
+from certpgo.graph.graph import Graph
 from certpgo.graph.kinds import Measurements
 from certpgo.linalg.arrays import IntArray
 from certpgo.linalg.blocks import adjacency

@@ -53,9 +53,7 @@ FEATURES = {
         "edges that measure only a rotation or a translation, or points",
         lambda graph: graph.is_partial,
     ),
-    "matrix weights": Feature(
-        "matrix weights or couplings", lambda graph: graph.rotation.is_general
-    ),
+    "matrix weights": Feature("matrix weights or couplings", lambda graph: graph.has_couplings),
     "arms": Feature(
         "arms, as of mounted sensors and held poses", lambda graph: graph.arms is not None
     ),

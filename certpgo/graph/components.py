@@ -22,7 +22,7 @@ def rotations_alone(instance: Instance) -> Instance:
     if not instance.graph.has_positions:
         return instance
     truth = None if instance.truth is None else instance.truth.with_translations(None)
-    numbers, graph = instance.numbers, instance.graph.rotation
+    numbers, graph = instance.numbers, instance.graph.rotations_alone
     if numbers is not None:  # those of distances come last
         numbers = numbers[: graph.num_edges]
     alone = replace(instance, graph=graph, truth=truth, initial=None, numbers=numbers)

@@ -11,9 +11,8 @@ from certpgo.errors import GraphError
 from certpgo.graph.capabilities import require_capable
 from certpgo.graph.graph import Graph
 from certpgo.graph.information import joined_information
+from certpgo.graph.kinds import Node
 from certpgo.graph.observations import Observations
-from certpgo.graph.pose_graph import PoseGraph
-from certpgo.graph.rotation_graph import RotationGraph
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
 
@@ -41,27 +40,26 @@ def joined(
         require_capable(graph, "joint graph")
     require_one_make(map(make_of, graphs))
     own = nodes or [np.arange(graph.num_nodes) for graph in graphs]
-    rotations = [graph.rotation for graph in graphs]
-    rotation = RotationGraph(
-        num_nodes,
-        np.concatenate([to[r.edges] for r, to in zip(rotations, own, strict=True)]),
-        np.concatenate([r.rotations for r in rotations]),
-        np.concatenate([r.kappa for r in rotations]),
-        _all([r.couplings for r in rotations]),
-    )
-    poses = [graph for graph in graphs if graph.has_positions]
-    if not poses:
-        return rotation
-    return PoseGraph(
-        rotation,
-        np.concatenate([graph.translations for graph in poses]),
-        np.concatenate([graph.tau for graph in poses]),
-        joined_arms(poses, poses[0].d),
-        points,
-        _flags([graph.assumed for graph in poses], poses),
-        _flags([graph.absolute for graph in poses], poses),
-        joined_information([graph.information for graph in poses]),
-        _blocks([graph.blocks for graph in poses], num_nodes, own),
+    kinds = np.full(num_nodes, Node.POSE if graphs[0].has_positions else Node.ROTATION)
+    if points is not None:
+        kinds[points] = Node.POINT
+
+    def rows(name: str) -> Any:
+        return np.concatenate([getattr(graph, name) for graph in graphs])
+
+    return Graph(
+        nodes=kinds,
+        edges=np.concatenate([to[graph.edges] for graph, to in zip(graphs, own, strict=True)]),
+        rotations=rows("rotations"),
+        kappa=rows("kappa"),
+        translations=rows("translations"),
+        tau=rows("tau"),
+        couplings=rows("couplings") if graphs[0].has_couplings else None,
+        arms=joined_arms(graphs, graphs[0].d),
+        assumed=_flags([graph.assumed for graph in graphs], graphs),
+        absolute=_flags([graph.absolute for graph in graphs], graphs),
+        information=joined_information([graph.information for graph in graphs]),
+        blocks=_blocks([graph.blocks for graph in graphs], num_nodes, own),
     )
 
 
@@ -75,7 +73,7 @@ def require_one_make(makes: Iterable[str]) -> None:
 def make_of(graph: Graph) -> str:
     """What it measures, such as ``poses in 3D``: only graphs of one make can be joined."""
     said = f"{'poses' if graph.has_positions else 'rotations'} in {graph.d}D"
-    return f"{said} with couplings" if graph.rotation.is_general else said
+    return f"{said} with couplings" if graph.has_couplings else said
 
 
 def _blocks(
@@ -92,7 +90,7 @@ def _blocks(
     )
 
 
-def _flags(known: Sequence[BoolArray | None], graphs: Sequence[PoseGraph]) -> BoolArray:
+def _flags(known: Sequence[BoolArray | None], graphs: Sequence[Graph]) -> BoolArray:
     """(m,) flags of the edges of several graphs, None for none."""
     flags = [
         np.zeros(graph.num_edges, dtype=bool) if flag is None else flag
@@ -108,11 +106,6 @@ def joined_arms(parts: Sequence[Any], d: int) -> FloatArray | None:
     return np.concatenate(
         [np.zeros((len(p.edges), d)) if p.arms is None else p.arms for p in parts]
     )
-
-
-def _all(arrays: Sequence[FloatArray | None]) -> FloatArray | None:
-    known = [array for array in arrays if array is not None]
-    return np.concatenate(known) if known else None
 
 
 def with_rows(graph: Graph, chosen: BoolArray) -> Graph:

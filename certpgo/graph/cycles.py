@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import csgraph
 
 from certpgo.errors import GraphError
-from certpgo.graph import RotationGraph
+from certpgo.graph.graph import Graph
 from certpgo.linalg.arrays import BoolArray, IntArray
 from certpgo.linalg.blocks import adjacency
 
@@ -31,13 +31,13 @@ class Walk:
     forward: BoolArray
 
 
-def is_cycle(graph: RotationGraph) -> bool:
+def is_cycle(graph: Graph) -> bool:
     """Whether the (connected) graph is a single cycle of at least three nodes."""
     degree = np.bincount(graph.edges.ravel(), minlength=graph.num_nodes)
     return graph.num_nodes >= 3 and graph.num_edges == graph.num_nodes and bool((degree == 2).all())
 
 
-def walk(graph: RotationGraph) -> Walk:
+def walk(graph: Graph) -> Walk:
     """The walk around a cycle; GraphError for other graphs."""
     n, (i, j) = graph.num_nodes, graph.edges.T
     if not is_cycle(graph):

@@ -13,7 +13,7 @@ from certpgo.errors import GraphError, require
 from certpgo.graph.concatenate import with_others
 from certpgo.graph.display import Speaking
 from certpgo.graph.estimate import Estimate
-from certpgo.graph.graph import Graph, PoseGraph, RotationGraph
+from certpgo.graph.graph import Graph
 from certpgo.graph.keys import NO_TIME, Keys
 from certpgo.graph.kinds import PRIORS, Kind, Measurements, kinds_of
 from certpgo.graph.labels import WORLD, Label, Landmark, numbering
@@ -106,7 +106,7 @@ class Instance(Speaking):
     camera: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        require(self.graph, RotationGraph | PoseGraph, "the graph of an instance")
+        require(self.graph, Graph, "the graph of an instance")
         require(self.names, list | tuple, "a tuple of names")
         object.__setattr__(self, "ids", frozen_indices(self.ids))
         object.__setattr__(self, "options", MappingProxyType(dict(self.options)))
@@ -274,7 +274,7 @@ class Instance(Speaking):
             return False
         if not np.isin(graph.tau, (0.0, 1.0)).all():
             return True
-        return not np.isin(graph.rotation.kappa, OF_ONES).all()
+        return not np.isin(graph.kappa, OF_ONES).all()
 
     @property
     def averaged(self) -> str:
@@ -336,7 +336,7 @@ class Instance(Speaking):
         times, graph = self.times_ns, self.graph
         if times is not None and self.world is not None:
             times = np.append(times, NO_TIME)
-        points = graph.points
+        points = graph.is_point if graph.is_point.any() else None
         return Keys(self.ids, times, self.names, points, self.camera)
 
     def with_edges(self, chosen: IntArray | BoolArray) -> Instance:

@@ -13,7 +13,14 @@ from certpgo.checker import FAR
 from certpgo.errors import GraphError, InputError
 from certpgo.linalg import compiled
 from certpgo.linalg import rotations as so
-from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, chosen_rows, frozen_floats
+from certpgo.linalg.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    chosen_rows,
+    frozen_flags,
+    frozen_floats,
+)
 from certpgo.linalg.blocks import adjacency
 
 Keep = Literal["all", "first", "last"]
@@ -81,6 +88,16 @@ def check_matrices(name: str, values: FloatArray, shape: tuple[int, ...], edges:
     bad = np.asarray(~(np.abs(values) < FAR).reshape(len(edges), -1).all(axis=1))
     if bad.any():
         raise GraphError(f"{edge_name(edges, bad)}: {name} must be below {FAR:.2g}")
+
+
+def check_flags(name: str, flags: BoolArray | None, m: int) -> BoolArray | None:
+    """(m,) flags of edges, or None if none is set; a GraphError if they are more or fewer."""
+    if flags is None:
+        return None
+    given = frozen_flags(flags)
+    if given.shape != (m,):
+        raise GraphError(f"{name} must be {m} flags, one per edge")
+    return given if given.any() else None
 
 
 def symmetric(A: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Measurement graphs: relative measurements between nodes, and their weights.
+"""Measurement graphs: what is measured between nodes, a row each, with the weights of every cost.
 
 Arrays are validated at construction and read-only afterwards. The convention everywhere: R_i is
 world <- body i, an edge (i, j) measures R_ij ~ R_i^T R_j and t_ij ~ R_i^T (t_j - t_i).
@@ -6,24 +6,263 @@ world <- body i, an edge (i, j) measures R_ij ~ R_i^T R_j and t_ij ~ R_i^T (t_j 
 
 from __future__ import annotations
 
-from certpgo.errors import GraphError
-from certpgo.graph.kinds import Measurements
-from certpgo.graph.pose_graph import PoseGraph
-from certpgo.graph.rotation_graph import RotationGraph
-from certpgo.graph.similarity_graph import SimilarityGraph
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any, Self
 
-__all__ = [
-    "Graph",
-    "PoseGraph",
-    "RotationGraph",
-    "SimilarityGraph",
-    "has_matrix_weights",
-    "has_no_unit",
-    "length_unit",
-    "require_connected",
-]
+import numpy as np
 
-Graph = RotationGraph | PoseGraph
+from certpgo.errors import GraphError, InputError, require
+from certpgo.graph import matrix_weights
+from certpgo.graph.display import Speaking
+from certpgo.graph.edges import (
+    Keep,
+    broadcast,
+    check_matrices,
+    check_weights,
+    chosen_nodes,
+    induced,
+    simple_edges,
+)
+from certpgo.graph.information import Information
+from certpgo.graph.kinds import Measurements, Node, places_world
+from certpgo.graph.measured import Measured
+from certpgo.graph.observations import Observations
+from certpgo.graph.phrases import (
+    components_in_words,
+    counted,
+    ranges_of_weights,
+    size_in_words,
+    solving,
+)
+from certpgo.graph.picture import circle_of, closures, drawn
+from certpgo.graph.ranges import Ranges
+from certpgo.linalg.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    chosen_rows,
+    frozen_floats,
+)
+
+#: What is computed of nodes and edges, whatever their weights.
+_CONNECTIVITY = ("components", "component_sizes", "has_positions", "is_point", "pose_nodes")
+#: Attributes without a row for each edge.
+_OF_ALL = ("nodes", "blocks", "is_signed")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Graph(Speaking, Measured):
+    """A graph of measurements; see `certpgo.graph.measured.Measured` for its attributes.
+
+    `certpgo.RotationGraph`, `certpgo.PoseGraph` and `certpgo.SimilarityGraph` make one.
+    """
+
+    @cached_property
+    def rotations_alone(self) -> Graph:
+        """The graph of the relative rotations."""
+        if not self.has_positions:
+            return self
+        m, d = self.num_edges, self.d
+        nodes = np.full(self.num_nodes, Node.ROTATION)
+        none = np.zeros((m, d)), np.zeros(m)
+        alone = Graph(nodes, self.edges, self.rotations, self.kappa, *none, self.couplings)
+        return self.sharing(alone, "polar", "components")
+
+    def sharing(self, other: Graph, *names: str) -> Graph:
+        """Another graph of the same edges, with what was computed of this one."""
+        known = {name: self.__dict__[name] for name in names if name in self.__dict__}
+        other.__dict__.update(known)
+        return other
+
+    def _with(self, **changed: Any) -> Self:
+        """The graph with some attributes that are known to be in order."""
+        other: Self = object.__new__(type(self))
+        other.__dict__.update({one.name: getattr(self, one.name) for one in fields(self)})
+        other.__dict__.update(changed)
+        self.sharing(other, *_CONNECTIVITY)
+        return other
+
+    def with_blocks(self, *given: Observations | None) -> Self:
+        """The same edges with these measurements besides, or with none.
+
+        An edge that assumes where a world is goes if one of them measures from that.
+        """
+        blocks = tuple(block for block in given if block is not None and len(block.edges))
+        graph = self._with(blocks=blocks)
+        graph._check_besides()
+        if self.assumed is None or not blocks:
+            return graph
+        needless = places_world(self)
+        needless &= np.isin(self.edges[:, 0], np.concatenate([block.edges for block in blocks]))
+        return graph.with_edges(~needless) if needless.any() else graph
+
+    def with_ranges(self, ranges: Ranges | None) -> Self:
+        """The same measurements with these distances, or with none."""
+        require(ranges, Ranges | None, "distances, or None,")
+        return self.with_blocks(*(of for of in self.blocks if type(of) is not Ranges), ranges)
+
+    def with_information(self, information: Information | FloatArray | None) -> Self:
+        """The same measurements, kappa and tau with other information matrices, or without.
+
+        Parameters
+        ----------
+        information : as the attribute, or (m, p, p) matrices of no program's residuals
+        """
+        if isinstance(information, np.ndarray):
+            information = Information.of(information)
+        graph = self._with(information=information)
+        graph._check_besides()
+        return graph
+
+    def under(self, cost: str) -> Self:
+        """The same measurements whose default cost, see `certpgo.solve`, is that of this name."""
+        if self.information is None:
+            return self
+        residual = None if cost == "chordal" else cost
+        return self.with_information(replace(self.information, residual=residual))
+
+    def with_weights(
+        self, kappa: FloatArray | float | None = None, tau: FloatArray | float | None = None
+    ) -> Self:
+        """The same measurements with other concentrations; None keeps the current ones.
+
+        Information matrices and couplings, which state others, are left out.
+        """
+        changed: dict[str, Any] = {}
+        if kappa is not None:
+            changed |= {"kappa": broadcast(kappa, self.num_edges), "couplings": None}
+        if tau is not None:
+            changed["tau"] = broadcast(tau, self.num_edges)
+        return replace(self, **changed, information=None)
+
+    def with_matrix_weights(self, W: FloatArray) -> Graph:
+        """The same measurements with terms tr(E W E^T).
+
+        Parameters
+        ----------
+        W : of poses (m, d + 1, d + 1), of rotations alone (m, d, d), symmetric positive definite;
+            see `certpgo.graph.matrix_weights`
+
+        Raises
+        ------
+        GraphError
+            One is not.
+        InputError
+            There are scales.
+        """
+        of = matrix_weights.of_poses if self.has_positions else matrix_weights.of_rotations
+        return of(self, W)
+
+    def with_unknown_scales(self, free: BoolArray) -> Self:
+        """The same measurements where these poses (n,) have an unknown scale, and no others."""
+        nodes = np.where(self.is_point, Node.POINT, np.where(free, Node.SCALED, Node.POSE))
+        return replace(self, nodes=nodes)
+
+    def in_units_of(self, scales: FloatArray) -> Self:
+        """The measurements where node i has a unit s_i times its own, and kappa is in these units.
+
+        Estimates of the two graphs differ by the scales alone. Of an estimate's scales, the unknown
+        ones are then near 1, and a rotation's residual counts in the unit of node j, that of a
+        translation in node i's: the weights are kappa / s_j^2 and tau / s_i^2 in the world's.
+
+        Parameters
+        ----------
+        scales : (n,) positive, 1 for poses of known scale
+        """
+        i, j = self.edges.T
+        return replace(
+            self,
+            translations=scales[i, None] * self.translations,
+            tau=self.tau / scales[i] ** 2,
+            scales=self.scales * scales[i] / scales[j],
+        )
+
+    def reweighted(self, factors: FloatArray) -> Self:
+        """Concentrations and information times factors (m,); an edge with factor 0 is removed."""
+        factors = broadcast(factors, self.num_edges)
+        kept = factors != 0.0
+        information = self.information and self.information.reweighted(factors)
+        graph = self if kept.all() else self.with_information(None).with_edges(kept)
+        factors = factors[kept]
+        other = graph._with(
+            kappa=frozen_floats(factors * graph.kappa),
+            tau=frozen_floats(factors * graph.tau),
+            information=information,
+        )
+        if (N := graph.couplings) is not None:
+            N = frozen_floats(factors[:, None, None] * N)
+            check_matrices("couplings", N, graph.rotations.shape, graph.edges)
+            other = other._with(couplings=N)
+        check_weights("kappa", other.kappa, other.edges, or_none=True)
+        other._check_tau()
+        return other
+
+    def scaled(self, factor: float) -> Self:
+        """All concentrations, information and other weights times ``factor``."""
+        graph = self.with_information(None).reweighted(np.full(self.num_edges, factor))
+        graph = graph.with_information(self.information and self.information.scaled(factor))
+        return graph.with_blocks(*(block.scaled(factor) for block in self.blocks))
+
+    def without_parallel_edges(self, keep: Keep) -> Self:
+        """Keep ``"all"`` parallel edges, or the ``"first"`` or ``"last"`` of each pair {i, j}."""
+        return self.with_edges(simple_edges(self.num_nodes, self.edges, keep))
+
+    def with_edges(self, chosen: IntArray | BoolArray) -> Self:
+        """All nodes with only the ``chosen`` edges, given by index or mask (m,)."""
+        return replace(self, **self._rows(chosen_rows(chosen, self.num_edges, "edges")))
+
+    def subgraph(self, nodes: IntArray) -> Self:
+        """The graph induced on ``nodes``, renumbered in that order."""
+        nodes = chosen_nodes(nodes, self.num_nodes)
+        edges, chosen = induced(self.num_nodes, self.edges, nodes)
+        blocks = tuple(filter(None, (block.between(nodes) for block in self.blocks)))
+        rows = self._rows(chosen) | {"edges": edges}
+        return replace(self, **rows, nodes=self.nodes[nodes], blocks=blocks)
+
+    def _rows(self, chosen: IntArray | BoolArray) -> dict[str, Any]:
+        """Some rows of all arrays that have one for each edge."""
+        names = (one.name for one in fields(self) if one.name not in _OF_ALL)
+        arrays = {name: getattr(self, name) for name in names}
+        return {name: values[chosen] for name, values in arrays.items() if values is not None}
+
+    # --- Words ------------------------------------------------------------------------------------
+
+    @property
+    def size_in_words(self) -> str:
+        """Such as ``216 poses and 30 points, 513 edges, 3D``."""
+        poses, m = len(self.pose_nodes), self.num_measurements
+        said = size_in_words(poses, self.num_nodes - poses, m, self.d, kind=self.kind)
+        unknown = counted(int(self.free.sum()), "unknown scale{s}")
+        return f"{said}, {unknown}" if self.has_scales else said
+
+    @property
+    def _headline(self) -> str:
+        return f"{type(self).__name__}: {self.size_in_words}"
+
+    def _facts(self) -> Iterator[tuple[str, str]]:
+        yield from ranges_of_weights(
+            self.kappa, self.tau, "square unit" if self.has_scales else "m^2"
+        )
+        if self.has_matrix_weights:
+            yield "", "these are means: edges have matrix weights"
+        if self.is_partial:
+            yield "partial", "some edges measure a rotation or a translation alone"
+        if self.has_scales:
+            low, high = self.scales.min(), self.scales.max()
+            yield "scales", f"relative scales {low:.4g} to {high:.4g}"
+        yield "connected", components_in_words(self.component_sizes)
+        yield "next", solving(self.component_sizes)
+
+    def _picture(self) -> str:
+        from certpgo.graph.trees import tree_initialization
+
+        draws = self.has_positions and self.is_connected and not self.is_partial
+        reckoned = tree_initialization(self).translations if draws else None
+        if reckoned is None:
+            return circle_of(self.num_nodes, self.edges)
+        return drawn(reckoned, closures(self.edges), self.pose_nodes)
 
 
 def require_connected(graph: Graph | Measurements) -> None:
@@ -37,14 +276,11 @@ def require_connected(graph: Graph | Measurements) -> None:
         )
 
 
-def has_matrix_weights(graph: Graph) -> bool:
-    """Whether edges have couplings or arms, as those with matrix weights do."""
-    return graph.arms is not None or graph.rotation.is_general
-
-
-def has_no_unit(graph: object) -> bool:
-    """Whether a graph has nodes of unknown scale alone, so that its map has no unit of length."""
-    return bool(getattr(graph, "in_mean_unit", False))
+def require_positions(graph: object) -> None:
+    """Refuse anything but a graph whose nodes have positions, by an InputError."""
+    require(graph, Graph, "a graph of poses")
+    if isinstance(graph, Graph) and not graph.has_positions:
+        raise InputError("a graph of poses expected, not of rotations alone")
 
 
 def length_unit(graph: Graph) -> str:

@@ -16,14 +16,14 @@ import numpy as np
 
 from certpgo.errors import InputError
 from certpgo.graph.concatenate import joined
+from certpgo.graph.constructors import PoseGraph, RotationGraph
 from certpgo.graph.dataset import Instance
 from certpgo.graph.estimate import Estimate
-from certpgo.graph.graph import Graph, PoseGraph, SimilarityGraph
+from certpgo.graph.graph import Graph
 from certpgo.graph.labels import WORLD, unused
 from certpgo.graph.mounted import Frames, mounted
 from certpgo.graph.phrases import counted, few
 from certpgo.graph.priors import origin_of
-from certpgo.graph.rotation_graph import RotationGraph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
@@ -50,7 +50,7 @@ def with_held(instance: Instance, *, hold: bool = True) -> Instance:
         There are distances, or all measurements are between fixed nodes; or what is to be released
         is not known without the constraints.
     """
-    if isinstance(instance.graph, SimilarityGraph) and not hold:
+    if instance.graph.has_scales and not hold:
         return _without_unit(instance, instance.graph)
     fixed = np.unique(np.array(instance.fixed, dtype=np.intp))
     constrained = len(fixed) + (instance.world is not None) > 1 and len(fixed) > 0
@@ -130,14 +130,14 @@ def _with_world(
     return replace(grown, truth=truth, initial=initial), initial
 
 
-def _without_unit(instance: Instance, graph: SimilarityGraph) -> Instance:
+def _without_unit(instance: Instance, graph: Graph) -> Instance:
     """The instance without the scale that is the unit; several that are known are measured."""
     known = np.flatnonzero(~graph.free & ~graph.is_point)
     if len(known) > 1:
         said = f"{len(known)} scales are known, more than a unit: they are not released"
         return replace(instance, notices=(*instance.notices, said))
     said = "no scale is held: the unit is the root mean square of all"
-    free = replace(graph, free=~graph.is_point)
+    free = graph.with_unknown_scales(~graph.is_point)
     return replace(instance, graph=free, fixed=(), notices=(*instance.notices, said))
 
 
@@ -169,7 +169,7 @@ def _same(one: Instance, other: Instance) -> bool:
     arrays = []
     for instance in (one, other):
         graph = instance.graph.with_edges(instance.is_measured)
-        own = [graph.edges, graph.rotations, graph.rotation.kappa]
+        own = [graph.edges, graph.rotations, graph.kappa]
         if graph.has_positions:
             own += [graph.translations, graph.tau]
             if graph.information is not None:
@@ -256,7 +256,7 @@ def _with_exact(
         in_world = _poses(instance.initial, np.array([root]))
         R, t = (np.concatenate(pair) for pair in zip(in_world, (R, t), strict=True))
     is_point = graph.is_point[seen[:, 1]]
-    kappa = np.where(is_point, 0.0, graph.rotation.kappa.max() or 1.0)
+    kappa = np.where(is_point, 0.0, graph.kappa.max() or 1.0)
     rotation = RotationGraph(n, seen, np.where(is_point[:, None, None], np.eye(d), R), kappa)
     if not graph.has_positions:
         return joined([graph, rotation], n)
@@ -264,5 +264,5 @@ def _with_exact(
     absolute = seen[:, 0] == world if world is not None else None
     own = graph.information and graph.information.stating(kappa, tau)
     assumed = np.ones(len(seen), bool)
-    exact = PoseGraph(rotation, t, tau, None, graph.points, assumed, absolute, own)
-    return joined([graph, exact], n, graph.points)
+    exact = PoseGraph(rotation, t, tau, None, graph.is_point, assumed, absolute, own)
+    return joined([graph, exact], n, graph.is_point)

@@ -152,7 +152,7 @@ class Information(Brief):
         unit = np.repeat([1.0, 0.5], d)  # a quaternion's vector part is half of a tangent vector
         return replace(self, distinct=self.distinct * np.outer(unit, unit), about="tangent")
 
-    def subset(self, chosen: IntArray | BoolArray) -> Information:
+    def __getitem__(self, chosen: IntArray | BoolArray) -> Information:
         """The matrices of some edges, given by index or mask (m,)."""
         index = self.index[chosen]
         if len(index) >= len(self.distinct):

@@ -1,4 +1,4 @@
-"""What measurements measure: the only place where a kind is inferred from weights and nodes."""
+"""What nodes are, and what measurements measure: kinds of those are inferred here alone."""
 
 from __future__ import annotations
 
@@ -12,6 +12,15 @@ import numpy as np
 from certpgo.graph.edges import Pairs
 from certpgo.graph.phrases import counted
 from certpgo.linalg.arrays import BoolArray, IntArray
+
+
+class Node(IntEnum):
+    """What a node is."""
+
+    POSE = 0  #: a rotation and a position
+    ROTATION = 1  #: a rotation alone, as all nodes of its graph
+    POINT = 2  #: a position alone, such as a landmark
+    SCALED = 3  #: a pose whose unit of length is unknown
 
 
 class Kind(IntEnum):

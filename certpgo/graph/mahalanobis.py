@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from certpgo.graph.edges import symmetric
+from certpgo.graph.graph import Graph
 from certpgo.graph.information import Information
-from certpgo.graph.pose_graph import PoseGraph
+from certpgo.graph.matrix_weights import of_rotations
 
 #: How far K stays from singular where it is clipped, relative to O's second eigenvalue.
 _MARGIN = 2.0**-20
 
 
-def mahalanobis(graph: PoseGraph, information: Information) -> Mahalanobis:
+def mahalanobis(graph: Graph, information: Information) -> Mahalanobis:
     """The graph whose rotational terms are the Mahalanobis distances of the information.
 
     A term tr(E K E^T), E = R_j - R_i R_ij, is 4 sin^2(theta/2) n^T O n for a residual angle theta
@@ -38,13 +38,12 @@ def mahalanobis(graph: PoseGraph, information: Information) -> Mahalanobis:
     values[:, 2] = np.minimum(values[:, 2], most)
     K = 0.5 * (values.sum(axis=1)[:, None] - 2.0 * values)
     weights = symmetric((axes * K[:, None, :]) @ np.swapaxes(axes, 1, 2))[information.index]
-    rotation = graph.rotation.with_matrix_weights(weights)
-    general = replace(graph, rotation=rotation, information=None)
+    general = of_rotations(graph, weights)
     return Mahalanobis(general, int(np.count_nonzero(clipped[information.index])))
 
 
 class Mahalanobis(NamedTuple):
     """A graph with Mahalanobis weights, and on how many edges they are lowered."""
 
-    graph: PoseGraph
+    graph: Graph
     clipped: int

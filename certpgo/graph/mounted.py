@@ -10,12 +10,10 @@ alone is in the frame of node i, and so A T A^T.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import overload
 
 import numpy as np
 
-from certpgo.graph.graph import Graph, PoseGraph
-from certpgo.graph.rotation_graph import RotationGraph
+from certpgo.graph.graph import Graph
 from certpgo.linalg.arrays import FloatArray, IntArray
 
 
@@ -41,10 +39,6 @@ class Frames:
         return Frames(self.rotations[chosen], self.translations[chosen])
 
 
-@overload
-def mounted(graph: PoseGraph, edges: IntArray, first: Frames, second: Frames) -> PoseGraph: ...
-@overload
-def mounted(graph: Graph, edges: IntArray, first: Frames, second: Frames) -> Graph: ...
 def mounted(graph: Graph, edges: IntArray, first: Frames, second: Frames) -> Graph:
     """The graph between other nodes, which carry the nodes that it is between.
 
@@ -55,17 +49,16 @@ def mounted(graph: Graph, edges: IntArray, first: Frames, second: Frames) -> Gra
     first, second : where those of the first and second nodes are
     """
     A, B = first.rotations, second.rotations
-    R = A @ graph.rotation.rotations @ np.swapaxes(B, 1, 2)
-    rotation = RotationGraph(graph.num_nodes, edges, R, graph.rotation.kappa)
+    R = A @ graph.rotations @ np.swapaxes(B, 1, 2)
+    moved = replace(graph, edges=edges, rotations=R)
     if not graph.has_positions:
-        return rotation
+        return moved
     arms = second.translations
     if graph.arms is not None:
         arms = arms + _turned(B, graph.arms)
     frames = np.where(graph.measures_rotation[:, None, None], B, A)
     return replace(
-        graph,
-        rotation=rotation,
+        moved,
         translations=first.translations + _turned(A, graph.translations),
         arms=arms if arms.any() else None,
         information=graph.information and graph.information.turned(frames),

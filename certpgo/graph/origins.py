@@ -9,7 +9,7 @@ import numpy as np
 
 from certpgo.errors import InputError
 from certpgo.graph.estimate import Estimate
-from certpgo.graph.graph import Graph, PoseGraph
+from certpgo.graph.graph import Graph
 from certpgo.graph.kinds import places_world
 from certpgo.graph.priors import measures_from
 from certpgo.linalg.arrays import BoolArray, FloatArray
@@ -63,7 +63,7 @@ def _places(graph: Graph, world: int | None) -> bool:
     return bool(_of_world(graph, world).any()) or measures_from(graph, world)
 
 
-def _of_world(graph: PoseGraph, world: int) -> BoolArray:
+def _of_world(graph: Graph, world: int) -> BoolArray:
     """(m,) which edges know a position in the world."""
     moved = (graph.edges[:, 0] == world) & graph.measures_translation
     return np.asarray(moved & ~places_world(graph))

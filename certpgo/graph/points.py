@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from certpgo.graph.estimate import Estimate
-from certpgo.graph.pose_graph import PoseGraph
+from certpgo.graph.graph import Graph
 from certpgo.linalg.arrays import IntArray
 from certpgo.linalg.blocks import scatter_sum
 
 
-def with_points(graph: PoseGraph, poses: Estimate, nodes: IntArray) -> Estimate:
+def with_points(graph: Graph, poses: Estimate, nodes: IntArray) -> Estimate:
     """An estimate of all nodes: each point is at the mean, weighted by tau, of where it is seen.
 
     Parameters

@@ -5,20 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Literal, cast
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from certpgo.errors import GraphError, InputError, require
+from certpgo.errors import GraphError, InputError
 from certpgo.graph.capabilities import require_capable
 from certpgo.graph.concatenate import joined
+from certpgo.graph.constructors import PoseGraph, RotationGraph, of_couplings
 from certpgo.graph.edges import broadcast, check_weights, components_of
 from certpgo.graph.estimate import Estimate
-from certpgo.graph.graph import Graph
+from certpgo.graph.graph import Graph, require_positions
 from certpgo.graph.kinds import places_world
-from certpgo.graph.pose_graph import PoseGraph
-from certpgo.graph.rotation_graph import RotationGraph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_floats
 
@@ -29,7 +28,7 @@ FARAWAY = 8.0
 
 
 def with_priors(
-    graph: PoseGraph,
+    graph: Graph,
     nodes: IntArray,
     rotations: FloatArray | None = None,
     translations: FloatArray | None = None,
@@ -37,7 +36,7 @@ def with_priors(
     kappa: FloatArray | float = 0.0,
     tau: FloatArray | float = 0.0,
     world: int | None = None,
-) -> PoseGraph:
+) -> Graph:
     """The graph with one more node, the world, from which some nodes are measured.
 
     The world is the last node, and an ordinary pose: in an estimate moved so that it is the
@@ -82,7 +81,7 @@ def with_priors(
     >>> print(answer.verdict.value, bool(error.max() < 0.1))
     CERTIFIED True
     """
-    require(graph, PoseGraph, "a PoseGraph")
+    require_positions(graph)
     require_capable(graph, "priors")
     nodes = _numbers(nodes)
     for name, weights, values in (("kappa", kappa, rotations), ("tau", tau, translations)):
@@ -109,14 +108,14 @@ def with_priors(
 
 
 def with_directions(
-    graph: PoseGraph,
+    graph: Graph,
     nodes: IntArray,
     seen: FloatArray,
     *,
     kappa: FloatArray | float,
     direction: FloatArray | None = None,
     world: int | None = None,
-) -> PoseGraph:
+) -> Graph:
     """The graph with measurements of one direction of the world, such as gravity's, by some nodes.
 
     Their terms are kappa |R_w h - R_i g|^2 for the direction h in the world and g in the node's
@@ -155,9 +154,9 @@ def with_directions(
     >>> print(answer.verdict.value, bool(np.abs(tilt).max() < 0.02))
     CERTIFIED True
     """
-    require(graph, PoseGraph, "a PoseGraph")
+    require_positions(graph)
     require_capable(graph, "directions")
-    nodes, d, rotation = _numbers(nodes), graph.d, graph.rotation
+    nodes, d = _numbers(nodes), graph.d
     k = len(nodes)
     g, h = frozen_floats(seen), np.eye(d)[-1]
     if direction is not None:
@@ -170,13 +169,10 @@ def with_directions(
     weights = broadcast(kappa, k)
     pairs = np.stack([place, nodes], axis=1)
     check_weights("kappa", weights, pairs)
-    if rotation.couplings is None:
-        coupled = rotation.kappa[:, None, None] * rotation.rotations
-        general = RotationGraph.of_couplings(
-            graph.num_nodes, graph.edges, rotation.rotations, coupled
-        )
-        graph = replace(graph, rotation=general, information=None)
-    seen_by = RotationGraph.of_couplings(
+    if not graph.has_couplings:
+        coupled = graph.kappa[:, None, None] * graph.rotations
+        graph = replace(graph, couplings=coupled, information=None)
+    seen_by = of_couplings(
         graph.num_nodes + added,
         pairs,
         so.aligning(g, h),
@@ -186,20 +182,17 @@ def with_directions(
     return _with_absolute(graph, seen_by, zeros, np.zeros(k))
 
 
-def _with_absolute(
-    graph: PoseGraph, rotation: RotationGraph, t: FloatArray, tau: FloatArray
-) -> PoseGraph:
+def _with_absolute(graph: Graph, rotation: Graph, t: FloatArray, tau: FloatArray) -> Graph:
     """The graph with measurements from a world, whose rotations ``rotation`` has, of all nodes."""
-    n, points = rotation.num_nodes, graph.points
-    if points is not None:
-        points = np.append(points, np.zeros(n - graph.num_nodes, dtype=bool))
+    n = rotation.num_nodes
+    points = np.append(graph.is_point, np.zeros(n - graph.num_nodes, dtype=bool))
     known = np.ones(len(tau), dtype=bool)
     priors = _stated_by(graph, PoseGraph(rotation, t, tau, None, points, None, known))
-    whole = cast("PoseGraph", joined([graph, priors], n, points))
+    whole = joined([graph, priors], n, points)
     return placing(whole, int(rotation.edges[0, 0])) if len(tau) else whole
 
 
-def placing(graph: PoseGraph, world: int) -> PoseGraph:
+def placing(graph: Graph, world: int) -> Graph:
     """The graph with a world that is somewhere, by one more edge if no other knows a position.
 
     That edge, the last one, puts it at the first node that is measured from it.
@@ -208,15 +201,15 @@ def placing(graph: PoseGraph, world: int) -> PoseGraph:
     known = (of_world & moved).any() or measures_from(graph, world)
     if known or not of_world.any() or not moved.any():
         return graph
-    d, none = graph.d, graph.rotation.couplings
+    d, none = graph.d, graph.couplings
     if none is not None:
         none = np.zeros((1, d, d))
     edge, still, is_so = graph.edges[of_world][:1], np.eye(d)[None], np.array([True])
     tau = np.median(graph.tau[moved])
     place = RotationGraph(graph.num_nodes, edge, still, np.zeros(1), none)
-    put = PoseGraph(place, np.zeros((1, d)), np.array([tau]), None, graph.points, is_so, is_so)
+    put = PoseGraph(place, np.zeros((1, d)), np.array([tau]), None, graph.is_point, is_so, is_so)
     put = _stated_by(graph, put)
-    return cast("PoseGraph", joined([graph, put], graph.num_nodes, graph.points))
+    return joined([graph, put], graph.num_nodes, graph.is_point)
 
 
 def measures_from(graph: Graph, node: int) -> bool:
@@ -224,14 +217,14 @@ def measures_from(graph: Graph, node: int) -> bool:
     return any(bool((block.edges == node).any()) for block in graph.blocks)
 
 
-def _stated_by(graph: PoseGraph, part: PoseGraph) -> PoseGraph:
+def _stated_by(graph: Graph, part: Graph) -> Graph:
     """A part for a graph, with information matrices if that has some."""
     if (own := graph.information) is None:
         return part
-    return part.with_information(own.stating(part.rotation.kappa, part.tau))
+    return part.with_information(own.stating(part.kappa, part.tau))
 
 
-def _unplaced(graph: PoseGraph, world: int | None) -> PoseGraph:
+def _unplaced(graph: Graph, world: int | None) -> Graph:
     """The graph without the edge that puts a world somewhere, as positions are measured from it."""
     placing = places_world(graph) & (graph.edges[:, 0] == world)
     return graph.with_edges(~placing) if placing.any() else graph
@@ -331,7 +324,7 @@ def levers(graph: Graph) -> tuple[BoolArray, BoolArray]:
     return first, turned if graph.arms is None else turned | (moved & graph.arms.any(axis=1))
 
 
-def mirrored_by(graph: PoseGraph) -> Literal["line", "plane", "perhaps"] | None:
+def mirrored_by(graph: Graph) -> Literal["line", "plane", "perhaps"] | None:
     """Whether a mirror image of a part may fit as well, which the relaxation allows.
 
     Surely for positions on a line of the plane, or in a plane of space, that alone join it.
@@ -343,13 +336,13 @@ def mirrored_by(graph: PoseGraph) -> Literal["line", "plane", "perhaps"] | None:
     return "perhaps" if graph.d == 3 or rotations_are_apart(graph) else None
 
 
-def rotations_are_apart(graph: PoseGraph) -> bool:
+def rotations_are_apart(graph: Graph) -> bool:
     """Whether positions alone join some poses to the others, or to the world."""
     part = components_of(graph.num_nodes, graph.edges[graph.measures_rotation])
     return len(np.unique(part[graph.pose_nodes])) > 1
 
 
-def handedness_is_open(graph: PoseGraph) -> bool:
+def handedness_is_open(graph: Graph) -> bool:
     """Whether positions in a plane, for d = 2 on a line, are all that joins a part to the rest.
 
     A mirror image of the part fits these as well.

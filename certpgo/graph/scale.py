@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 
 from certpgo.graph.graph import Graph
-from certpgo.graph.pose_graph import PoseGraph
 from certpgo.linalg.arrays import BoolArray, FloatArray
 
 #: How many times the lower quartile a measurement counts at most: no rigid mount makes W its own.
@@ -45,10 +44,10 @@ class Scale:
     @staticmethod
     def of(graph: Graph) -> Scale:
         """That of F: of kappa, and of tau |t_ij|^2."""
-        return Scale.weighed(graph, graph.rotation.kappa, graph.tau)
+        return Scale.weighed(graph, graph.kappa, graph.tau)
 
     @staticmethod
-    def informed(graph: PoseGraph) -> Scale:
+    def informed(graph: Graph) -> Scale:
         """That of other programs' costs: of the mean information, of translations |t_ij|^2 times.
 
         Raises

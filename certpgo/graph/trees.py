@@ -8,7 +8,8 @@ from typing import Literal
 import numpy as np
 from scipy.sparse import csgraph, csr_array
 
-from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.graph import Estimate
+from certpgo.graph.graph import Graph
 from certpgo.linalg import compiled
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
@@ -16,7 +17,7 @@ from certpgo.linalg.blocks import adjacency
 
 
 def spanning_tree(
-    graph: RotationGraph | PoseGraph,
+    graph: Graph,
     lengths: FloatArray | None = None,
     *,
     root: int | Literal["center"] = 0,
@@ -38,23 +39,23 @@ def spanning_tree(
     return _breadth_first(tree, start)[1]
 
 
-def tree_initialization(graph: RotationGraph | PoseGraph) -> Estimate:
+def tree_initialization(graph: Graph) -> Estimate:
     """Poses composed along the breadth-first tree of a central node."""
     return compose(graph, spanning_tree(graph, root="center"))
 
 
-def minimum_spanning_tree(graph: RotationGraph | PoseGraph, lengths: FloatArray) -> csr_array:
+def minimum_spanning_tree(graph: Graph, lengths: FloatArray) -> csr_array:
     """(n, n) lengths of the edges of a minimum spanning tree, for positive lengths (m,)."""
     return csgraph.minimum_spanning_tree(_simple(graph, lengths))
 
 
-def _neighbours(graph: RotationGraph | PoseGraph) -> csr_array:
+def _neighbours(graph: Graph) -> csr_array:
     """(n, n) adjacency, above the diagonal."""
     low, high = np.sort(graph.edges, axis=1).T
     return adjacency(graph.num_nodes, low, high, np.ones(graph.num_edges))
 
 
-def _simple(graph: RotationGraph | PoseGraph, lengths: FloatArray) -> csr_array:
+def _simple(graph: Graph, lengths: FloatArray) -> csr_array:
     """(n, n) edge lengths, the shortest of parallel edges: csgraph would add them up."""
     low, high = np.sort(graph.edges, axis=1).T
     order = np.lexsort((lengths, high, low))
@@ -78,26 +79,25 @@ def _breadth_first(graph: csr_array, root: int) -> tuple[IntArray, IntArray]:
     return np.asarray(order, dtype=np.intp), np.asarray(parents, dtype=np.intp)
 
 
-def compose(graph: RotationGraph | PoseGraph, parents: IntArray) -> Estimate:
+def compose(graph: Graph, parents: IntArray) -> Estimate:
     """Absolute poses from the measurements on tree edges (child, parent).
 
     Parameters
     ----------
     parents : (n,) parent of each node, negative for the root
     """
-    rotation = graph.rotation
-    n, d = rotation.num_nodes, rotation.d
+    n, d = graph.num_nodes, graph.d
     if not compiled.AVAILABLE:
-        return _composed(graph, rotation, parents)
+        return _composed(graph, parents)
     R, t, moved = np.empty((n, d, d)), None, None
     if graph.has_positions:
         t, moved = np.empty((n, d)), graph.steps
-    edges = rotation.edges, rotation.rotations, None, rotation.kappa, None, moved, None
+    edges = graph.edges, graph.rotations, None, graph.kappa, None, moved, None
     compiled.kernel.compose(edges, d, np.ascontiguousarray(parents, dtype=np.int64), R, t)
     return Estimate(so.project(R), t)
 
 
-def with_leaves_placed(graph: RotationGraph | PoseGraph, estimate: Estimate) -> Estimate:
+def with_leaves_placed(graph: Graph, estimate: Estimate) -> Estimate:
     """The estimate with nodes of a single edge where that measures them, so that it costs nothing.
 
     Nodes that a file holds are such leaves, see `certpgo.graph.held`.
@@ -109,7 +109,7 @@ def with_leaves_placed(graph: RotationGraph | PoseGraph, estimate: Estimate) -> 
     i, j = graph.edges[chosen].T
     forward = is_leaf[j]
     leaf, other = np.where(forward, [j, i], [i, j])
-    R, turn = estimate.rotations.copy(), graph.rotation.rotations[chosen]
+    R, turn = estimate.rotations.copy(), graph.rotations[chosen]
     turn = np.where(forward[:, None, None], turn, np.swapaxes(turn, 1, 2))
     turns = graph.measures_rotation[chosen]
     R[leaf[turns]] = so.project((R[other] @ turn)[turns])
@@ -125,14 +125,12 @@ def with_leaves_placed(graph: RotationGraph | PoseGraph, estimate: Estimate) -> 
     return replace(estimate, rotations=R, translations=t)
 
 
-def _composed(
-    graph: RotationGraph | PoseGraph, rotation: RotationGraph, parents: IntArray
-) -> Estimate:
-    n, d = rotation.num_nodes, rotation.d
+def _composed(graph: Graph, parents: IntArray) -> Estimate:
+    n, d = graph.num_nodes, graph.d
     children = np.flatnonzero(parents >= 0)
-    edge, forward = _edges_between(rotation, parents[children], children)
+    edge, forward = _edges_between(graph, parents[children], children)
     R, t = np.tile(np.eye(d), (n, 1, 1)), None
-    measured = rotation.rotations[edge]
+    measured = graph.rotations[edge]
     R[children] = np.where(forward[:, None, None], measured, np.swapaxes(measured, 1, 2))
     if graph.has_positions:
         step, t = graph.steps[edge], np.zeros((n, d))
@@ -158,7 +156,7 @@ def _jump(parents: IntArray, R: FloatArray, t: FloatArray | None) -> None:
 
 
 def _edges_between(
-    graph: RotationGraph, parents: IntArray, children: IntArray
+    graph: Graph, parents: IntArray, children: IntArray
 ) -> tuple[IntArray, BoolArray]:
     """For each parent and child an edge between them, and whether it points to the child."""
     n, (i, j) = graph.num_nodes, graph.edges.T

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from certpgo.errors import InputError, InputNotice, kind_of
-from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
+from certpgo.graph import Estimate, Graph, Instance
 from certpgo.io.estimates import posed_as, read_estimate
 from certpgo.io.format import AnyPath
 from certpgo.io.reading import read
@@ -50,7 +50,7 @@ def as_instance(given: Any, taker: str, name: str = "graph") -> Instance:
         It is something else.
     """
     posed = measured(given)
-    if isinstance(posed, PoseGraph | RotationGraph):
+    if isinstance(posed, Graph):
         return Instance(name, posed, np.arange(posed.num_nodes))
     if not isinstance(posed, Instance):
         raise InputError(f"{taker} takes a graph, an instance or a path, not {kind_of(posed)}")

@@ -8,14 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.errors import FormatError, NoEdges, NoMeasurements
-from certpgo.graph import (
-    Estimate,
-    Graph,
-    Instance,
-    PoseGraph,
-    RotationGraph,
-    SimilarityGraph,
-)
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph, SimilarityGraph
 from certpgo.graph.information import joined_information
 from certpgo.graph.mounted import Frames, mounted
 from certpgo.graph.phrases import counted, shown_path
@@ -172,9 +165,7 @@ def _refuse_far(path: Path, ids: IntArray, rows: Rows) -> None:
         raise FormatError(path, None, said)
 
 
-def _graph(
-    nodes: Nodes, measured: Rows, unit: int, *, with_translations: bool
-) -> PoseGraph | RotationGraph:
+def _graph(nodes: Nodes, measured: Rows, unit: int, *, with_translations: bool) -> Graph:
     """Measurements between poses, then those of points; of similarities, a node has scale 1."""
     n, R, kappa = len(nodes.ids), measured.rotations, measured.kappa
     rotation = RotationGraph(n, measured.nodes, R, kappa)
@@ -193,7 +184,7 @@ def _graph(
     )
 
 
-def anchored(graph: PoseGraph, priors: Rows) -> tuple[PoseGraph, FloatArray | None, str]:
+def anchored(graph: Graph, priors: Rows) -> tuple[Graph, FloatArray | None, str]:
     """The graph with the world as its last node, the world's origin, and a notice."""
     placed = priors.tau > 0.0
     origin = origin_of(priors.translations[placed])
@@ -207,7 +198,7 @@ def anchored(graph: PoseGraph, priors: Rows) -> tuple[PoseGraph, FloatArray | No
         tau=priors.tau,
     )
     stated, m = joined.information, graph.num_edges + len(priors)
-    place = stated and stated.subset(np.arange(m, joined.num_edges))
+    place = stated and stated[np.arange(m, joined.num_edges)]
     both = joined_information([graph.information, priors.information, place])
     said = counted(len(priors), "prior{s}, measured from a node that stands for the world")
     for alone, what in ((priors.kappa == 0.0, "positions"), (~placed, "attitudes")):
@@ -216,7 +207,7 @@ def anchored(graph: PoseGraph, priors: Rows) -> tuple[PoseGraph, FloatArray | No
     return joined.with_information(both), origin if origin.any() else None, said
 
 
-def _of_bodies(graph: PoseGraph, mounts: Frames | None) -> PoseGraph:
+def _of_bodies(graph: Graph, mounts: Frames | None) -> Graph:
     """The graph whose last measurements, the priors, are of sensors that are on their bodies."""
     if mounts is None:
         return graph

@@ -106,7 +106,7 @@ def read(
     >>> edges = ((10, 20), (20, 30), (30, 40), (40, 10))
     >>> _ = Path("square.g2o").write_text("\n".join(line.format(*edge) for edge in edges))
     >>> instance = certpgo.read("square.g2o")
-    >>> instance.graph.num_nodes, instance.graph.rotation.kappa[0], instance.graph.tau[0]
+    >>> instance.graph.num_nodes, instance.graph.kappa[0], instance.graph.tau[0]
     (4, np.float64(100.0), np.float64(25.0))
     >>> instance.ids
     array([10, 20, 30, 40])

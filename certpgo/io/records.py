@@ -72,7 +72,7 @@ class Rows:
     def subset(self, chosen: IntArray | BoolArray) -> Rows:
         """Some lines, by index or mask."""
         columns: dict[str, Any] = {name: getattr(self, name)[chosen] for name in self._columns()}
-        information = self.information and self.information.subset(chosen)
+        information = self.information and self.information[chosen]
         return replace(self, **columns, information=information)
 
     def in_order(self) -> Rows:

@@ -60,7 +60,7 @@ def refuse_unwritable(path: Path, whole: Instance, form: Format) -> None:
     for block in graph.blocks:
         if not isinstance(block, Ranges):
             raise InputError(f"{path}: no format holds {type(block).__name__}")
-    if graph.rotation.is_general:
+    if graph.has_couplings:
         raise InputError(f"{path}: no format holds matrix weights or couplings")
     if graph.has_scales and not form.holds_scales:
         raise InputError(f"{path}: only .g2o and .npz files hold similarities")

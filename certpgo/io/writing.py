@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from certpgo.errors import InputError, InputNotice, kind_of, require
-from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
+from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.held import as_stated
 from certpgo.graph.keys import SECOND, Keys
 from certpgo.graph.phrases import in_utf8
@@ -99,7 +99,7 @@ def write(
     if isinstance(what, Estimate):
         _write_estimate(path, form, what, instance, ids, anchor, timestamps)
         return
-    if not isinstance(what, Instance | PoseGraph | RotationGraph):
+    if not isinstance(what, Instance | Graph):
         raise InputError(f"a graph or an estimate is written, not {kind_of(what)}")
     if form.write_graph is None:
         raise InputError(f"{path}: {form.name} cannot be written for a graph")

@@ -12,9 +12,8 @@ from typing import Any, Self, TypeVar, cast
 import numpy as np
 
 from certpgo.errors import InputError, kind_of
-from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.graph import Estimate, Graph
 from certpgo.graph.display import Brief
-from certpgo.graph.graph import has_matrix_weights
 from certpgo.graph.relaxed_point import Lift, Point, require_nodes, rounded
 from certpgo.linalg import factor
 from certpgo.linalg import rotations as so
@@ -63,7 +62,7 @@ class FirstOrder(Brief):
 class Quadratic(Objective, ABC):
     """F, a quadratic form of rotations and translations: the base of rotation and pose problems."""
 
-    graph: RotationGraph | PoseGraph
+    graph: Graph
 
     def _facts(self) -> Iterator[tuple[str, str]]:
         *measured, _ = self.graph._facts()
@@ -112,7 +111,7 @@ class Quadratic(Objective, ABC):
         return self
 
     @property
-    def measured(self) -> RotationGraph | PoseGraph:
+    def measured(self) -> Graph:
         """The measurements without distances: all of them."""
         return self.graph
 
@@ -145,7 +144,7 @@ class Quadratic(Objective, ABC):
     def _own_minorants(self) -> Minorants:
         return untruncated(self.graph)
 
-    def isotropic_below(self, chosen: BoolArray) -> RotationGraph | PoseGraph:
+    def isotropic_below(self, chosen: BoolArray) -> Graph:
         """The measurements among ``chosen`` (m,): their terms are F's."""
         return self.graph.with_edges(chosen)
 
@@ -160,7 +159,7 @@ class Quadratic(Objective, ABC):
     @property
     def unprovable(self) -> str:
         """Why there are no proofs of the cost; empty if there are."""
-        if not has_matrix_weights(self.graph):
+        if not self.graph.has_matrix_weights:
             return ""
         return (
             "the proof tier is for isotropic weights, not for edges with matrix weights, "
@@ -193,10 +192,9 @@ class Quadratic(Objective, ABC):
     @property
     def _ranks(self) -> IntArray:
         """(m,) how many axes of the world the nodes see by each edge's rotation."""
-        rotation = self.graph.rotation
-        if rotation.couplings is None:
-            return self.d * rotation.measures_rotation
-        return np.asarray(np.linalg.matrix_rank(rotation.couplings, rtol=NONE))
+        if self.graph.couplings is None:
+            return self.d * self.graph.measures_rotation
+        return np.asarray(np.linalg.matrix_rank(self.graph.couplings, rtol=NONE))
 
     def residual_lengths(self, estimate: Estimate) -> FloatArray | None:
         """(m,) norms of t_j - t_i - R_i t_ij, metres; None where only rotations are measured."""
@@ -332,7 +330,7 @@ class Quadratic(Objective, ABC):
         other.__dict__.update((name, getattr(self, name)) for name in shared)
         return other
 
-    def of_same_edges(self, graph: RotationGraph | PoseGraph) -> Self:
+    def of_same_edges(self, graph: Graph) -> Self:
         """The problem of another graph with the same edges; pattern and order are shared."""
         return self._shared(type(self)(graph, self.engine))  # type: ignore[call-arg]
 
@@ -346,10 +344,3 @@ class Quadratic(Objective, ABC):
         require_nodes(estimate, self.n, self.d)
         if self.graph.has_positions and estimate.translations is None:
             raise InputError("the estimate has no translations, but the graph measures them")
-
-
-def require_graph(problem: Quadratic, kind: type, otherwise: str) -> None:
-    """Refuse another kind of graph by an InputError, which says what to take instead."""
-    if not isinstance(problem.graph, kind):
-        found, expecting = type(problem.graph).__name__, type(problem).__name__
-        raise InputError(f"{expecting} takes a {kind.__name__}, not a {found}; {otherwise}")

@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 
 from certpgo.errors import InputError, SpecError, require
-from certpgo.graph import Graph, Instance, PoseGraph, RotationGraph
+from certpgo.graph import Graph, Instance
 from certpgo.graph.dataset import graph_of
 from certpgo.graph.kinds import Kind
 from certpgo.graph.phrases import counted
@@ -57,7 +57,7 @@ def own_cost(measured: Graph | Instance, *, more: bool = False) -> str:
     ----------
     more : whether others are to come, so that these may be positions alone
     """
-    require(measured, Instance | RotationGraph | PoseGraph, "a graph or an instance")
+    require(measured, Instance | Graph, "a graph or an instance")
     graph = graph_of(measured)
     own = None if graph.information is None else graph.information.residual
     return own if own is not None and own in COSTS and _takes(graph, own, more=more) else CHORDAL
@@ -78,9 +78,9 @@ def _takes(graph: Graph, cost: str, *, more: bool = False) -> bool:
     return bool(graph.is_definite.all()) and not _unknown_to(cost, graph, more=more)
 
 
-def _unknown_to(cost: str, graph: PoseGraph, *, more: bool = False) -> str:
+def _unknown_to(cost: str, graph: Graph, *, more: bool = False) -> str:
     """What is measured that the cost of another program does not know; or empty."""
-    if not more and not graph.rotation.kappa.any():
+    if not more and not graph.kappa.any():
         return f"--cost {cost} needs relative poses, not positions alone"
     if COSTS[cost].decoupled:  # minorants have no arms of their own: their sum with others is exact
         return ""
@@ -145,11 +145,11 @@ def certifiable(
     if graph.has_scales:
         return similarity_problem(posed, cost)
     if graph.blocks:
-        return _problem_of_blocks(cast("PoseGraph | Instance", posed), cost)
+        return _problem_of_blocks(cast("Graph | Instance", posed), cost)
     return problem_under(posed, cost)
 
 
-def _problem_of_blocks(measured: PoseGraph | Instance, cost: str | None) -> Certifiable:
+def _problem_of_blocks(measured: Graph | Instance, cost: str | None) -> Certifiable:
     """The problem of measurements of several kinds."""
     chosen, graph = own_cost(measured) if cost is None else cost, graph_of(measured)
     if chosen not in (CHORDAL, *COSTS):
@@ -158,15 +158,15 @@ def _problem_of_blocks(measured: PoseGraph | Instance, cost: str | None) -> Cert
         return information_problem(measured, chosen)
     if isinstance(measured, Instance):
         require_held(graph, measured.named)
-    if graph.rotation.is_general:
+    if graph.has_couplings:
         lacks = "are for isotropic weights, not for matrix weights or directions alone"
         raise InputError(f"{source_of(measured)}measured {graph.blocks[0].kind.plural} {lacks}")
-    return InformationProblem(edge_cost(cast("PoseGraph", graph), CHORDAL))
+    return InformationProblem(edge_cost(graph, CHORDAL))
 
 
 def _graph_of(posed: object) -> Any:
     graph = getattr(posed, "graph", posed)
-    require(graph, RotationGraph | PoseGraph, "a graph, an instance or a problem")
+    require(graph, Graph, "a graph, an instance or a problem")
     return graph
 
 
@@ -210,7 +210,7 @@ def information_problem(measured: Graph | Instance, cost: str) -> InformationPro
     InputError
         There are no poses or no information matrices, or some are not positive definite.
     """
-    require(measured, Instance | RotationGraph | PoseGraph, "a graph or an instance")
+    require(measured, Instance | Graph, "a graph or an instance")
     require(cost, str, "the name of a cost")
     if cost not in COSTS:
         raise SpecError.unknown("cost", cost, list(COSTS))
@@ -224,7 +224,7 @@ def information_problem(measured: Graph | Instance, cost: str) -> InformationPro
     return problem
 
 
-def weighed_by(cost: str, graph: PoseGraph) -> PoseGraph:
+def weighed_by(cost: str, graph: Graph) -> Graph:
     """Measurements with the kappa of a cost, which knows what rotational information is about.
 
     That is so whatever was said when the file was read.
@@ -233,11 +233,11 @@ def weighed_by(cost: str, graph: PoseGraph) -> PoseGraph:
     if graph.d == 2 or information is None or information.about == about:
         return graph
     factors = np.full(graph.num_edges, 0.25 if about == "quaternion" else 4.0)
-    rotation = graph.rotation.reweighted(factors)
-    return replace(graph, rotation=rotation, information=replace(information, about=about))
+    stated = replace(information, about=about)
+    return replace(graph, kappa=factors * graph.kappa, information=stated)
 
 
-def edge_cost(graph: PoseGraph, cost: str) -> EdgeCost:
+def edge_cost(graph: Graph, cost: str) -> EdgeCost:
     """The cost of that name in `COSTS`, for measurements of poses, positions or rotations."""
     if not (graph.is_partial or graph.blocks):
         return COSTS[cost](graph)
@@ -249,7 +249,7 @@ def source_of(posed: object) -> str:
     return f"{posed.source or posed.name}: " if isinstance(posed, Instance) else ""
 
 
-def informed(measured: Graph | Instance, cost: str) -> PoseGraph:
+def informed(measured: Graph | Instance, cost: str) -> Graph:
     """The graph, if it has poses and their information matrices.
 
     Raises

@@ -26,7 +26,7 @@ class ChordalCost(EdgeCost):
     conjunction: ClassVar[str] = " and squared errors of"
 
     def __post_init__(self) -> None:
-        if self.graph.rotation.is_general:
+        if self.graph.has_couplings:
             lacks = "isotropic weights, not for matrix weights or directions alone"
             raise InputError(f"distances and other kinds of measurements are for {lacks}")
 
@@ -60,7 +60,7 @@ class ChordalCost(EdgeCost):
     def weights(self) -> FloatArray:
         """(m, d + d^2, d + d^2) weights tau and kappa."""
         d, graph = self.graph.d, self.graph
-        both = np.stack([graph.tau, graph.rotation.kappa], axis=1)
+        both = np.stack([graph.tau, graph.kappa], axis=1)
         diagonal = np.repeat(both, [d, d * d], axis=1)
         return np.asarray(diagonal[:, :, None] * np.eye(d + d * d))
 
@@ -82,7 +82,7 @@ class ChordalCost(EdgeCost):
         """(m,) balls that contain the costs of all of these (v, Q)."""
         y, E = v - self.graph.translations, Q - self.measured
         turned = sums(E.reshaped(len(self.edges), -1).squared())
-        return self.graph.tau * y.dot(y) + self.graph.rotation.kappa * turned
+        return self.graph.tau * y.dot(y) + self.graph.kappa * turned
 
     def bend(self, v: FloatArray) -> FloatArray:
         """(m,) tau |v|^2."""

@@ -15,8 +15,8 @@ import numpy as np
 
 from certpgo.checker import FAR
 from certpgo.errors import GraphError
+from certpgo.graph import Graph
 from certpgo.graph.information import RotationAbout, unmeasured
-from certpgo.graph.pose_graph import PoseGraph
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import Ball
 from certpgo.linalg.rotations import rotation_defect
@@ -71,7 +71,7 @@ class EdgeCost(EdgeTerm):
         """What it is, in the words of the program's users."""
 
     @property
-    def whole(self) -> PoseGraph:
+    def whole(self) -> Graph:
         """The graph with an edge for each measurement: for each edge its own."""
         return self.graph
 
@@ -122,6 +122,6 @@ class EdgeCost(EdgeTerm):
         """A cost nowhere above this one that may have a bound where this one has none."""
         return None
 
-    def on(self, graph: PoseGraph | None) -> Self | None:
+    def on(self, graph: Graph | None) -> Self | None:
         """The same cost on another graph, if there is one."""
         return None if graph is None else replace(self, graph=graph)

@@ -147,8 +147,8 @@ class _Equations:
     @cached_property
     def _arrays(self) -> tuple[tuple[Any, ...], int, FloatArray, FloatArray | None]:
         graph, weights = self._term.graph, np.ascontiguousarray(self._term.weights)  # type: ignore[attr-defined]
-        rotation, moved = graph.rotation, (graph.tau, graph.translations)
-        edges = rotation.edges, rotation.rotations, None, rotation.kappa, *moved, None
+        of_edges = graph.edges, graph.rotations, None, graph.kappa
+        edges = *of_edges, graph.tau, graph.translations, None
         arrays = tuple(None if x is None else np.ascontiguousarray(x) for x in edges)
         return arrays, graph.d, weights, self._series
 

@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.graph import Estimate, Graph
 from certpgo.graph.relaxed_point import Point, require_nodes, translations_of
 from certpgo.linalg import compiled
 from certpgo.linalg import rotations as so
@@ -22,18 +22,17 @@ from certpgo.objective import operators, residuals
 class EdgeSums:
     """Derivatives of the cost of a graph."""
 
-    def __init__(self, graph: RotationGraph | PoseGraph) -> None:
+    def __init__(self, graph: Graph) -> None:
         self._graph = graph
         poses = graph if graph.has_positions else None
-        rotation = graph.rotation
-        measured, K = rotation.rotations, None
-        if rotation.is_general:
-            measured, K, _ = rotation.polar
+        measured, K = graph.rotations, None
+        if graph.has_couplings:
+            measured, K, _ = graph.polar
         moved = (None, None, None) if poses is None else (poses.tau, poses.translations, poses.arms)
-        arrays = rotation.edges, measured, K, rotation.kappa, *moved
+        arrays = graph.edges, measured, K, graph.kappa, *moved
         self._edges = tuple(None if x is None else np.ascontiguousarray(x) for x in arrays)
         # Without matrix weights and arms.
-        alone = rotation.edges, rotation.rotations, None, rotation.kappa
+        alone = graph.edges, graph.rotations, None, graph.kappa
         self._measured = *alone, *moved[:2], None
 
     def gradient(self, point: Point) -> tuple[FloatArray, FloatArray]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from certpgo.graph import Estimate, Graph, PoseGraph
+from certpgo.graph import Estimate, Graph
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.ball_arithmetic import U
 from certpgo.linalg.rotations import rotation_defect
@@ -56,16 +56,15 @@ def _terms(graph: Graph, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
 
 def _residuals(graph: Graph, estimate: Estimate) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Weights, computed norms and their absolute errors, of rotations, then of translations."""
-    rotation = graph.rotation
     norm, r = EdgeSums(graph).residuals(estimate)
     # R_j - R_i R_ij: three matrices near rotations, and a product of d terms.
-    own, measured = rotation_defect(estimate.rotations), rotation_defect(rotation.rotations)
+    own, measured = rotation_defect(estimate.rotations), rotation_defect(graph.rotations)
     error = np.full(len(norm), 2.0 * own + measured + 32.0 * U)
     if not graph.has_positions or r is None:
-        return rotation.kappa, norm, error
+        return graph.kappa, norm, error
     # The rounding of t_j - t_i is relative to its size, at most r plus the lever.
     lever = _levers(graph)
-    weights = np.concatenate([rotation.kappa, graph.tau])
+    weights = np.concatenate([graph.kappa, graph.tau])
     errors = np.concatenate([error, (own + 32.0 * U) * lever])
     return weights, np.concatenate([norm, r]), errors
 
@@ -75,11 +74,10 @@ def _general(graph: Graph, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
 
     Up to few roundings of the terms.
     """
-    rotation = graph.rotation
-    _, K, _ = rotation.polar
+    _, K, _ = graph.polar
     nuclear = np.trace(K, axis1=1, axis2=2)
     own = rotation_defect(estimate.rotations)
-    E = operators.rotation_residuals(rotation, estimate.rotations)
+    E = operators.rotation_residuals(graph, estimate.rotations)
     size = np.sqrt(np.einsum("mab,mab->m", E, E))
     # Residuals are off by `off`; the polar factors reproduce the couplings up to rounding.
     off = 2.0 * own + 64.0 * U
@@ -93,7 +91,7 @@ def _general(graph: Graph, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
     return terms, errors
 
 
-def _levers(graph: PoseGraph) -> FloatArray:
+def _levers(graph: Graph) -> FloatArray:
     """(m,) lengths of the levers from i to j and of the arms at j, together."""
     lever = np.linalg.norm(graph.translations, axis=1)
     arms = 0.0 if graph.arms is None else np.linalg.norm(graph.arms, axis=1)

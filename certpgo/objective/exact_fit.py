@@ -37,10 +37,9 @@ def meets(graph: Graph, point: Point) -> bool:
 
 def _meets_edges(graph: Graph, point: Point) -> bool:
     i, j = graph.edges.T
-    rotation = graph.rotation
-    turned = _norms(operators.rotation_residuals(rotation, point.rotations))
+    turned = _norms(operators.rotation_residuals(graph, point.rotations))
     size = _norms(point.rotations)[j]
-    if not (turned <= ROUNDING * size)[rotation.kappa != 0.0].all():
+    if not (turned <= ROUNDING * size)[graph.kappa != 0.0].all():
         return False
     if not graph.has_positions:
         return True

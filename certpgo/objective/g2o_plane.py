@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from certpgo.graph import PoseGraph
+from certpgo.graph import Graph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.ball_arithmetic import Ball, arctan2
@@ -22,9 +22,7 @@ from certpgo.objective.minorants import Minorants
 TINY = 2.0**-60
 
 
-def minorants_in_the_plane(
-    graph: PoseGraph, measured: Ball, y: FloatArray, E: FloatArray
-) -> Minorants:
+def minorants_in_the_plane(graph: Graph, measured: Ball, y: FloatArray, E: FloatArray) -> Minorants:
     """Minorants that touch at translations y (m, 2) and rotations E (m, 2, 2), up to rounding."""
     theta = so.log(E)
     aside = set_aside(graph, np.concatenate([y, theta], axis=1), _curvature)

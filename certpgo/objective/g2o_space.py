@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from certpgo.graph import PoseGraph
+from certpgo.graph import Graph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.ball_arithmetic import Ball, joined, sums
@@ -33,7 +33,7 @@ SHORT = 2.0**-48
 MAX_RAISES = 8
 
 
-def minorants_in_space(graph: PoseGraph, measured: Ball, y: FloatArray, E: FloatArray) -> Minorants:
+def minorants_in_space(graph: Graph, measured: Ball, y: FloatArray, E: FloatArray) -> Minorants:
     """Minorants that touch at translations y (m, 3) and rotations E (m, 3, 3), up to rounding."""
     q = quaternions(E)
     aside = set_aside(graph, np.concatenate([y, q[:, 1:]], axis=1), _curvature)

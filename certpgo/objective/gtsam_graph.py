@@ -6,12 +6,12 @@ is translation first.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from certpgo.errors import InputError, MissingDependency, kind_of, require
-from certpgo.graph import Estimate, PoseGraph, RotationGraph, SimilarityGraph
+from certpgo.graph import Estimate, Graph, PoseGraph, RotationGraph
 from certpgo.graph.information import Information
 from certpgo.io.gtsam_values import estimate_from_values
 from certpgo.linalg.arrays import FloatArray, IntArray
@@ -161,7 +161,7 @@ def _require_problem(problem: object) -> None:
 
 
 def to_gtsam(
-    problem: InformationProblem | SimilarityProblem | SimilarityGraph, estimate: Estimate
+    problem: InformationProblem | SimilarityProblem | Graph, estimate: Estimate
 ) -> tuple[Any, Any]:
     r"""The factor graph and values of a problem and an estimate, with keys 0 ... n-1.
 
@@ -190,7 +190,7 @@ def to_gtsam(
     >>> abs(2 * graph.error(values) - best.cost) < 1e-9
     True
     """
-    if isinstance(problem, SimilarityGraph):
+    if isinstance(problem, Graph) and problem.has_scales:
         problem = SimilarityProblem(problem)
     require(estimate, Estimate, "an Estimate")
     if isinstance(problem, SimilarityProblem):
@@ -199,6 +199,7 @@ def to_gtsam(
         )
         return similar
     _require_problem(problem)
+    problem = cast("InformationProblem", problem)
     problem.check(estimate)
     graph, gtsam = factors_of(problem), _library()
     t, values = estimate.translations, gtsam.Values()

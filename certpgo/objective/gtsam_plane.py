@@ -37,7 +37,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from certpgo.graph import PoseGraph
+from certpgo.graph import Graph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.linalg.ball_arithmetic import Ball, is_positive_definite
@@ -62,9 +62,7 @@ class _Expansion:
     at: AngleFunctions
 
 
-def minorants_in_the_plane(
-    graph: PoseGraph, measured: Ball, y: FloatArray, E: FloatArray
-) -> Minorants:
+def minorants_in_the_plane(graph: Graph, measured: Ball, y: FloatArray, E: FloatArray) -> Minorants:
     """Minorants that touch at translations y (m, 2) and rotations E (m, 2, 2), up to rounding.
 
     None where the information is not positive definite.
@@ -103,7 +101,7 @@ def minorants_in_the_plane(
 
 
 def _with_constants(
-    graph: PoseGraph,
+    graph: Graph,
     measured: Ball,
     found: Minorants,
     about: _Expansion,
@@ -118,7 +116,7 @@ def _with_constants(
     return Minorants(tau, a, b, N, np.where(sound & np.isfinite(constant), constant, -np.inf))
 
 
-def _constants(graph: PoseGraph, R: Ball, found: Minorants, about: _Expansion) -> FloatArray:
+def _constants(graph: Graph, R: Ball, found: Minorants, about: _Expansion) -> FloatArray:
     """Lower bounds (m,) on f less the minorants with constant zero."""
     T, p, w = (Ball.exact(block).widened for block in _blocks(graph.information_matrices))
     tau, a, at = Ball.exact(found.tau).widened, Ball.exact(found.a).widened, about.at

@@ -60,10 +60,10 @@ def factors_and_values(gtsam: Any, problem: SimilarityProblem, estimate: Estimat
     steps = graph.translations / graph.scales[:, None]
     measured = zip(
         graph.edges.tolist(),
-        graph.rotation.rotations,
+        graph.rotations,
         steps,
         graph.scales.tolist(),
-        graph.rotation.kappa.tolist(),
+        graph.kappa.tolist(),
         (graph.tau * graph.scales**2).tolist(),
         strict=True,
     )

@@ -72,7 +72,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from certpgo.graph import PoseGraph
+from certpgo.graph import Graph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.linalg.ball_arithmetic import Ball, crossed, is_positive_definite, sums
@@ -94,7 +94,7 @@ from certpgo.objective.marginalized import blocks
 from certpgo.objective.minorants import Minorants
 
 
-def minorants_in_space(graph: PoseGraph, measured: Ball, y: FloatArray, E: FloatArray) -> Minorants:
+def minorants_in_space(graph: Graph, measured: Ball, y: FloatArray, E: FloatArray) -> Minorants:
     """Minorants that touch at translations y (m, 3) and rotations E (m, 3, 3), up to rounding.
 
     None where the information is not positive definite.
@@ -110,9 +110,7 @@ def minorants_in_space(graph: PoseGraph, measured: Ball, y: FloatArray, E: Float
     return Minorants(tau, a, b, N, np.where(sound & np.isfinite(constant), constant, -np.inf))
 
 
-def _edges(
-    graph: PoseGraph, of: SpatialTerms
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+def _edges(graph: Graph, of: SpatialTerms) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Weights (m,), arms a and b (m, 3) and couplings (m, 3, 3) of the minorants."""
     at, k, part = of.at, of.k, of.part
     tau, E = of.t - of.eta, so.exp(of.omega)
@@ -135,7 +133,7 @@ def _edges(
     return tau, a, graph.translations + times(R, b), R @ coupled
 
 
-def _constants(graph: PoseGraph, R: Ball, found: Minorants, of: SpatialTerms) -> FloatArray:
+def _constants(graph: Graph, R: Ball, found: Minorants, of: SpatialTerms) -> FloatArray:
     """Lower bounds (m,) on f less the minorants with constant zero."""
     T, P, W = (Ball.exact(block).widened for block in blocks(graph.information_matrices, 3))
     t, tau, rho = (Ball.exact(x).widened for x in (of.t, found.tau, of.rho))

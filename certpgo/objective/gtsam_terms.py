@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from certpgo.graph import PoseGraph
+from certpgo.graph import Graph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.objective.angle_functions import AngleFunctions, half_cotangents
@@ -72,7 +72,7 @@ class SpatialTerms:
         return np.asarray(np.minimum(1.0, ROOM * self.rho / np.maximum(X, 1e-300)))
 
 
-def taken_apart(graph: PoseGraph, y: FloatArray, omega: FloatArray) -> SpatialTerms:
+def taken_apart(graph: Graph, y: FloatArray, omega: FloatArray) -> SpatialTerms:
     """The largest share of T' touched for which enough rotational information remains."""
     T, P, W = blocks(graph.information_matrices, 3)
     t, scalar, r, left = _split(T, P, W)

@@ -10,7 +10,7 @@ from typing import cast
 import numpy as np
 
 from certpgo.errors import GraphError, InputError, NumericalError
-from certpgo.graph import Estimate, PoseGraph
+from certpgo.graph import Estimate, Graph
 from certpgo.graph.concatenate import by_rows
 from certpgo.graph.graph import require_connected
 from certpgo.graph.priors import require_determined
@@ -30,7 +30,6 @@ from certpgo.objective.minorants import Minorants
 from certpgo.objective.normal_equations import NormalEquations
 from certpgo.objective.objective import Objective, Surrogate
 from certpgo.objective.problem import PoseProblem
-from certpgo.objective.signed_weights import SignedGraph
 from certpgo.objective.sum import Sum
 
 
@@ -56,7 +55,7 @@ class InformationProblem(Objective):
         require_connected(self.graph)
         if not len(self.measured.pose_nodes):
             raise GraphError("there are no poses in the graph")
-        if not (self.measured.rotation.kappa.any() or self.cost_name == ChordalCost.name):
+        if not (self.measured.kappa.any() or self.cost_name == ChordalCost.name):
             raise GraphError(
                 f"the cost of {self.edge_cost.name} needs relative poses, not positions alone"
             )
@@ -64,12 +63,12 @@ class InformationProblem(Objective):
             require_determined(self.graph)
 
     @property
-    def graph(self) -> PoseGraph:
+    def graph(self) -> Graph:
         """The graph with an edge for each measurement: a row of its blocks measures zero."""
         return self.edge_cost.whole
 
     @property
-    def measured(self) -> PoseGraph:
+    def measured(self) -> Graph:
         """The measurements."""
         return self.edge_cost.graph
 
@@ -153,11 +152,11 @@ class InformationProblem(Objective):
         graph, found, kept = self.graph, minorants, minorants.exist
         if not kept.all() and not (kept.any() and graph.with_edges(kept).is_connected):
             raise NumericalError("measurements with minorants do not connect the graph")
-        kind = SignedGraph if self.measured.blocks else PoseGraph
+        signed = bool(self.measured.blocks)
         if (frozen := kept & ~self.lifted if self.measured.blocks else kept).all():
-            general, constant = found.summed(graph, kind)
+            general, constant = found.summed(graph, is_signed=signed)
             return Surrogate(self.chordal.of_same_edges(general), constant, minorants)
-        general, constant = found.subset(frozen).summed(graph.with_edges(frozen), kind)
+        general, constant = found.subset(frozen).summed(graph.with_edges(frozen), is_signed=signed)
         if (ranges := self.measured.ranges) is None or not len(self._distances):
             return Surrogate(self.chordal.of_same_edges(general), constant, minorants)
         below = LiftedDistances(general.with_blocks(ranges), self.engine)
@@ -178,7 +177,7 @@ class InformationProblem(Objective):
         """Minorants of all measurements that touch at a point, where there are any."""
         return self.edge_cost.minorants(*self.relative(point))
 
-    def isotropic_below(self, chosen: BoolArray) -> PoseGraph | None:
+    def isotropic_below(self, chosen: BoolArray) -> Graph | None:
         """Edges among ``chosen`` (m,) with terms of F nowhere above their costs; or None."""
         edges = self.measured.with_blocks().with_edges(chosen)
         if self.cost_name == ChordalCost.name:

@@ -17,7 +17,7 @@ from typing import ClassVar, cast
 
 import numpy as np
 
-from certpgo.graph import PoseGraph
+from certpgo.graph import Graph
 from certpgo.graph.display import Brief
 from certpgo.graph.ranges import Ranges
 from certpgo.graph.relaxed_point import Lift, Point, translations_of
@@ -32,7 +32,7 @@ from certpgo.objective.edge_sums import EdgeSums
 from certpgo.objective.families.distances import FAINT, SHORTEST, Distances
 from certpgo.objective.problem import PoseProblem
 from certpgo.objective.quadratic_model import ROUNDING, largest_step
-from certpgo.objective.signed_weights import OrientedProblem, SignedGraph
+from certpgo.objective.signed_weights import OrientedProblem, with_rows_of
 
 #: Distances of estimates below this share of the coordinates, which may be rounding, have no
 #: direction.
@@ -51,7 +51,7 @@ class LiftedDistances(Brief):
     engine : factorization engine, see `certpgo.linalg.factor.engines`
     """
 
-    measured: PoseGraph
+    measured: Graph
     engine: str = field(default_factory=default_engine)
 
     #: Whether translations are eliminated; whether there are descents at points of higher rank.
@@ -86,7 +86,7 @@ class LiftedDistances(Brief):
         return (Scale.of(self.measured) + self.distances.scale).total
 
     @property
-    def graph(self) -> PoseGraph:
+    def graph(self) -> Graph:
         """The measurements, then an edge for each distance with its weight as tau."""
         return self.whole.graph
 
@@ -94,9 +94,8 @@ class LiftedDistances(Brief):
     def whole(self) -> PoseProblem:
         """The problem in which each distance is an edge that measures zero, with its weight."""
         one = self.measured
-        is_general = one.arms is not None or one.rotation.is_general
-        kind = OrientedProblem if self.d == 2 and not is_general else PoseProblem
-        return kind(SignedGraph.with_rows_of(one, [self.distances]), self.engine)
+        kind = OrientedProblem if self.d == 2 and not one.has_matrix_weights else PoseProblem
+        return kind(with_rows_of(one, [self.distances]), self.engine)
 
     @cached_property
     def distances(self) -> Distances:

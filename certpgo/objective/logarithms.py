@@ -19,13 +19,12 @@ weights kappa / L(1, s_ij)^2 and tau / L(1, 1 / s_ij)^2; see docs/concepts/simil
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
 from certpgo.errors import InputError
-from certpgo.graph import Estimate, SimilarityGraph
+from certpgo.graph import Estimate, Graph
 from certpgo.graph.relaxed_point import Lift, translations_of
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.blocks import scatter_sum
@@ -52,7 +51,7 @@ class LogarithmProblem:
         It is not a SimilarityGraph, or has points, which measure no scale.
     """
 
-    def __init__(self, graph: SimilarityGraph) -> None:
+    def __init__(self, graph: Graph) -> None:
         self.quadratic = SimilarityProblem(graph)
         if graph.is_partial:
             raise InputError("the cost of logarithms is for poses alone, without points")
@@ -85,11 +84,10 @@ class LogarithmProblem:
         """
         units = self.graph.in_units_of(self.quadratic.scales_of(estimate))
         sigma, kept = np.log(units.scales), 1.0 - ROUNDED
-        kappa = kept * units.rotation.kappa / logarithmic_mean(sigma) ** 2
+        kappa = kept * units.kappa / logarithmic_mean(sigma) ** 2
         tau = kept * units.tau / logarithmic_mean(-sigma) ** 2
-        rotation = units.rotation.with_weights(kappa)
         free = np.ones(units.num_nodes, dtype=bool)
-        return SimilarityProblem(replace(units, rotation=rotation, tau=tau, free=free))
+        return SimilarityProblem(units.with_weights(kappa, tau).with_unknown_scales(free))
 
 
 def logarithmic_mean(sigma: FloatArray) -> FloatArray:
@@ -110,7 +108,7 @@ class LogarithmModel(SimilarityModel):
     def _precisions(self) -> FloatArray:
         """(m, 7) weights of the squares of [omega, upsilon, sigma]."""
         graph, d = self.problem.graph, self.problem.d
-        kappa, tau = graph.rotation.kappa, graph.tau * graph.scales**2
+        kappa, tau = graph.kappa, graph.tau * graph.scales**2
         return np.stack([2.0 * kappa] * 3 + [tau] * 3 + [d * kappa], axis=1)
 
     @cached_property
@@ -122,7 +120,7 @@ class LogarithmModel(SimilarityModel):
     @cached_property
     def _measured(self) -> Similarities:
         graph = self.problem.graph
-        return Similarities.of(graph.rotation.rotations, graph.translations, graph.scales)
+        return Similarities.of(graph.rotations, graph.translations, graph.scales)
 
     @cached_property
     def _relative(self) -> Similarities:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from certpgo.graph import PoseGraph
+from certpgo.graph import Graph
 from certpgo.graph.information import unmeasured
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.linalg.ball_arithmetic import Ball, eliminated, is_positive_definite
@@ -50,7 +50,7 @@ class SetAside:
 
 
 def set_aside(
-    graph: PoseGraph,
+    graph: Graph,
     e: FloatArray,
     curvature: Callable[[FloatArray, FloatArray, FloatArray], FloatArray],
 ) -> SetAside:
@@ -90,7 +90,7 @@ def set_aside(
 
 
 def remainder(
-    graph: PoseGraph, measured: Ball, lam: FloatArray, b: FloatArray
+    graph: Graph, measured: Ball, lam: FloatArray, b: FloatArray
 ) -> tuple[Ball, Ball, Ball]:
     """S (m, q, q), l (m, q) and the constants (m,), whose radius is infinite if A is not definite.
 
@@ -128,10 +128,10 @@ def remainder(
 
 
 def lowered(
-    graph: PoseGraph,
+    graph: Graph,
     chosen: BoolArray,
     lower: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]],
-) -> PoseGraph | None:
+) -> Graph | None:
     """The graph with less information on the chosen edges (m,), none of it in cross terms.
 
     None if none are chosen, or the difference is not proven to be positive definite.
@@ -188,7 +188,7 @@ def blocks(information: FloatArray, d: int) -> tuple[FloatArray, FloatArray, Flo
     return information[:, :d, :d], information[:, :d, d:], information[:, d:, d:]
 
 
-def isotropic_below(graph: PoseGraph, turned_share: float) -> PoseGraph | None:
+def isotropic_below(graph: Graph, turned_share: float) -> Graph | None:
     """The same measurements with weights whose F is nowhere above a cost, edge by edge.
 
     lam_t and lam_R with Omega - blkdiag(lam_t I, lam_R I) proven to be positive definite, so that

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from certpgo.graph import Graph, PoseGraph
+from certpgo.graph.constructors import of_couplings
 from certpgo.graph.display import Brief
-from certpgo.graph.pose_graph import PoseGraph
-from certpgo.graph.rotation_graph import RotationGraph
 from certpgo.linalg.arrays import BoolArray, FloatArray
 
 
@@ -57,19 +57,23 @@ class Minorants(Brief):
             both.append(values)
         return Minorants(*both)
 
-    def summed(
-        self, measured: PoseGraph, kind: type[PoseGraph] = PoseGraph
-    ) -> tuple[PoseGraph, float]:
-        """The pose graph, of that kind, and the constant that add up to those of ``measured``."""
-        rotation, constant = self.summed_rotations(measured.rotation)
+    def summed(self, measured: Graph, *, is_signed: bool = False) -> tuple[Graph, float]:
+        """The graph of poses, and the constant, that add up to those of ``measured``.
+
+        Parameters
+        ----------
+        is_signed : whether tau may be negative
+        """
+        rotation, constant = self.summed_rotations(measured)
         arms = self.a if measured.arms is None else self.a + measured.arms
         armed = arms if arms.any() else None
-        return kind(rotation, self.b, self.tau, armed, measured.points), constant
+        graph = PoseGraph(rotation, self.b, self.tau, armed, measured.is_point, is_signed=is_signed)
+        return graph, constant
 
-    def summed_rotations(self, measured: RotationGraph) -> tuple[RotationGraph, float]:
+    def summed_rotations(self, measured: Graph) -> tuple[Graph, float]:
         """The same of rotations alone; the constant is rounded down."""
         n, edges, R = measured.num_nodes, measured.edges, measured.rotations
-        general = RotationGraph.of_couplings(n, edges, R, self.N)
+        general = of_couplings(n, edges, R, self.N)
         # Its cost has the traces of the polar factors as well.
         _, K, K_left = general.polar
         traces = np.concatenate([np.diagonal(A, axis1=1, axis2=2).ravel() for A in (K, K_left)])

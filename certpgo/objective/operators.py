@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.graph import Estimate, Graph
 from certpgo.graph.edges import symmetric
 from certpgo.graph.relaxed_point import Point, translations_of
 from certpgo.linalg import rotations as so
@@ -20,9 +20,9 @@ from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.blocks import BlockPattern, scatter_sum
 
 
-def pattern(graph: RotationGraph | PoseGraph) -> BlockPattern:
+def pattern(graph: Graph) -> BlockPattern:
     """The sparsity pattern shared by all matrices of the graph."""
-    points = graph.points
+    points = graph.is_point if graph.is_point.any() else None
     return BlockPattern(graph.num_nodes, graph.edges, points)
 
 
@@ -37,24 +37,24 @@ def laplacian(blocks: BlockPattern, weights: FloatArray) -> CSC:
     return blocks.assemble(degree[:, None, None], -weights[:, None, None])
 
 
-def spread(graph: RotationGraph) -> FloatArray:
+def spread(graph: Graph) -> FloatArray:
     """(n, d, d) sums at each node of the edges' weights: deg I, or the polar factors."""
     n, d = graph.num_nodes, graph.d
-    if not graph.is_general:
+    if not graph.has_couplings:
         return np.asarray(degrees(graph.edges, graph.kappa, n)[:, None, None] * np.eye(d))
     i, j = graph.edges.T
     _, K, K_left = graph.polar
     return scatter_sum(i, K_left, n) + scatter_sum(j, K, n)
 
 
-def coupled(graph: RotationGraph) -> FloatArray:
+def coupled(graph: Graph) -> FloatArray:
     """(m, d, d) couplings N: kappa R_ij where edges are isotropic."""
     if graph.couplings is None:
         return np.asarray(graph.kappa[:, None, None] * graph.rotations)
     return graph.couplings
 
 
-def moments(graph: PoseGraph) -> tuple[FloatArray, FloatArray]:
+def moments(graph: Graph) -> tuple[FloatArray, FloatArray]:
     """(n, d) and (n, d, d) first and second moments, weighted by tau, of the arms at each node."""
     n, (i, j) = graph.num_nodes, graph.edges.T
     b, a = graph.translations, graph.arms
@@ -68,7 +68,7 @@ def moments(graph: PoseGraph) -> tuple[FloatArray, FloatArray]:
     return first, second
 
 
-def connection_laplacian(blocks: BlockPattern, graph: RotationGraph, shift: float = 0.0) -> CSC:
+def connection_laplacian(blocks: BlockPattern, graph: Graph, shift: float = 0.0) -> CSC:
     """Rotation connection Laplacian L (plus ``shift`` I), (dn, dn).
 
     L_ii = deg_i I and L_ij = -kappa R_ij: the thesis' (Laplacian x 1) o Rtilde, eq. 4.6; in
@@ -78,7 +78,7 @@ def connection_laplacian(blocks: BlockPattern, graph: RotationGraph, shift: floa
     return blocks.assemble(spread(graph) + shift * np.eye(graph.d), -coupled(graph))
 
 
-def data_matrix(blocks: BlockPattern, graph: PoseGraph, sums: NodeSums) -> CSC:
+def data_matrix(blocks: BlockPattern, graph: Graph, sums: NodeSums) -> CSC:
     """Quadratic form M of the pose objective, F(R, t) = tr(X M X^T), (N, N).
 
     Rosen et al. (SE-Sync, IJRR 2019) eq. 20, interleaved; ``sums`` are those of the graph.
@@ -93,27 +93,27 @@ def data_matrix(blocks: BlockPattern, graph: PoseGraph, sums: NodeSums) -> CSC:
     upper[:, 0, 0] = -tau
     # Rotation of i against translation of j.
     upper[:, 1:, 0] = -tau[:, None] * graph.translations
-    upper[:, 1:, 1:] = -coupled(graph.rotation)
+    upper[:, 1:, 1:] = -coupled(graph)
     if graph.arms is not None:
         upper[:, 0, 1:] = -tau[:, None] * graph.arms
         upper[:, 1:, 1:] += upper[:, 1:, :1] * graph.arms[:, None, :]
     return blocks.assemble(diagonal, upper, 1)
 
 
-def levers(graph: PoseGraph) -> list[FloatArray]:
+def levers(graph: Graph) -> list[FloatArray]:
     """(m,) values tau |t_ij|^2, and tau |a|^2 if there are arms."""
     arms = (graph.translations, *(() if graph.arms is None else (graph.arms,)))
     return [graph.tau * np.einsum("ma,ma->m", arm, arm) for arm in arms]
 
 
-def rotation_residuals(graph: RotationGraph, R: FloatArray) -> FloatArray:
+def rotation_residuals(graph: Graph, R: FloatArray) -> FloatArray:
     """(m, r, d) matrices R_j - R_i R_ij, for rotations (n, r, d); R_j - R_i P if N = P K."""
     i, j = graph.edges.T
-    measured = graph.polar[0] if graph.is_general else graph.rotations
+    measured = graph.polar[0] if graph.has_couplings else graph.rotations
     return np.asarray(R[j] - R[i] @ measured)
 
 
-def steps(graph: PoseGraph, point: Point) -> FloatArray:
+def steps(graph: Graph, point: Point) -> FloatArray:
     """(m, r) vectors R_i t_ij, minus R_j a where an edge has an arm a."""
     i, j = graph.edges.T
     R = point.rotations
@@ -123,7 +123,7 @@ def steps(graph: PoseGraph, point: Point) -> FloatArray:
     return np.asarray(steps)
 
 
-def translation_residuals(graph: PoseGraph, point: Point) -> FloatArray:
+def translation_residuals(graph: Graph, point: Point) -> FloatArray:
     """(m, r) vectors t_j - t_i - R_i t_ij, plus R_j a where an edge has an arm a."""
     i, j = graph.edges.T
     t = translations_of(point)
@@ -144,7 +144,7 @@ def tangent_gradient(gradient: FloatArray, R: FloatArray) -> FloatArray:
 
 
 def first_order(
-    graph: RotationGraph | PoseGraph,
+    graph: Graph,
     point: Estimate,
     turning: FloatArray,
     moving: FloatArray | None,
@@ -167,15 +167,14 @@ def first_order(
     return float(terms.sum()), tangent, multipliers(G[:, :, -graph.d :], R), float(largest)
 
 
-def gradient(graph: RotationGraph | PoseGraph, point: Point) -> tuple[FloatArray, FloatArray]:
+def gradient(graph: Graph, point: Point) -> tuple[FloatArray, FloatArray]:
     """Half the Euclidean gradient of F, and its terms (m,), one per edge.
 
     The gradient is (n, r, d) for rotations; of poses (n, r, d + 1), the translation's column first.
     It is computed from residuals, which lose no digits.
     """
-    rotation = graph.rotation
     n, (i, j), R = graph.num_nodes, graph.edges.T, point.rotations
-    measured, K, _ = rotation.polar
+    measured, K, _ = graph.polar
     E = R[j] - R[i] @ measured
     forces = E @ K
     terms = np.einsum("mab,mab->m", forces, E)
@@ -195,20 +194,20 @@ def gradient(graph: RotationGraph | PoseGraph, point: Point) -> tuple[FloatArray
     return np.concatenate([moved[:, :, None], turned], axis=2), terms
 
 
-def explained(graph: RotationGraph | PoseGraph, estimate: Estimate) -> RotationGraph | PoseGraph:
+def explained(graph: Graph, estimate: Estimate) -> Graph:
     """The graph with the same weights that measures exactly the relative poses of an estimate."""
-    rotation, (i, j) = graph.rotation, graph.edges.T
+    i, j = graph.edges.T
     back = np.swapaxes(estimate.rotations[i], 1, 2)
     Q = back @ estimate.rotations[j]
-    N = Q @ rotation.polar[1] if rotation.is_general else None
-    rotation = replace(rotation, rotations=Q, couplings=N)
+    N = Q @ graph.polar[1] if graph.has_couplings else None
+    turned = replace(graph, rotations=Q, couplings=N)
     if not graph.has_positions:
-        return rotation
+        return turned
     t = translations_of(estimate)
     v = (back @ (t[j] - t[i])[:, :, None])[:, :, 0]
     if graph.arms is not None:
         v += (Q @ graph.arms[:, :, None])[:, :, 0]
-    return replace(graph, rotation=rotation, translations=v)
+    return replace(turned, translations=v)
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,13 +225,13 @@ class NodeSums:
     degree: FloatArray | None = None
 
     @staticmethod
-    def of(graph: RotationGraph | PoseGraph) -> NodeSums:
+    def of(graph: Graph) -> NodeSums:
         """The sums of a graph."""
         if not graph.has_positions:
             return NodeSums(spread(graph))
         first, second = moments(graph)
         degree = degrees(graph.edges, graph.tau, graph.num_nodes)
-        return NodeSums(spread(graph.rotation) + second, first, degree)
+        return NodeSums(spread(graph) + second, first, degree)
 
 
 def hessian_diagonal(sums: NodeSums, R: FloatArray, multipliers: FloatArray) -> FloatArray:
@@ -262,14 +261,14 @@ def hessian_diagonal(sums: NodeSums, R: FloatArray, multipliers: FloatArray) -> 
     return diagonal
 
 
-def couplings(graph: RotationGraph | PoseGraph, R: FloatArray) -> FloatArray:
+def couplings(graph: Graph, R: FloatArray) -> FloatArray:
     """(m, b, b) blocks of edges (i, j) of the same Hessian, for rotations (n, d, d)."""
-    rotation, (i, j) = graph.rotation, graph.edges.T
+    i, j = graph.edges.T
     between = np.swapaxes(R[j], 1, 2) @ R[i]
-    if rotation.couplings is None:
-        turned = -rotation.kappa[:, None, None] * _tangent_coupling(rotation.rotations, between)
+    if graph.couplings is None:
+        turned = -graph.kappa[:, None, None] * _tangent_coupling(graph.rotations, between)
     else:
-        turned = -_general_coupling(rotation.couplings, between)
+        turned = -_general_coupling(graph.couplings, between)
     if not graph.has_positions:
         return np.asarray(turned)
     # The residual moves by dt_j - dt_i + R_i lever(t_ij) w_i - R_j lever(a) w_j.
@@ -287,7 +286,7 @@ def couplings(graph: RotationGraph | PoseGraph, R: FloatArray) -> FloatArray:
 
 
 def lifted_hessian(
-    graph: RotationGraph | PoseGraph, basis: FloatArray, multipliers: FloatArray
+    graph: Graph, basis: FloatArray, multipliers: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Blocks of the exact Hessian of F/2 at a point of rank r, over tangents sum_k w_k B_ik.
 
@@ -305,16 +304,15 @@ def lifted_hessian(
     (n, b, b) diagonal blocks and (m, b, b) blocks of edges (i, j); b = r + q for poses, over
     translations first, and b = q for rotations
     """
-    rotation = graph.rotation
     n, q, r, d = basis.shape
     i, j = graph.edges.T
     flat = basis.reshape(n, q, r * d)
-    weights = spread(rotation) - multipliers
-    carried = (basis[i] @ _carrier(rotation)[:, None]).reshape(-1, q, r * d)
+    weights = spread(graph) - multipliers
+    carried = (basis[i] @ _carrier(graph)[:, None]).reshape(-1, q, r * d)
     there = np.swapaxes(flat[j], 1, 2)
     coupling = carried @ there
-    if not rotation.is_general:
-        coupling *= rotation.kappa[:, None, None]
+    if not graph.has_couplings:
+        coupling *= graph.kappa[:, None, None]
     if not graph.has_positions:
         return (basis @ weights[:, None]).reshape(n, q, r * d) @ np.swapaxes(flat, 1, 2), -coupling
     tau = graph.tau[:, None]
@@ -340,7 +338,7 @@ def lifted_hessian(
     return diagonal, upper
 
 
-def _carrier(graph: RotationGraph) -> FloatArray:
+def _carrier(graph: Graph) -> FloatArray:
     return graph.rotations if graph.couplings is None else graph.couplings
 
 

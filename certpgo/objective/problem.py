@@ -12,8 +12,8 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from certpgo.errors import InputError, NumericalError
-from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.errors import InputError, NumericalError, require
+from certpgo.graph import Estimate, Graph
 from certpgo.graph.graph import require_connected
 from certpgo.graph.priors import require_determined
 from certpgo.graph.relaxed_point import Lift, Point, translations_of
@@ -24,7 +24,7 @@ from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.factor import Factor, default_engine
 from certpgo.objective import operators
-from certpgo.objective.base import AnyPoint, Quadratic, require_graph
+from certpgo.objective.base import AnyPoint, Quadratic
 from certpgo.objective.objective import Objective
 from certpgo.objective.rotation_problem import RotationProblem, RotationsOfPoses
 
@@ -71,7 +71,7 @@ class PoseProblem(Quadratic):
     True
     """
 
-    graph: PoseGraph
+    graph: Graph
     engine: str = field(default_factory=default_engine)
 
     #: Whether nodes have positions.
@@ -81,9 +81,11 @@ class PoseProblem(Quadratic):
     dimensions: ClassVar[int] = 1
 
     def __post_init__(self) -> None:
-        if isinstance(self.graph, PoseGraph) and self.graph.is_signed:
+        require(self.graph, Graph, "a graph of poses")
+        if not self.graph.has_positions:
+            raise InputError("rotations alone have no translations: RotationProblem(graph)")
+        if self.graph.is_signed:
             return  # the edges of a surrogate need not determine the nodes
-        require_graph(self, PoseGraph, "a RotationGraph has no translations: RotationProblem(g)")
         if self.graph.has_scales and not self.takes_scales:
             raise InputError(SCALED)
         if self.graph.blocks:
@@ -96,8 +98,8 @@ class PoseProblem(Quadratic):
     @cached_property
     def rotation(self) -> RotationProblem:
         """The rotations alone; shares pattern and ordering unless there are points."""
-        rotations = RotationsOfPoses(self.graph.rotation, self.engine)
-        return rotations if self.graph.points is not None else self._shared(rotations)
+        rotations = RotationsOfPoses(self.graph.rotations_alone, self.engine)
+        return rotations if self.graph.is_point.any() else self._shared(rotations)
 
     @cached_property
     def scale(self) -> float:
@@ -270,14 +272,14 @@ class PoseProblem(Quadratic):
 
     def with_unit_weights(self) -> PoseProblem:
         """The same measurements with kappa = tau = 1, as the thesis weighs them; 0 stays 0."""
-        kappa, tau = (np.sign(w) for w in (self.graph.rotation.kappa, self.graph.tau))
+        kappa, tau = (np.sign(w) for w in (self.graph.kappa, self.graph.tau))
         return PoseProblem(self.graph.with_weights(kappa, tau), self.engine)
 
 
 Problem = RotationProblem | PoseProblem
 
 
-def problem_of(graph: RotationGraph | PoseGraph, engine: str | None = None) -> Problem:
+def problem_of(graph: Graph, engine: str | None = None) -> Problem:
     """The problem of a graph."""
     engine = engine or default_engine()
     if graph.has_positions:

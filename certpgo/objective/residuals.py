@@ -4,24 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.graph import Estimate, Graph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective import operators
 
 
-def residual_angles(graph: RotationGraph | PoseGraph, R: FloatArray) -> FloatArray:
+def residual_angles(graph: Graph, R: FloatArray) -> FloatArray:
     """(m,) angles between R_i R_ij and R_j, radians; 0 where no rotation is measured."""
-    rotation, (i, j) = graph.rotation, graph.edges.T
-    angles = so.angle(np.swapaxes(R[j], 1, 2) @ R[i] @ rotation.rotations)
-    return np.where(rotation.measures_rotation, angles, 0.0)
+    (i, j) = graph.edges.T
+    angles = so.angle(np.swapaxes(R[j], 1, 2) @ R[i] @ graph.rotations)
+    return np.where(graph.measures_rotation, angles, 0.0)
 
 
-def residual_norms(
-    graph: RotationGraph | PoseGraph, estimate: Estimate
-) -> tuple[FloatArray, FloatArray | None]:
+def residual_norms(graph: Graph, estimate: Estimate) -> tuple[FloatArray, FloatArray | None]:
     """(m,) norms of R_j - R_i R_ij, and those of t_j - t_i - R_i t_ij if there are translations."""
-    E = operators.rotation_residuals(graph.rotation, estimate.rotations)
+    E = operators.rotation_residuals(graph.rotations_alone, estimate.rotations)
     turned = np.sqrt(np.einsum("mab,mab->m", E, E))
     if not graph.has_positions or estimate.translations is None:
         return turned, None

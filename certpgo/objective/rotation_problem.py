@@ -8,8 +8,8 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from certpgo.errors import GraphError, NumericalError
-from certpgo.graph import Estimate, RotationGraph
+from certpgo.errors import GraphError, InputError, NumericalError, require
+from certpgo.graph import Estimate, Graph
 from certpgo.graph.edges import components_of, edge_name
 from certpgo.graph.graph import require_connected
 from certpgo.graph.relaxed_point import Point, require_nodes
@@ -17,7 +17,7 @@ from certpgo.graph.scale import Scale
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.factor import default_engine
 from certpgo.objective import operators
-from certpgo.objective.base import AnyPoint, Quadratic, require_graph
+from certpgo.objective.base import AnyPoint, Quadratic
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -34,7 +34,7 @@ class RotationProblem(Quadratic):
     GraphError
         The graph is disconnected, or a measurement has weight 0.
     InputError
-        It is not a RotationGraph.
+        Nodes have positions: take `Graph.rotations_alone`.
 
     Examples
     --------
@@ -52,14 +52,16 @@ class RotationProblem(Quadratic):
     [72. 72. 72. 72. 72.]
     """
 
-    graph: RotationGraph
+    graph: Graph
     engine: str = field(default_factory=default_engine)
 
     #: Whether nodes have positions.
     has_positions: ClassVar[Literal[False]] = False
 
     def __post_init__(self) -> None:
-        require_graph(self, RotationGraph, "of a PoseGraph g take RotationProblem(g.rotation)")
+        require(self.graph, Graph, "a graph of rotations")
+        if self.graph.has_positions:
+            raise InputError("of a graph of poses take RotationProblem(graph.rotations_alone)")
         require_connected(self.graph)
         unmeasured = ~self.graph.measures_rotation
         if unmeasured.any():

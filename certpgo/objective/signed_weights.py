@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from certpgo.errors import GraphError
-from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.graph import Graph
 from certpgo.graph.concatenate import joined_arms
 from certpgo.graph.relaxed_point import Lift
 from certpgo.linalg.arrays import CSC, FloatArray
@@ -19,38 +18,30 @@ from certpgo.objective.problem import PoseProblem
 from certpgo.objective.term import Term
 
 
-class SignedGraph(PoseGraph):
-    """A pose graph in which translations have weights of either sign; edges need not fix nodes."""
+def with_rows_of(graph: Graph, terms: Sequence[Term]) -> Graph:
+    """The edges of a graph, and for each row of terms one that measures zero.
 
-    is_signed = True
+    Its tau is what W counts of the row, and may have either sign in surrogates.
+    """
+    k = sum(len(term.edges) for term in terms)
 
-    def _check_tau(self) -> None:
-        if not np.isfinite(self.tau).all():
-            raise GraphError("weights of translations must be finite")
+    def padded(values: Any) -> Any:
+        more = () if values is None else ((0, k), *((0, 0),) * (values.ndim - 1))
+        return None if values is None else np.pad(values, more)
 
-    @classmethod
-    def with_rows_of(cls, graph: PoseGraph, terms: Sequence[Term]) -> SignedGraph:
-        """The edges of a graph, and for each row of terms one that measures zero.
-
-        Its tau is what W counts of the row.
-        """
-        k, rotation = sum(len(term.edges) for term in terms), graph.rotation
-
-        def padded(values: Any) -> Any:
-            more = () if values is None else ((0, k), *((0, 0),) * (values.ndim - 1))
-            return None if values is None else np.pad(values, more)
-
-        of_all = RotationGraph(
-            graph.num_nodes,
-            np.concatenate([graph.edges, *(term.edges for term in terms)]),
-            np.concatenate([rotation.rotations, np.tile(np.eye(graph.d), (k, 1, 1))]),
-            padded(rotation.kappa),
-            padded(rotation.couplings),
-        )
-        tau = np.concatenate([graph.tau, *(term.scale.move for term in terms)])
-        flags = padded(graph.assumed), padded(graph.absolute)
-        t, arms = padded(graph.translations), joined_arms([graph, *terms], graph.d)
-        return cls(of_all, t, tau, arms, graph.points, *flags)
+    return Graph(
+        nodes=graph.nodes,
+        edges=np.concatenate([graph.edges, *(term.edges for term in terms)]),
+        rotations=np.concatenate([graph.rotations, np.tile(np.eye(graph.d), (k, 1, 1))]),
+        kappa=padded(graph.kappa),
+        translations=padded(graph.translations),
+        tau=np.concatenate([graph.tau, *(term.scale.move for term in terms)]),
+        couplings=padded(graph.couplings),
+        arms=joined_arms([graph, *terms], graph.d),
+        assumed=padded(graph.assumed),
+        absolute=padded(graph.absolute),
+        is_signed=True,
+    )
 
 
 class OrientedProblem(PoseProblem):
@@ -83,11 +74,11 @@ class OrientedProblem(PoseProblem):
         diagonal[:, :2, :2] = degrees[:, None, None] * of_positions
         diagonal[:, 2:, :2] = first
         diagonal[:, :2, 2:] = np.swapaxes(first, 1, 2)
-        diagonal[:, 2:, 2:] = operators.spread(graph.rotation) + second
+        diagonal[:, 2:, 2:] = operators.spread(graph) + second
         upper = np.zeros((graph.num_edges, 4, 4))
         upper[:, :2, :2] = -half[:, None, None] * of_positions
         upper[:, 2:, :2] = -arm
-        upper[:, 2:, 2:] = -operators.coupled(graph.rotation)
+        upper[:, 2:, 2:] = -operators.coupled(graph)
         return self.pattern.assemble(diagonal, upper, 2)
 
     def position_rows(self, t: FloatArray) -> FloatArray:

@@ -8,7 +8,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from certpgo.graph import PoseGraph
+from certpgo.graph import Graph
 from certpgo.graph.relaxed_point import Lift, translations_of
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import CSC, FloatArray
@@ -78,7 +78,7 @@ class SimilarityModel:
         turn = np.einsum("nqrd,nrd->nq", self._basis, G[:, :, 1:])
         return np.asarray(self.layout.pack(np.concatenate([G[:, :, 0], turn], axis=1)))
 
-    def _hessian(self, measured: PoseGraph, multipliers: FloatArray) -> CSC:
+    def _hessian(self, measured: Graph, multipliers: FloatArray) -> CSC:
         problem = self.problem
         diagonal, upper = operators.lifted_hessian(measured, self._basis, multipliers)
         known = ~problem.graph.free

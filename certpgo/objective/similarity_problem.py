@@ -21,9 +21,8 @@ from typing import cast
 import numpy as np
 
 from certpgo.errors import InputError, NumericalError
-from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.graph import Estimate, Graph, PoseGraph, RotationGraph
 from certpgo.graph.relaxed_point import Lift, Point, main_subspace, translations_of
-from certpgo.graph.similarity_graph import SimilarityGraph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import CSC, BoolArray, FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import U
@@ -57,11 +56,9 @@ class SimilarityProblem(PoseProblem):
         It is not a SimilarityGraph.
     """
 
-    graph: SimilarityGraph
+    graph: Graph
 
     def __post_init__(self) -> None:
-        if not isinstance(self.graph, SimilarityGraph):
-            raise InputError("SimilarityProblem takes a SimilarityGraph")
         super().__post_init__()
 
     @property
@@ -101,16 +98,16 @@ class SimilarityProblem(PoseProblem):
         return SHARES if rank > self.d and not self.in_mean_unit else (0.0,)
 
     @cached_property
-    def form(self) -> PoseGraph:
+    def form(self) -> Graph:
         """The measurements as edges whose residuals are A_j - A_i s_ij R_ij."""
-        graph, rotation = self.graph, self.graph.rotation
-        P = graph.scales[:, None, None] * rotation.rotations
-        kappa, one = rotation.kappa[:, None, None], np.eye(self.d)
+        graph = self.graph
+        P = graph.scales[:, None, None] * graph.rotations
+        kappa, one = graph.kappa[:, None, None], np.eye(self.d)
         N = kappa * P
-        general = RotationGraph(self.n, graph.edges, rotation.rotations, rotation.kappa, N)
+        general = RotationGraph(self.n, graph.edges, graph.rotations, graph.kappa, N)
         K = kappa * one
         general.__dict__["polar"] = P, K, graph.scales[:, None, None] ** 2 * K
-        flags = graph.points, graph.assumed, graph.absolute
+        flags = graph.is_point, graph.assumed, graph.absolute
         return PoseGraph(general, graph.translations, graph.tau, None, *flags)
 
     @cached_property
@@ -322,10 +319,7 @@ class SimilarityProblem(PoseProblem):
 
     def reweighted(self, factors: FloatArray) -> SimilarityProblem:
         """The problem with weights times factors (m,)."""
-        graph = self.graph.reweighted(factors)
-        if not isinstance(graph, SimilarityGraph):
-            raise InputError("SimilarityProblem takes a SimilarityGraph")
-        return self._shared(SimilarityProblem(graph, self.engine))
+        return self._shared(SimilarityProblem(self.graph.reweighted(factors), self.engine))
 
     # --- Rounding ---------------------------------------------------------------------------------
 

@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from certpgo.graph import PoseGraph
+from certpgo.graph import Graph
 from certpgo.graph.relaxed_point import Lift
-from certpgo.graph.similarity_graph import SimilarityGraph
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.ball_arithmetic import U
 from certpgo.linalg.blocks import BlockPattern, scatter_sum
@@ -18,7 +17,7 @@ from certpgo.objective import operators
 
 
 def enclosure(
-    graph: SimilarityGraph, form: PoseGraph, point: Lift, scales: FloatArray, own: float
+    graph: Graph, form: Graph, point: Lift, scales: FloatArray, own: float
 ) -> tuple[float, float]:
     """Lower and upper bounds on F of stored rotations, scales and translations.
 
@@ -31,15 +30,15 @@ def enclosure(
     own : how far the stored rotations are from SO(d)
     """
     s, (i, j) = scales, graph.edges.T
-    measured = rotation_defect(graph.rotation.rotations)
-    E = operators.rotation_residuals(form.rotation, point.rotations)
+    measured = rotation_defect(graph.rotations)
+    E = operators.rotation_residuals(form, point.rotations)
     r = operators.translation_residuals(form, point)
     sizes = np.concatenate([np.linalg.norm(E, axis=(1, 2)), np.linalg.norm(r, axis=1)])
     turned = (own + 32.0 * U) * s[j] + (own + measured + 32.0 * U) * graph.scales * s[i]
     # The rounding of t_j - t_i is relative to its size, at most r plus the lever.
     moved = (own + 32.0 * U) * s[i] * np.linalg.norm(graph.translations, axis=1)
     errors = np.concatenate([turned, moved])
-    weights = np.concatenate([graph.rotation.kappa, graph.tau])
+    weights = np.concatenate([graph.kappa, graph.tau])
     low = weights * np.maximum(sizes * (1.0 - 32.0 * U) - 2.0 * errors, 0.0) ** 2
     high = weights * (sizes * (1.0 + 32.0 * U) + errors) ** 2
     # A few roundings within each term, and at most one per term in the sum, in any order.
@@ -48,7 +47,7 @@ def enclosure(
 
 
 def entry_errors(
-    graph: SimilarityGraph, pattern: BlockPattern, multipliers: FloatArray, w: FloatArray
+    graph: Graph, pattern: BlockPattern, multipliers: FloatArray, w: FloatArray
 ) -> FloatArray:
     """(N,) row sums of the rounding in S's entries, weighted by w.
 
@@ -56,7 +55,7 @@ def entry_errors(
     sizes, plus the distance of measured rotations from SO(d).
     """
     n, d, (i, j) = graph.num_nodes, graph.d, graph.edges.T
-    kappa, tau, s = graph.rotation.kappa, graph.tau, graph.scales
+    kappa, tau, s = graph.kappa, graph.tau, graph.scales
     t = np.abs(graph.translations)
     diagonal = np.zeros((n, d + 1, d + 1))
     diagonal[:, 0, 0] = operators.degrees(graph.edges, tau, n)
@@ -67,8 +66,8 @@ def entry_errors(
     upper = np.zeros((graph.num_edges, d + 1, d + 1))
     upper[:, 0, 0] = tau
     upper[:, 1:, 0] = tau[:, None] * t
-    defect = rotation_defect(graph.rotation.rotations) / (8.0 * U)
-    upper[:, 1:, 1:] = (kappa * s)[:, None, None] * (np.abs(graph.rotation.rotations) + defect)
+    defect = rotation_defect(graph.rotations) / (8.0 * U)
+    upper[:, 1:, 1:] = (kappa * s)[:, None, None] * (np.abs(graph.rotations) + defect)
     sums = np.bincount(graph.edges.ravel(), minlength=n) + 8.0
     A = pattern.assemble(diagonal, upper, 1)
     rows = np.tile(sums[:, None], (1, d + 1))

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from certpgo.graph import PoseGraph
+from certpgo.graph import Graph
 from certpgo.graph.phrases import listed
 from certpgo.graph.scale import Scale
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
@@ -20,7 +20,7 @@ from certpgo.objective.families.distances import Distances
 from certpgo.objective.families.positions import Positions
 from certpgo.objective.families.rotations_alone import RotationsAlone
 from certpgo.objective.minorants import Minorants
-from certpgo.objective.signed_weights import SignedGraph
+from certpgo.objective.signed_weights import with_rows_of
 from certpgo.objective.term import Placed, Term, term_of
 
 __all__ = ["Distances", "Sum"]
@@ -59,7 +59,7 @@ class Sum(EdgeCost):
         turned, moved = graph.measures_rotation, graph.measures_translation
         if self.between.takes_partial:
             turned = moved = turned | moved
-        kinds: list[tuple[BoolArray, Callable[[PoseGraph], Term]]] = [
+        kinds: list[tuple[BoolArray, Callable[[Graph], Term]]] = [
             (turned & moved, self.between),
             (~moved, lambda alone: RotationsAlone(self.between(alone))),
             (~turned, Positions),
@@ -72,10 +72,10 @@ class Sum(EdgeCost):
             m += block.num_edges
 
     @cached_property
-    def whole(self) -> PoseGraph:
+    def whole(self) -> Graph:
         """The graph with an edge for each row: those of blocks measure zero, by their weights."""
         others = [term_of(block) for block in self.graph.blocks]
-        return SignedGraph.with_rows_of(self.of_edges.graph, others) if others else self.graph
+        return with_rows_of(self.of_edges.graph, others) if others else self.graph
 
     @property
     def is_definite(self) -> BoolArray:

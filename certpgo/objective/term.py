@@ -14,10 +14,10 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from certpgo.errors import InputError
+from certpgo.graph import Graph
 from certpgo.graph.estimate import Estimate
 from certpgo.graph.information import unmeasured
 from certpgo.graph.observations import Observations
-from certpgo.graph.pose_graph import PoseGraph
 from certpgo.graph.relaxed_point import translations_of
 from certpgo.graph.scale import Scale
 from certpgo.linalg.arrays import FloatArray, IntArray
@@ -151,7 +151,7 @@ class EdgeTerm(Term):
     graph : the measurements
     """
 
-    graph: PoseGraph
+    graph: Graph
 
     @property
     def edges(self) -> IntArray:

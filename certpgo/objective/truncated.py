@@ -101,7 +101,7 @@ class Truncation:
     @cached_property
     def weights(self) -> FloatArray:
         """(k, b) diagonals of D."""
-        kappa = np.repeat(self.graph.rotation.kappa[:, None], self.graph.d, axis=1)
+        kappa = np.repeat(self.graph.kappa[:, None], self.graph.d, axis=1)
         if self.graph.has_positions:
             return np.concatenate([self.graph.tau[:, None], kappa], axis=1)
         return kappa
@@ -109,7 +109,7 @@ class Truncation:
     @cached_property
     def residuals(self) -> FloatArray:
         """(k, d, b) F - M."""
-        turned = self.Q - self.graph.rotation.rotations
+        turned = self.Q - self.graph.rotations
         if not self.moved:
             return turned
         return np.concatenate([(self.v - self.translations)[:, :, None], turned], axis=2)
@@ -219,7 +219,7 @@ class Truncation:
         near = W.any(axis=(1, 2)) & ~self.is_far
         C = self.residuals.copy()
         C[near] += (self.residuals * self.weights[:, None, :])[near] @ np.linalg.pinv(W[near])
-        C[:, :, self.moved :] += self.graph.rotation.rotations
+        C[:, :, self.moved :] += self.graph.rotations
         if self.moved:
             C[:, :, 0] += self.translations
         return C
@@ -261,7 +261,7 @@ class Truncation:
         It is at most c for C <= c - 2 |N|_*. Against f, the best v is between t and b - Q a; what
         is left is linear in Q.
         """
-        R, kappa = self.graph.rotation.rotations, self.graph.rotation.kappa
+        R, kappa = self.graph.rotations, self.graph.kappa
         d, y = self.graph.d, Ball.exact(self.translations) - b
         between = Ball.exact(np.zeros(len(kappa)))
         if self.graph.has_positions:
@@ -331,7 +331,7 @@ def untruncated(graph: Graph) -> Minorants:
     kappa |Q - R|^2 = 2 d kappa - 2 kappa <R, Q>, where the coupling kappa R is a rounded one of the
     rotation R nearest to the stored matrix.
     """
-    R, kappa = graph.rotation.rotations, graph.rotation.kappa
+    R, kappa = graph.rotations, graph.kappa
     m, d = len(R), graph.d
     N = kappa[:, None, None] * R
     off = Ball.exact(N) - Ball.within(R, rotation_defect(R)) * kappa[:, None, None]

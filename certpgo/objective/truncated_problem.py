@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from certpgo.errors import InputError, require
-from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.graph import Estimate, Graph
 from certpgo.graph.capabilities import lacking
 from certpgo.graph.concatenate import by_rows
 from certpgo.graph.relaxed_point import Point
@@ -31,7 +31,6 @@ from certpgo.objective.minorants import Minorants
 from certpgo.objective.objective import Objective, Surrogate
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.objective.rotation_problem import RotationsOfPoses
-from certpgo.objective.signed_weights import SignedGraph
 from certpgo.objective.truncated import Truncation
 
 #: Share of the smallest price that a tolerated gap may be; a larger one says nothing about choices.
@@ -123,7 +122,7 @@ class TruncatedProblem(Objective):
         return self.whole.reweighted(np.where(self.is_rejected, 0.0, 1.0))
 
     @cached_property
-    def below(self) -> RotationGraph | PoseGraph:
+    def below(self) -> Graph:
         """The rejected measurements, with terms of F that are their costs or nowhere above them."""
         found = self.whole.isotropic_below(self.is_rejected[: self.measured.num_edges])
         if found is None:
@@ -180,12 +179,12 @@ class TruncatedProblem(Objective):
         return self.whole.engine
 
     @property
-    def graph(self) -> RotationGraph | PoseGraph:
+    def graph(self) -> Graph:
         """The graph with an edge for each measurement."""
         return self.whole.graph
 
     @property
-    def measured(self) -> RotationGraph | PoseGraph:
+    def measured(self) -> Graph:
         """All measurements."""
         return self.whole.measured
 
@@ -281,7 +280,7 @@ class TruncatedProblem(Objective):
     def surrogate_of(self, minorants: Minorants) -> Surrogate:
         """The problem of minorants of all measurements."""
         if self.graph.has_positions:
-            graph, constant = minorants.summed(self.graph, SignedGraph)
+            graph, constant = minorants.summed(self.graph, is_signed=True)
             return Surrogate(self._general.of_same_edges(graph), constant, minorants)
         rotation, constant = minorants.summed_rotations(self.graph)
         return Surrogate(self._general.of_same_edges(rotation), constant, minorants)
@@ -301,8 +300,9 @@ class TruncatedProblem(Objective):
         """A problem with all edges, whose pattern surrogates share."""
         g = self.graph
         if g.has_positions:
-            signed = SignedGraph(g.rotation, g.translations, g.tau, points=g.points)
-            return PoseProblem(signed, self.engine)
+            return PoseProblem(
+                replace(g, arms=None, information=None, blocks=(), is_signed=True), self.engine
+            )
         return RotationsOfPoses(g, self.engine)
 
 

@@ -21,10 +21,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from certpgo.graph import Graph, Instance, PoseGraph
+from certpgo.graph import Graph, Instance
 from certpgo.graph.dataset import graph_of
 from certpgo.graph.information import Information
-from certpgo.graph.similarity_graph import SimilarityGraph
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.costs import CHORDAL
 
@@ -90,7 +89,7 @@ def fingerprint(graph: Graph | Instance, cost: str = CHORDAL) -> Fingerprint | N
         "points": np.flatnonzero(measured.is_point).tolist(),
         "weights": "kappa, tau" if cost == CHORDAL else "information",
     }
-    if isinstance(measured, SimilarityGraph):
+    if measured.has_scales:
         header["free"] = np.flatnonzero(measured.free).tolist()
     turns, numbers = _turns(measured), np.column_stack([_translations(measured), weights])
     follow = cost == CHORDAL and stated is not None and weights.shape[1] == 2
@@ -120,14 +119,13 @@ def _translations(graph: Graph) -> FloatArray:
 
 def _weights(graph: Graph) -> FloatArray:
     """(m, k) weights of F, and scales."""
-    rotation = graph.rotation
-    columns = [rotation.kappa]
+    columns = [graph.kappa]
     if graph.has_positions:
         columns.append(graph.tau)
-    if isinstance(graph, SimilarityGraph):
+    if graph.has_scales:
         columns.append(graph.scales)
-    if rotation.couplings is not None:
-        columns.append(rotation.couplings.reshape(graph.num_edges, -1))
+    if graph.couplings is not None:
+        columns.append(graph.couplings.reshape(graph.num_edges, -1))
     return np.column_stack(columns)
 
 
@@ -137,7 +135,7 @@ def _upper(information: Information) -> FloatArray:
     return np.asarray(information.distinct[:, rows, columns][information.index]) + 0.0
 
 
-def _measures(graph: PoseGraph) -> BoolArray:
+def _measures(graph: Graph) -> BoolArray:
     """(m, 2) whether edges measure a rotation, and a translation."""
     return np.column_stack([graph.measures_rotation, graph.measures_translation])
 

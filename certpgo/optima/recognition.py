@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from certpgo.certify.tolerances import difference_up
 from certpgo.certify.wording import part
 from certpgo.errors import require
-from certpgo.graph import Graph, Instance, PoseGraph, RotationGraph
+from certpgo.graph import Graph, Instance
 from certpgo.graph.dataset import graph_of
 from certpgo.graph.phrases import bound_shown, cost_shown, gap_shown
 from certpgo.objective.choose_cost import own_cost
@@ -66,7 +66,7 @@ def known_optimum(
     >>> known_optimum(winding_cycle(5, 0.1, 0)[0]) is None
     True
     """
-    require(graph, Instance | PoseGraph | RotationGraph, "a graph or an instance")
+    require(graph, Instance | Graph, "a graph or an instance")
     if cost is None:
         cost = own_cost(graph)
     known = shipped() if register is None else register

@@ -74,7 +74,7 @@ def _of_eigenvectors(problem: Problem, averaged: Estimate) -> Start:
 
 
 def _of_partial_edges(problem: PoseProblem) -> Start:
-    tree = tree_initialization(problem.graph.rotation)
+    tree = tree_initialization(problem.graph.rotations_alone)
     try:
         found = spectral.rough_start(problem, tol=Q_TOL, start=tree)
     except (NumericalError, np.linalg.LinAlgError):

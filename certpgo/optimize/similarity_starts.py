@@ -50,8 +50,10 @@ def separate_start(problem: SimilarityProblem) -> Estimate:
     graph, (i, _) = problem.graph, problem.graph.edges.T
     scales = log_scales(problem)
     steps = scales[i, None] * graph.translations
-    flags = graph.points, graph.assumed, graph.absolute
-    posed = PoseProblem(PoseGraph(graph.rotation, steps, graph.tau, None, *flags), problem.engine)
+    flags = graph.is_point, graph.assumed, graph.absolute
+    posed = PoseProblem(
+        PoseGraph(graph.rotations_alone, steps, graph.tau, None, *flags), problem.engine
+    )
     rotations = start_of(posed).estimate.rotations
     return problem.complete(rotations, scales)
 
@@ -60,7 +62,7 @@ def log_scales(problem: SimilarityProblem) -> FloatArray:
     """(n,) scales whose logarithms fit the measured ones best; 1 where they are known."""
     graph, n = problem.graph, problem.n
     i, j = graph.edges.T
-    weights = graph.rotation.kappa
+    weights = graph.kappa
     known = np.flatnonzero(~graph.free)
     if problem.in_mean_unit:
         known = np.append(known, problem.root)

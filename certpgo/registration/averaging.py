@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from certpgo.errors import InputError
-from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph, SimilarityGraph
-from certpgo.graph.graph import Graph, require_connected
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph, SimilarityGraph
+from certpgo.graph.graph import require_connected
 from certpgo.graph.information import Information
 from certpgo.graph.trees import compose, spanning_tree
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
@@ -174,7 +174,7 @@ def averaged_scales(
     return replace(rigid, instance=instance, answer=answer, scales=scales)
 
 
-def _similarities(graph: Graph, pairs: Sequence[FramePair]) -> SimilarityGraph:
+def _similarities(graph: Graph, pairs: Sequence[FramePair]) -> Graph:
     """The graph of poses with the scales of its pairs, all unknown."""
     ends, R, t = graph.edges, np.array([p.R for p in pairs]), np.array([p.t for p in pairs])
     C = np.array([p.covariance for p in pairs])

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from certpgo.graph import RotationGraph, SimilarityGraph
+from certpgo.graph import Graph, RotationGraph, SimilarityGraph
 from certpgo.linalg.arrays import FloatArray
 
 
@@ -70,7 +70,7 @@ def condensed(p: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray, flo
     return points[:, :d], points[:, d:], k / r
 
 
-def matched_graph(n: int, matches: Sequence[Matches]) -> SimilarityGraph:
+def matched_graph(n: int, matches: Sequence[Matches]) -> Graph:
     """The graph of matched points of nodes, all of unknown scale.
 
     Each match of the `condensed` ones is a point that both nodes see. At the best place of the

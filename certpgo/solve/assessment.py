@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 from certpgo.certify import Certificate
 from certpgo.errors import CertPGOError, InputError, InputNotice, kind_of
 from certpgo.graph import Estimate, Graph, Instance
-from certpgo.graph.graph import has_no_unit
 from certpgo.io.accept_paths import AnyPath, as_instance, measured
 from certpgo.io.digits import Digits, Writing
 from certpgo.io.gtsam_values import estimate_from_values
@@ -151,7 +150,7 @@ def assess(
         best_is_optimal=c.proves_optimal(cost),
         excess=c.cost_upper - cost if math.isfinite(c.cost_upper) else math.inf,
         distance=distance(
-            estimate.subset(nodes), best.subset(nodes), scaled=has_no_unit(problem.graph)
+            estimate.subset(nodes), best.subset(nodes), scaled=problem.graph.in_mean_unit
         ),
         edges=costly_edges(problem, estimate, instance),
         rounding=None if writing is None else rounding_cost(problem, estimate, best, writing),

@@ -111,7 +111,7 @@ SYMMETRIC = 0.9
 def structure(instance: Instance) -> Structure:
     """Counts and connectivity of an instance."""
     graph, ids = instance.graph, instance.ids
-    measured, kappa = instance.measurements, graph.rotation.kappa
+    measured, kappa = instance.measurements, graph.kappa
     points, sightings, priors = instance.kinds
     edges = instance.pairs[: graph.num_edges][instance.is_measured]
     simple = len(np.unique(np.sort(edges, axis=1), axis=0))
@@ -137,12 +137,11 @@ def structure(instance: Instance) -> Structure:
 
 
 def _misclosure(graph: Graph) -> float | None:
-    rotation = graph.rotation
     independent = graph.num_edges - graph.num_nodes + 1
-    if independent != 1 or not (graph.measures_rotation.all() and rotation.is_connected):
+    if independent != 1 or not (graph.measures_rotation.all() and graph.is_connected):
         return None
-    along_tree = tree_initialization(rotation)
-    return math.degrees(RotationProblem(rotation).residual_angles(along_tree).max())
+    along_tree = tree_initialization(graph)
+    return math.degrees(RotationProblem(graph).residual_angles(along_tree).max())
 
 
 def kinds_in_words(instance: Instance) -> list[str]:
@@ -185,7 +184,7 @@ def spectra(graph: Graph) -> Mapping[str, Spectrum]:
     """
     if not (graph.measures_rotation.all() and graph.is_connected):
         return {}
-    weighted = RotationProblem(graph.rotation)
+    weighted = RotationProblem(graph.rotations_alone)
     return {"unit": _spectrum(weighted.with_unit_weights()), "weighted": _spectrum(weighted)}
 
 

@@ -170,7 +170,7 @@ def _as_roots(problem: Problem | InformationProblem, estimate: Estimate) -> floa
     if not graph.has_positions or graph.blocks or graph.is_general:
         return None
     terms, _ = squares(problem, estimate)
-    kappa = graph.rotation.kappa * (2.0 if problem.d == 3 else 1.0)
+    kappa = graph.kappa * (2.0 if problem.d == 3 else 1.0)
     return float((terms * np.stack([graph.tau, kappa], axis=1)).sum())
 
 

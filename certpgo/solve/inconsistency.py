@@ -24,7 +24,7 @@ from certpgo.certify.normalized import NormalizedProblem
 from certpgo.certify.rises import rises
 from certpgo.certify.tolerances import ATOL, RTOL
 from certpgo.errors import GraphError
-from certpgo.graph import Estimate, Graph, PoseGraph
+from certpgo.graph import Estimate, Graph
 from certpgo.graph.succession import Succession
 from certpgo.graph.trees import tree_initialization
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
@@ -175,7 +175,7 @@ def _part(problem: Posed, edges: IntArray, nodes: IntArray) -> Posed:
     if problem.is_chordal:
         return problem_of(graph, problem.engine)
     cost = cast("InformationProblem", problem).edge_cost
-    return InformationProblem(replace(cost, graph=cast("PoseGraph", graph)), problem.engine)
+    return InformationProblem(replace(cost, graph=graph), problem.engine)
 
 
 class _Paths:

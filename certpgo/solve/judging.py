@@ -14,7 +14,7 @@ from certpgo.certify.normalized import NormalizedProblem
 from certpgo.certify.tolerances import ATOL, RTOL, refuse_time_limit
 from certpgo.certify.verdict import verdict
 from certpgo.errors import InputError, NumericalError
-from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
+from certpgo.graph import Estimate, Graph, Instance
 from certpgo.io.accept_paths import AnyPath, estimated, measured
 from certpgo.io.writing import AnyAnswer
 from certpgo.linalg.arrays import IntArray
@@ -102,7 +102,7 @@ def certify(
     """
     whole = posed = measured(problem)
     given = estimated(estimate, posed)
-    if cost is not None or isinstance(posed, Instance | PoseGraph | RotationGraph):
+    if cost is not None or isinstance(posed, Instance | Graph):
         posed = certifiable(posed, cost)
     if rejected is not None:
         posed = rejecting(posed, rejected, quantile)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from certpgo.errors import InputError
-from certpgo.graph import Estimate, Instance, SimilarityGraph
+from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.display import Brief
 from certpgo.io.accept_paths import AnyPath, measured
 from certpgo.linalg.ball_arithmetic import U
@@ -85,7 +85,7 @@ class LogarithmFit(Brief):
 
 
 def fit_logarithms(
-    graph: SimilarityGraph | SimilarityProblem | Instance | AnyPath,
+    graph: Graph | SimilarityProblem | Instance | AnyPath,
     settings: SolveSettings | None = None,
     *,
     initial: Estimate | None = None,

@@ -37,7 +37,7 @@ def with_rotations(graph: Instance | Graph | AnyPath) -> tuple[Instance, Rotatio
     nodes = np.unique(instance.graph.edges[edges])
     if not len(edges):
         raise GraphError(f"{instance.name}: no rotation is measured between poses")
-    rotation = instance.graph.rotation.with_edges(edges).subgraph(nodes)
+    rotation = instance.graph.rotations_alone.with_edges(edges).subgraph(nodes)
     if not rotation.is_connected:
         raise GraphError(f"{instance.name}: rotations between poses do not connect them")
     return instance, Rotations(edges, nodes, succession(instance), RotationProblem(rotation))

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from certpgo.errors import InputError, require
-from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.graph import Estimate, Graph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.procrustes import dilation, procrustes
@@ -18,23 +18,22 @@ from certpgo.objective import operators
 STRAIGHT = 1e-6
 
 
-def f_ml(graph: RotationGraph | PoseGraph, estimate: Estimate) -> float:
+def f_ml(graph: Graph, estimate: Estimate) -> float:
     """The thesis' log-likelihood, section 5.1: unit weights, 1/2 before the translations only.
 
     -1/2 sum ||t_j - t_i - R_i t_ij||^2 + sum tr(R_ij R_j^T R_i); without translations the second
     sum alone.
     """
-    rotation = graph.rotation
-    i, j = rotation.edges.T
+    i, j = graph.edges.T
     R = estimate.rotations
-    total = float(np.einsum("mab,mcb,mca->", rotation.rotations, R[j], R[i]))
+    total = float(np.einsum("mab,mcb,mca->", graph.rotations, R[j], R[i]))
     if graph.has_positions:
         r = operators.translation_residuals(graph, estimate)
         total -= 0.5 * float(np.einsum("ma,ma->", r, r))
     return total
 
 
-def symmetry(graph: PoseGraph, estimate: Estimate) -> FloatArray:
+def symmetry(graph: Graph, estimate: Estimate) -> FloatArray:
     """(m,) symmetry s in [-1, 1] of each edge, thesis section 4.4; 1 supports Hypothesis 4.1.1.
 
     s(X) = (|X_sym| - |X_anti|) / (|X_sym| + |X_anti|) in Frobenius norms, of
@@ -43,7 +42,7 @@ def symmetry(graph: PoseGraph, estimate: Estimate) -> FloatArray:
     """
     R, (i, j) = estimate.rotations, graph.edges.T
     t = -np.einsum("nba,nb->na", R, _translations(estimate))
-    row = np.einsum("ma,mab->mb", t[i] - graph.translations, graph.rotation.rotations)
+    row = np.einsum("ma,mab->mb", t[i] - graph.translations, graph.rotations)
     S = t[j][:, :, None] * row[:, None, :]
     transpose = np.swapaxes(S, 1, 2)
     even = np.linalg.norm(0.5 * (S + transpose), axis=(1, 2))
@@ -52,7 +51,7 @@ def symmetry(graph: PoseGraph, estimate: Estimate) -> FloatArray:
     return np.where(total > 0.0, (even - odd) / np.where(total > 0.0, total, 1.0), 1.0)
 
 
-def mean_symmetry(graph: PoseGraph, estimate: Estimate) -> float:
+def mean_symmetry(graph: Graph, estimate: Estimate) -> float:
     """Mean of `symmetry` over the edges."""
     return float(symmetry(graph, estimate).mean())
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Hashable, Iterable, Sequence
 
 from certpgo.errors import InputError, kind_of
-from certpgo.graph import Graph, Instance, PoseGraph, RotationGraph
+from certpgo.graph import Graph, Instance
 from certpgo.graph.capabilities import require_capable
 from certpgo.graph.held import refuse_held
 from certpgo.graph.labels import WORLD, Label, in_order
@@ -26,9 +26,9 @@ def labels_of(measurements: object, nodes: Sequence[Label] | None) -> Sequence[L
     if isinstance(measurements, Instance):
         refuse_held(measurements)
         graph, world, own = measurements.graph, measurements.world, measurements.labels
-    elif isinstance(measurements, PoseGraph | RotationGraph):
+    elif isinstance(measurements, Graph):
         own = range(measurements.num_nodes)
-    if not isinstance(graph, PoseGraph | RotationGraph):
+    if not isinstance(graph, Graph):
         raise InputError(f"a session takes graphs and instances, not {kind_of(measurements)}")
     require_capable(graph, "session")
     if nodes is not None and (isinstance(nodes, str) or not isinstance(nodes, Iterable)):

@@ -106,7 +106,7 @@ class Track:
         if n == len(self._rotations):
             self._rotations = _doubled(self._rotations)
             self._translations = _doubled(self._translations)
-        R, forward = graph.rotation.rotations[edge], graph.edges[edge, 0] == here
+        R, forward = graph.rotations[edge], graph.edges[edge, 0] == here
         self._rotations[n] = self._rotations[known] @ (R if forward else R.T)
         if graph.has_positions:
             t, back = graph.steps[edge], n if not forward else known

@@ -26,6 +26,7 @@ from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.chi_squared import flagged_from, quantiles
 from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import Problem, problem_of
+from certpgo.objective.rotation_problem import RotationProblem
 from certpgo.optimize.descent import descend
 from certpgo.optimize.initialization import start_of
 from certpgo.optimize.methods._robust import connected
@@ -232,7 +233,7 @@ def select(
         fits = [begun] if begun.stated is None else [begun, begun.stated]
         chosen, *stated = (_under(of_program, one, trusted, monitor) for one in fits)
         return _beside(problem, chosen, stated)
-    if not problem.measured.has_positions and problem.graph.num_edges >= PLENTY * problem.n:
+    if isinstance(problem, RotationProblem) and problem.graph.num_edges >= PLENTY * problem.n:
         name = "adaptive_trimming"
         found = AdaptiveTrimming().solve(problem, initial=initial, monitor=monitor)
         found_at = [(found, 1.0)] if states_noise(problem) else []

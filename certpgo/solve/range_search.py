@@ -55,7 +55,7 @@ class RangeSearch(Search):
         """Descend from a given estimate; without one, any point is a first answer."""
         if initial is None:
             whole = self.relaxed.problem.whole
-            along = whole.complete(tree_initialization(whole.graph.rotation).rotations)
+            along = whole.complete(tree_initialization(whole.graph.rotations_alone).rotations)
             cost, status = self.problem.cost(along), Status.ITERATION_LIMIT
             self.start = self.origin = ORIGIN
             self.keep(Solution(along, cost, status))

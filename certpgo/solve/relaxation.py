@@ -17,7 +17,7 @@ from certpgo.certify.dual import DualBound
 from certpgo.certify.local_minimum import Climbed, LocalMinimum
 from certpgo.certify.normalized import NormalizedProblem
 from certpgo.errors import NumericalError
-from certpgo.graph import Estimate, PoseGraph
+from certpgo.graph import Estimate, Graph
 from certpgo.graph.relaxed_point import Lift, Point, lifted, main_subspace, translations_of
 from certpgo.graph.trees import tree_initialization
 from certpgo.linalg import rotations as so
@@ -44,7 +44,7 @@ RANKS = 7
 SHARP = 1e-7
 
 
-def _lever(graph: PoseGraph) -> float:
+def _lever(graph: Graph) -> float:
     """The largest coordinate that is measured, or 1 without any."""
     return float(np.abs(graph.translations).max()) or 1.0
 
@@ -82,7 +82,7 @@ class Relaxed:
     def start(self) -> Lift:
         """Rotations along a tree, and random positions in new dimensions too."""
         problem, rng = self.problem, self.rng
-        tree = tree_initialization(problem.graph.rotation)
+        tree = tree_initialization(problem.graph.rotations_alone)
         distances = problem.ranges.distances
         # Those of nodes that coincide say nothing of the extent.
         apart = distances[distances > SHORTEST * distances.max()]

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from certpgo.certify import Certificate, Verdict
-from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
+from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.display import Speaking, Text
 from certpgo.graph.phrases import cost_shown, counted
 from certpgo.graph.picture import circle_of, closures, drawn
@@ -132,7 +132,7 @@ class CertifiedSolution(Speaking):
         return Text(self)
 
     @property
-    def graph(self) -> PoseGraph | RotationGraph:
+    def graph(self) -> Graph:
         """The measurements that the certificate is about."""
         return self.problem.chordal.graph
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from certpgo.errors import InputError
-from certpgo.graph import Estimate, Instance, SimilarityGraph
+from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.display import Brief
 from certpgo.io.accept_paths import AnyPath, measured
 from certpgo.objective.choose_cost import similarity_problem
@@ -45,14 +45,14 @@ class Reweighed(Brief):
     """
 
     answer: CertifiedSolution
-    graph: SimilarityGraph
+    graph: Graph
     estimate: Estimate
     rounds: int
     settled: bool
 
 
 def reweigh(
-    graph: SimilarityGraph | SimilarityProblem | Instance | AnyPath,
+    graph: Graph | SimilarityProblem | Instance | AnyPath,
     settings: SolveSettings | None = None,
     *,
     rounds: int = ROUNDS,

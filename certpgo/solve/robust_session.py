@@ -176,9 +176,8 @@ class RobustSession(Session):
         kept, aside, place = self.graph, self._put_aside, self._poses.numbers
         nodes = [np.arange(kept.num_nodes)]
         nodes += [np.array([place[name] for name in names]) for _, names in aside.values()]
-        points = kept.points
         parts = [kept, *(one for one, _ in aside.values())]
         numbers = np.concatenate([self.edges, np.fromiter(aside, dtype=np.intp)])
         order = np.argsort(numbers)
-        whole = joined(parts, kept.num_nodes, points, nodes).with_edges(order)
+        whole = joined(parts, kept.num_nodes, kept.is_point, nodes).with_edges(order)
         return chordal_problem(whole, self._called), numbers[order]

@@ -8,7 +8,7 @@ from typing import Any
 
 from certpgo.certify.certificate import of_instance
 from certpgo.errors import InputError, kind_of, require
-from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
+from certpgo.graph import Estimate, Graph, Instance
 from certpgo.io.accept_paths import AnyPath, estimated, measured
 from certpgo.io.writing import AnyAnswer
 from certpgo.objective.choose_cost import Certifiable, certifiable
@@ -93,7 +93,7 @@ def solve(
     start = None if initial is None else estimated(initial, posed)
     if cost is not None:
         require(cost, str, "the name of a cost")
-    known = (PoseGraph, RotationGraph, Instance)
+    known = (Graph, Graph, Instance)
     problems = (PoseProblem, RotationProblem, InformationProblem)
     if not isinstance(posed, (*known, *problems)):
         raise InputError(

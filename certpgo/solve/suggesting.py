@@ -175,13 +175,13 @@ def _ends(v: FloatArray) -> IntArray:
     return np.unique(np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1), axis=0)
 
 
-def _unconnected(graph: RotationGraph, pairs: IntArray) -> IntArray:
+def _unconnected(graph: Graph, pairs: IntArray) -> IntArray:
     """Those of the pairs (p, 2), ascending each, that no edge connects."""
     place = np.array([graph.num_nodes, 1])
     return np.asarray(pairs[~np.isin(pairs @ place, np.sort(graph.edges, axis=1) @ place)])
 
 
-def _with_loop(graph: RotationGraph, pair: IntArray, kappa: float) -> RotationGraph:
+def _with_loop(graph: Graph, pair: IntArray, kappa: float) -> Graph:
     """The graph with another edge, whose measurement does not matter."""
     return RotationGraph(
         graph.num_nodes,

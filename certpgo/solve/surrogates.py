@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from typing import Any, cast
+from typing import Any
 
 from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.dual import DualBound
@@ -21,7 +21,7 @@ from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.certify.verdict import loses_to_rounding
 from certpgo.certify.wording import early
 from certpgo.errors import GraphError
-from certpgo.graph import Estimate, PoseGraph
+from certpgo.graph import Estimate
 from certpgo.graph.phrases import counted
 from certpgo.graph.priors import mirrored_by
 from certpgo.graph.relaxed_point import Lift
@@ -182,5 +182,5 @@ class SurrogateSearch(Search):
             return replace(found, searched=True, rank=self.levels[-1].rank)
         loose = found.kind is LimitedBy.LOOSE
         if stopped is None and loose and certificate.verdict is Verdict.BOUNDED:
-            return replace(found, mirrored=mirrored_by(cast("PoseGraph", self.posed.measured)))
+            return replace(found, mirrored=mirrored_by(self.posed.measured))
         return found

@@ -95,7 +95,7 @@ class Terms:
         own = self._edge_cost(graph)
         if own is None:
             return chordal_problem(graph, named)
-        if not own.graph.rotation.kappa.any():
+        if not own.graph.kappa.any():
             needed = "needs relative poses, not positions alone, which cost='chordal' takes"
             raise GraphError(f"cost={self.cost!r} {needed}")
         _require_determined(own.whole, named)
@@ -110,7 +110,7 @@ class Terms:
         """The cost in words."""
         own = None
         if graphs:  # the first with most kinds of measurements
-            most = max(graphs, key=lambda of: (len(of.blocks), not of.rotation.kappa.all()))
+            most = max(graphs, key=lambda of: (len(of.blocks), not of.kappa.all()))
             own = self._edge_cost(most)
         return certificate.CHORDAL if own is None else own.title
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import diags_array
 from scipy.sparse.linalg import ArpackError, eigsh
 
-from certpgo.graph import Graph, RotationGraph
+from certpgo.graph import Graph
 from certpgo.graph.cycles import is_cycle, walk
 from certpgo.graph.edges import simple_edges
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
@@ -29,7 +29,7 @@ class Arrangement(NamedTuple):
     sentence: str
 
 
-def layout(graph: RotationGraph) -> Arrangement:
+def layout(graph: Graph) -> Arrangement:
     """Nodes on a circle, or by the eigenvectors of the graph, which put neighbours together.
 
     The circle is for cycles, in their order, and for graphs in which almost all nodes are

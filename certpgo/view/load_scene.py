@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from certpgo.errors import FormatError, InputError, NoMeasurements, kind_of
-from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
-from certpgo.graph.graph import has_no_unit, length_unit
-from certpgo.graph.similarity_graph import SimilarityGraph
+from certpgo.graph import Estimate, Graph, Instance
+from certpgo.graph.graph import length_unit
 from certpgo.io.datasets.source import Source, resolve
 from certpgo.io.estimates import (
     is_in_order,
@@ -127,7 +126,7 @@ class _Found:
                 self._add_file(thing)
             case Instance():
                 self._add_graph(thing)
-            case PoseGraph() | RotationGraph():
+            case Graph():
                 self._add_graph(Instance("graph", thing, np.arange(thing.num_nodes)))
             case Estimate():
                 self.estimates.append((self._fresh("estimate"), thing))
@@ -200,7 +199,7 @@ def _of_graph(
     for name, estimate in estimates:
         moved = estimate
         if estimate is not last:
-            moved = aligned(estimate, last, poses, poses, scaled=has_no_unit(graph))
+            moved = aligned(estimate, last, poses, poses, scaled=graph.in_mean_unit)
         drawn.append(_placed(instance, name, moved, places))
     return Scene(
         instance.name,
@@ -274,7 +273,7 @@ def start(instance: Instance) -> tuple[str, Estimate]:
             f"{instance.source or instance.name}: an estimate is needed to draw a graph that is "
             "not connected and has no initial values"
         )
-    if isinstance(instance.graph, SimilarityGraph):
+    if instance.graph.has_scales:
         return "start", first_start(SimilarityProblem(instance.graph)).estimate
     graph = instance.graph
     problem = problem_of(graph.with_blocks() if graph.has_positions else graph)
@@ -314,7 +313,7 @@ def _truth(
     kept = np.flatnonzero(known != instance.world)
     nodes, truth = known[kept], truth.subset(kept)
     common = np.flatnonzero(np.isin(nodes, instance.poses))
-    like, scaled = instance.in_world(answer), has_no_unit(instance.graph)
+    like, scaled = instance.in_world(answer), instance.graph.in_mean_unit
     moved = aligned(truth, like, common, nodes[common], scaled=scaled)
     order = np.argsort(instance.ids[nodes], kind="stable")
     where = None if places is None else places.places

@@ -42,8 +42,7 @@ def residuals(instance: Instance, estimate: Estimate) -> tuple[Measure, ...]:
     """
     graph, ranges = instance.graph, instance.graph.ranges
     R, (i, j) = estimate.rotations, graph.edges.T
-    rotation = graph.rotation
-    angles = np.degrees(so.angle(np.swapaxes(R[j], 1, 2) @ R[i] @ rotation.rotations))
+    angles = np.degrees(so.angle(np.swapaxes(R[j], 1, 2) @ R[i] @ graph.rotations))
     found = []
     if graph.measures_rotation.any():
         angles = np.where(graph.measures_rotation, angles, NOT_MEASURED)
@@ -66,8 +65,7 @@ def residuals(instance: Instance, estimate: Estimate) -> tuple[Measure, ...]:
 def weights(instance: Instance) -> tuple[Measure, ...]:
     """The weights of edges and of distances, where they differ."""
     graph, ranges = instance.graph, instance.graph.ranges
-    rotation = graph.rotation
-    listed = [("rotation weight", rotation.kappa)]
+    listed = [("rotation weight", graph.kappa)]
     if graph.has_positions:
         listed.append(("translation weight", graph.tau))
     found = [

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from certpgo import Estimate, PoseGraph
+from certpgo import Estimate, Graph
 from certpgo.graph import picture
 from certpgo.plot import scale_bar
 from certpgo.solve import metrics
@@ -15,7 +15,7 @@ from . import _style
 RESOLUTION = 1e-4
 
 
-def closures(graph: PoseGraph) -> list[list[int]]:
+def closures(graph: Graph) -> list[list[int]]:
     """The edges that are no step from one pose to the next."""
     return picture.closures(graph.edges).tolist()
 

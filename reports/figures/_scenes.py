@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo import Instance, RotationGraph, RotationProblem
-from certpgo.graph import Estimate
+from certpgo import Instance, RotationProblem
+from certpgo.graph import Estimate, RotationGraph
 from certpgo.io import datasets
 from certpgo.io.datasets import thesis
 from certpgo.linalg import rotations as so

@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from certpgo import PoseGraph, PoseProblem
+from certpgo import PoseProblem
+from certpgo.graph import Graph
 from certpgo.optimize.methods.eigen_ma import EigenMA
 from certpgo.optimize.solution import Solver
 from certpgo.solve import metrics
@@ -29,7 +30,7 @@ class Entry(NamedTuple):
 
     name: str
     problem: PoseProblem
-    graph: PoseGraph
+    graph: Graph
     method: EigenMA
 
 

@@ -60,7 +60,7 @@ def compute(quick: bool, data: Path | None) -> Data:
 
 def _bounds(name: str, alone: bool, program: bool, data: Path | None, quick: bool) -> Data:
     graph = _scenes.load(name, data).graph
-    graph = graph.rotation if alone else graph
+    graph = graph.rotations_alone if alone else graph
     problem = problem_of(graph)
     climbed = ladder(problem, sdp=program and not quick)
     rungs = [

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo import PoseGraph, RotationGraph
+from certpgo import PoseGraph
+from certpgo.graph import RotationGraph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.registration.synthetic import synthetic_sequence

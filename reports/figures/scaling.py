@@ -9,8 +9,9 @@ from statistics import median
 
 import numpy as np
 
-from certpgo import Estimate, PoseGraph
+from certpgo import Estimate, Graph
 from certpgo.errors import CertPGOError
+from certpgo.graph import PoseGraph
 from certpgo.io.datasets import synthetic
 from certpgo.objective.problem import problem_of
 from certpgo.optimize.solution import Solver
@@ -67,7 +68,7 @@ def compute(quick: bool, data: Path | None) -> Data:
     }
 
 
-def scene(n: int, place: int) -> PoseGraph:
+def scene(n: int, place: int) -> Graph:
     """A random graph of poses in a cube, with noise on rotations and translations."""
     rng = _scenes.generator(11, place)
     instance = synthetic.random_graph(n, MEAN_DEGREE, SIGMA, rng)
@@ -80,7 +81,7 @@ def scene(n: int, place: int) -> PoseGraph:
     return PoseGraph(rotation, measured + noise, np.ones(len(i)))
 
 
-def _timed(solver: Solver, graphs: list[PoseGraph], runs: int) -> Data:
+def _timed(solver: Solver, graphs: list[Graph], runs: int) -> Data:
     """Seconds by size; a size whose run is expected to exceed the budget is not begun."""
     spent, stopped = [], ""
     for place, graph in enumerate(graphs):
@@ -102,15 +103,15 @@ def _timed(solver: Solver, graphs: list[PoseGraph], runs: int) -> Data:
     }
 
 
-def _seconds(solver: Solver, graph: PoseGraph) -> float:
+def _seconds(solver: Solver, graph: Graph) -> float:
     # A new problem each time: nothing remembered from the run before.
-    problem = problem_of(replace(graph) if solver.poses else replace(graph.rotation))
+    problem = problem_of(replace(graph) if solver.poses else replace(graph.rotations_alone))
     start = time.perf_counter()
     solver.solve(problem)
     return time.perf_counter() - start
 
 
-def _expected(graphs: list[PoseGraph], spent: list[float]) -> float:
+def _expected(graphs: list[Graph], spent: list[float]) -> float:
     """Seconds of the next size, when time grows as it did last, and at least in proportion."""
     n = [graph.num_nodes for graph in graphs[: len(spent) + 1]]
     power = 1.0

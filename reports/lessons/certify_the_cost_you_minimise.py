@@ -19,9 +19,9 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-from certpgo import PoseGraph, RotationGraph, certify, solve
+from certpgo import PoseGraph, certify, solve
 from certpgo.errors import InputError
-from certpgo.graph import Estimate
+from certpgo.graph import Estimate, RotationGraph
 from certpgo.io import datasets
 from certpgo.io.datasets.synthetic import grid3d
 from certpgo.linalg import rotations as so
@@ -300,7 +300,7 @@ def uneven(condition, noise, seed=0):
     information[:, :3, :3] = 0.5 * (T + np.swapaxes(T, 1, 2))
     information[:, 3:, 3:] = np.eye(3) / noise**2
     weights = np.full(m, 3.0 / np.sum(sigmas**2))
-    shifted = PoseGraph(graph.rotation, graph.translations + moved, weights)
+    shifted = PoseGraph(graph.rotations_alone, graph.translations + moved, weights)
     return shifted.with_information(information)
 
 

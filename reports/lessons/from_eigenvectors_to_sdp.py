@@ -44,7 +44,7 @@ try:
 except InputError:
     print("MIT.g2o is not here (CERTPGO_DATA names a folder): a simulated helix instead")
     instance = helix(7, np.random.default_rng(0), rotation_noise=0.2)
-problem = RotationProblem(instance.graph.rotation)
+problem = RotationProblem(instance.graph.rotations_alone)
 n, d = problem.n, problem.d
 print(instance.name, "in", d, "dimensions:", n, "nodes,", problem.graph.num_edges, "edges")
 

@@ -44,7 +44,7 @@ print(graph.size_in_words)
 # explains everything. Without a unit there is no problem to solve.
 
 # %%
-held_at_0 = SimilarityProblem(replace(graph, free=np.arange(n) > 0))
+held_at_0 = SimilarityProblem(graph.with_unknown_scales(np.arange(n) > 0))
 elsewhere = (graph.edges > 0).all(axis=1)
 for size in (1.0, 0.5, 0.1):
     smaller = replace(
@@ -63,7 +63,7 @@ for size in (1.0, 0.5, 0.1):
 # is certified, yet it is too small, the more the farther away.
 
 # %%
-held = certpgo.solve(replace(graph, free=np.arange(n) > 0))
+held = certpgo.solve(graph.with_unknown_scales(np.arange(n) > 0))
 mean = certpgo.solve(graph)
 for name, answer in (("pose 0 held", held), ("mean unit", mean)):
     off = np.log(answer.estimate.scales / with_scales.scales)

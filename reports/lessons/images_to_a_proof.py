@@ -257,7 +257,7 @@ for count in range(7):
 # F is the same at trajectories that are 10 % larger: kappa |.|^2 does not contain t, and in
 # tau |.|^2 the factors 1.21 and 1/1.21 cancel. Nothing in the data notices a scale.
 graph = trusted.averaged.instance.graph.with_edges(trusted.averaged.kept)
-larger = certpgo.PoseGraph(graph.rotation, 1.1 * graph.translations, graph.tau / 1.21)
+larger = certpgo.PoseGraph(graph.rotations_alone, 1.1 * graph.translations, graph.tau / 1.21)
 plain, scaled = (certpgo.solve(one, cost="chordal") for one in (graph, larger))
 growth = np.linalg.norm(scaled.estimate.anchored(0).translations) / np.linalg.norm(
     plain.estimate.anchored(0).translations

@@ -130,10 +130,10 @@ def spoiled(count):
     graph = helix_graph
     closures = np.flatnonzero(graph.edges[:, 1] - graph.edges[:, 0] != 1)
     wrong = np.isin(np.arange(graph.num_edges), rng.choice(closures, count, replace=False))
-    R_ij, t_ij = graph.rotation.rotations.copy(), graph.translations.copy()
+    R_ij, t_ij = graph.rotations.copy(), graph.translations.copy()
     R_ij[wrong] = so.random(rng, count, 3)
     t_ij[wrong] += 2.0 * rng.standard_normal((count, 3))
-    rotation = certpgo.RotationGraph(graph.num_nodes, graph.edges, R_ij, graph.rotation.kappa)
+    rotation = certpgo.RotationGraph(graph.num_nodes, graph.edges, R_ij, graph.kappa)
     return certpgo.PoseGraph(rotation, t_ij, graph.tau), wrong
 
 

@@ -18,7 +18,8 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-from certpgo import Estimate, Instance, RotationGraph, RotationProblem, get_solver, solve
+from certpgo import Estimate, Instance, RotationProblem, get_solver, solve
+from certpgo.graph import RotationGraph
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.io.datasets.thesis import langevin_graph
 from certpgo.linalg import rotations as so

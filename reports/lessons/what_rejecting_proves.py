@@ -20,7 +20,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import certpgo
-from certpgo import PoseGraph, RotationGraph, certify, solve, solve_robustly
+from certpgo import PoseGraph, certify, solve, solve_robustly
+from certpgo.graph import RotationGraph
 from certpgo.io.datasets import synthetic
 from certpgo.linalg import rotations as so
 from certpgo.objective.problem import problem_of
@@ -106,8 +107,8 @@ ends = np.array([rng.choice(n, 2, replace=False) for _ in range(wrong_count)])
 rotation = RotationGraph(
     n,
     np.concatenate([clean.edges, ends]),
-    np.concatenate([clean.rotation.rotations, so.random(rng, wrong_count, 3)]),
-    np.r_[clean.rotation.kappa, np.full(wrong_count, np.median(clean.rotation.kappa))],
+    np.concatenate([clean.rotations, so.random(rng, wrong_count, 3)]),
+    np.r_[clean.kappa, np.full(wrong_count, np.median(clean.kappa))],
 )
 graph = PoseGraph(
     rotation,

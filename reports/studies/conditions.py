@@ -18,7 +18,7 @@ import numpy as np
 
 from certpgo import solve
 from certpgo.errors import CertPGOError
-from certpgo.graph import Estimate, Instance, PoseGraph
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph
 from certpgo.io import datasets
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import COSTS, InformationProblem
@@ -33,11 +33,11 @@ LIMIT = 60.0
 
 def uneven(
     instance: Instance, condition: float, drawn_from: Estimate | None, seed: int = 0
-) -> PoseGraph:
+) -> Graph:
     """The graph with that information, and translations of the file or drawn."""
     rng = np.random.default_rng(seed)
     graph = instance.graph
-    if not isinstance(graph, PoseGraph) or graph.information is None or graph.d != 3:
+    if not graph.has_positions or graph.information is None or graph.d != 3:
         raise ValueError("poses in space with information matrices are expected")
     information = np.array(graph.information_matrices)
     tau = np.trace(information[:, :3, :3], axis1=1, axis2=2) / 3.0
@@ -54,7 +54,7 @@ def uneven(
         exact = (np.swapaxes(R[i], 1, 2) @ (t[j] - t[i])[:, :, None])[:, :, 0]
         translations = exact + (axes @ noise[:, :, None])[:, :, 0]
     weights = 3.0 / np.trace(np.linalg.inv(T), axis1=1, axis2=2)
-    return PoseGraph(graph.rotation, translations, weights).with_information(information)
+    return PoseGraph(graph.rotations_alone, translations, weights).with_information(information)
 
 
 def row(problem: InformationProblem) -> str:

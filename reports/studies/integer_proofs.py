@@ -13,7 +13,6 @@ from pathlib import Path
 
 import certpgo
 from certpgo import checker, integer_checker, io
-from certpgo.graph import PoseGraph
 from certpgo.graph.components import rotations_alone
 from certpgo.io import datasets
 from certpgo.solve.proving import write_proof
@@ -80,7 +79,7 @@ def row(said: str, folder: Path) -> Iterator[str]:
     write_proof(proof, path, instance, answer.estimate, answer.certificate)
     graph = instance.graph
     yield name
-    yield "poses" if isinstance(graph, PoseGraph) else "rotations"
+    yield "poses" if graph.has_positions else "rotations"
     yield f"{graph.num_nodes} / {graph.num_edges}"
     first, seconds, _ = measured(sys.executable, checker.__file__, path, proof)
     exact, longer, _ = measured(sys.executable, integer_checker.__file__, path, proof)

@@ -71,11 +71,11 @@ def by_gtsam(instance: Instance, problem: PoseProblem | InformationProblem) -> E
     start = first_guess(problem)
     factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     graph, d = instance.graph, instance.graph.d
-    points = np.zeros(graph.num_nodes, dtype=bool) if graph.points is None else graph.points
+    points = graph.is_point
     for k in range(graph.num_nodes):
         t = start.translations[k]
         values.insert(k, t if points[k] else _pose_of(start.rotations[k], t))
-    rotation = graph.rotation
+    rotation = graph.rotations_alone
     for e, (i, j) in enumerate(graph.edges.tolist()):
         kappa, tau, t = rotation.kappa[e], graph.tau[e], graph.translations[e]
         if points[j]:
@@ -112,7 +112,7 @@ def first_guess(problem: PoseProblem | InformationProblem) -> Estimate:
     """Poses along a tree, and points where they are first seen or some way off."""
     graph = problem.measured
     nodes = graph.pose_nodes
-    between = np.isin(graph.edges, nodes).all(axis=1) & (graph.rotation.kappa > 0.0)
+    between = np.isin(graph.edges, nodes).all(axis=1) & (graph.kappa > 0.0)
     alone = graph.with_edges(between).subgraph(nodes) if between.any() else None
     if alone is not None and alone.is_connected:
         start = with_points(graph, tree_initialization(alone), nodes)

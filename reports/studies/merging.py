@@ -17,7 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo import Instance, PoseGraph, RotationGraph, merge, solve
+from certpgo import Graph, Instance, merge, solve
+from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.graph.concatenate import joined
 from certpgo.io import datasets
 from certpgo.linalg import rotations as so
@@ -31,7 +32,7 @@ WRONG = 20
 OFFSET = 100_000
 
 
-def cut(graph: PoseGraph, parts: int) -> tuple[list[Instance], PoseGraph, np.ndarray]:
+def cut(graph: Graph, parts: int) -> tuple[list[Instance], Graph, np.ndarray]:
     """Maps of consecutive nodes, what lies between them, and the ids of all nodes with offset."""
     groups = np.array_split(np.arange(graph.num_nodes), parts)
     owner = np.repeat(np.arange(parts), [len(group) for group in groups])
@@ -43,7 +44,7 @@ def cut(graph: PoseGraph, parts: int) -> tuple[list[Instance], PoseGraph, np.nda
     return maps, graph.with_edges(across), own + OFFSET * owner
 
 
-def wrong_ones(graph: PoseGraph, ids: np.ndarray) -> PoseGraph:
+def wrong_ones(graph: Graph, ids: np.ndarray) -> Graph:
     """Random measurements between random nodes of different maps."""
     rng, d, n = np.random.default_rng(0), graph.d, graph.num_nodes
     pairs = rng.integers(0, n, (50 * WRONG, 2))
@@ -51,12 +52,12 @@ def wrong_ones(graph: PoseGraph, ids: np.ndarray) -> PoseGraph:
     pairs = pairs[owner[pairs[:, 0]] != owner[pairs[:, 1]]][:WRONG]
     R = so.exp(rng.uniform(-2.0, 2.0, (WRONG, so.tangent_dim(d))))
     t = 5.0 * rng.standard_normal((WRONG, d))
-    kappa, tau = np.median(graph.rotation.kappa), np.median(graph.tau)
+    kappa, tau = np.median(graph.kappa), np.median(graph.tau)
     rotation = RotationGraph(n, pairs, R, np.full(WRONG, kappa))
     return PoseGraph(rotation, t, np.full(WRONG, tau))
 
 
-def between(graph: PoseGraph, ids: np.ndarray) -> Instance:
+def between(graph: Graph, ids: np.ndarray) -> Instance:
     """Measurements whose nodes have these ids."""
     nodes = np.unique(graph.edges)
     return Instance("between", graph.subgraph(nodes), ids[nodes])

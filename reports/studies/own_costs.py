@@ -24,7 +24,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from certpgo import Certificate, Estimate, PoseGraph, RotationGraph, certify, solve
+from certpgo import Certificate, Estimate, certify, solve
+from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.choose_cost import InformationProblem

@@ -70,7 +70,7 @@ def readings() -> Iterator[tuple[str, ...]]:
 def sphinx() -> Iterator[tuple[str, ...]]:
     """A row for each number of measurements dropped."""
     instance, nodes, truth = _scenes.with_truth("sphinx_SO3", None)
-    graph = RotationProblem(instance.graph.rotation).with_unit_weights().graph
+    graph = RotationProblem(instance.graph.rotations_alone).with_unit_weights().graph
     true = np.full((graph.num_nodes, 3, 3), np.nan)
     true[nodes] = truth.rotations
     for _ in range(DROPPED + 1):

@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 
 from certpgo import checker, io, solve
-from certpgo.graph import Instance, PoseGraph
+from certpgo.graph import Instance
 from certpgo.graph.components import rotations_alone
 from certpgo.io import datasets
 from certpgo.linalg import factor
@@ -91,7 +91,7 @@ def row(instance: Instance, path: Path, folder: Path, expected: float | None) ->
     command = [sys.executable, "-c", PROGRAM, checker.__file__, str(path), str(proof)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     return (
-        "poses" if isinstance(graph, PoseGraph) else "rotations",
+        "poses" if graph.has_positions else "rotations",
         f"{graph.num_nodes} / {graph.num_edges}",
         f"{said.upper:.15g}",
         f"{said.lower:.15g}",
@@ -120,7 +120,7 @@ def main() -> None:
                 continue
             whole = io.read(path, quiet=True)
             kinds = [whole]
-            if isinstance(whole.graph, PoseGraph) and name in EXPECTED:
+            if whole.graph.has_positions and name in EXPECTED:
                 kinds.append(rotations_alone(whole))
             for k, instance in enumerate(kinds):
                 expected = EXPECTED[name][k] if name in EXPECTED else None

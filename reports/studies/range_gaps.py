@@ -77,8 +77,8 @@ class Mean:
     def residuals(self, maps: Maps) -> np.ndarray:
         """All residuals: rotations and translations, map by map, then distances."""
         graph, (i, j), R, t = self.graph, self.graph.edges.T, maps.R, maps.t
-        kappa, tau = graph.rotation.kappa / self.K, graph.tau / self.K
-        turned = R[:, j] - R[:, i] @ graph.rotation.rotations
+        kappa, tau = graph.kappa / self.K, graph.tau / self.K
+        turned = R[:, j] - R[:, i] @ graph.rotations
         moved = t[:, j] - t[:, i] - (R[:, i] @ graph.translations[:, :, None])[..., 0]
         turned *= np.sqrt(kappa)[:, None, None]
         moved *= np.sqrt(tau)[:, None]
@@ -95,9 +95,9 @@ class Mean:
     def jacobian(self, maps: Maps) -> sparse.csc_matrix:
         """Of the residuals, in world translations and body rotations."""
         graph, (i, j), d, q = self.graph, self.graph.edges.T, self.d, self.q
-        m, measured = graph.num_edges, graph.rotation.rotations
+        m, measured = graph.num_edges, graph.rotations
         generators, axes = so.hat(np.eye(q)), np.arange(d)
-        kappa, tau = np.sqrt(graph.rotation.kappa / self.K), np.sqrt(graph.tau / self.K)
+        kappa, tau = np.sqrt(graph.kappa / self.K), np.sqrt(graph.tau / self.K)
         rows, columns, values = [], [], []
 
         def put(row: np.ndarray, column: np.ndarray, value: np.ndarray) -> None:

@@ -23,12 +23,11 @@ import numpy as np
 from certpgo import (
     Estimate,
     Instance,
-    PoseGraph,
     RobustSession,
-    RotationGraph,
     read_sequence,
     solve_robustly,
 )
+from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.graph.concatenate import joined
 from certpgo.graph.streaming import arrivals, streamed
 from certpgo.io.datasets.source import resolve
@@ -70,7 +69,7 @@ def beyond(instance: Instance, truth: Estimate) -> BoolArray:
     back = np.swapaxes(truth.rotations[i], 1, 2)
     moved = (back @ (truth.translations[j] - truth.translations[i])[:, :, None])[:, :, 0]
     shift = np.linalg.norm(moved - graph.translations, axis=1)
-    turn = np.swapaxes(graph.rotation.rotations, 1, 2) @ back @ truth.rotations[j]
+    turn = np.swapaxes(graph.rotations, 1, 2) @ back @ truth.rotations[j]
     return (shift > WRONG[0]) | (so.angle(turn) > np.radians(WRONG[1]))
 
 
@@ -81,7 +80,7 @@ def with_wrong_loops(instance: Instance, count: int) -> Instance:
     first = rng.integers(0, n - APART, count)
     edges = np.column_stack([first, rng.integers(first + APART, n)])
     length = np.median(np.linalg.norm(graph.translations, axis=1))
-    median = np.median(graph.rotation.kappa), np.median(graph.tau)
+    median = np.median(graph.kappa), np.median(graph.tau)
     kappa, tau = (np.full(count, value) for value in median)
     R, t = so.exp(rng.uniform(-2, 2, (count, q))), 5.0 * length * rng.standard_normal((count, d))
     wrong = PoseGraph(RotationGraph(n, edges, R, kappa), t, tau)

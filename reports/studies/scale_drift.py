@@ -32,7 +32,7 @@ import numpy as np
 import certpgo
 from certpgo import Estimate
 from certpgo.errors import GraphError
-from certpgo.graph import SimilarityGraph
+from certpgo.graph import Graph
 from certpgo.io import datasets
 from certpgo.io.datasets.monocular import drifting, in_one_unit, keyframes, odometry
 from certpgo.linalg.arrays import IntArray
@@ -71,13 +71,13 @@ def error(found: Estimate | None, truth: Estimate) -> float:
 
 def drives(
     truth: Estimate, loops: IntArray, seeds: int, **noise: float
-) -> Iterator[tuple[int, SimilarityGraph, Estimate]]:
+) -> Iterator[tuple[int, Graph, Estimate]]:
     """Each seed with its graph, and the truth with scales."""
     for seed in range(seeds):
         yield seed, *drifting(truth, loops, np.random.default_rng(seed), **noise)
 
 
-def fast_sync(graph: SimilarityGraph, unit: float) -> Estimate:
+def fast_sync(graph: Graph, unit: float) -> Estimate:
     """GTSAM's FastSync in a unit of length, each measurement with the one weight 2 kappa.
 
     It minimises |X_j - X_i S_ij|^2 over matrices, one of which is the identity, and takes rotation,
@@ -88,7 +88,7 @@ def fast_sync(graph: SimilarityGraph, unit: float) -> Estimate:
     measured = replace(graph, translations=graph.translations / unit)
     factors, _ = certpgo.to_gtsam(measured, odometry(measured))
     isotropic = gtsam.NonlinearFactorGraph()
-    for k, kappa in enumerate(graph.rotation.kappa.tolist()):
+    for k, kappa in enumerate(graph.kappa.tolist()):
         factor, noise = factors.at(k), gtsam.noiseModel.Isotropic.Precision(7, 2.0 * kappa)
         step = gtsam.BetweenFactorSimilarity3(*factor.keys(), factor.measured(), noise)
         isotropic.push_back(step)
@@ -96,12 +96,12 @@ def fast_sync(graph: SimilarityGraph, unit: float) -> Estimate:
     return replace(found, translations=unit * found.translations)
 
 
-def length(graph: SimilarityGraph) -> float:
+def length(graph: Graph) -> float:
     """The length of the drive in the units of its frames."""
     return float(np.linalg.norm(graph.translations[: graph.num_nodes - 1], axis=1).sum())
 
 
-def starts(unit: float | None) -> dict[str, Callable[[SimilarityGraph], Estimate]]:
+def starts(unit: float | None) -> dict[str, Callable[[Graph], Estimate]]:
     """Where descents begin, with the unit of FastSync, metres."""
     return {
         "odometry": odometry,
@@ -111,14 +111,14 @@ def starts(unit: float | None) -> dict[str, Callable[[SimilarityGraph], Estimate
     }
 
 
-def descent(graph: SimilarityGraph, start: Estimate) -> End:
+def descent(graph: Graph, start: Estimate) -> End:
     """The end of ours from a start."""
     problem = LogarithmProblem(graph)
     end = descend(problem, start, tolerance=TOLERANCE, max_iterations=STEPS)
     return End(end.estimate, end.cost / 2.0, end.status is Status.ITERATION_LIMIT)
 
 
-def by_gtsam(graph: SimilarityGraph, start: Estimate) -> End:
+def by_gtsam(graph: Graph, start: Estimate) -> End:
     """The end of GTSAM's Levenberg and Marquardt."""
     import gtsam
 
@@ -144,8 +144,8 @@ def basins(
     truth: Estimate,
     loops: IntArray,
     seeds: int,
-    begin: dict[str, Callable[[SimilarityGraph], Estimate]],
-    to_end: Callable[[SimilarityGraph, Estimate], End],
+    begin: dict[str, Callable[[Graph], Estimate]],
+    to_end: Callable[[Graph, Estimate], End],
 ) -> Iterator[str]:
     """The lines of the table of ends."""
     yield f"| walk | turn, rad | {' | '.join(begin)} |"
@@ -177,7 +177,7 @@ def errors(truth: Estimate, loops: IntArray, seeds: int, walks: list[float]) -> 
     yield ROW.format(*names)
     for walk in walks:
         for seed, graph, _ in drives(truth, loops, seeds, walk=walk):
-            held = replace(graph, free=np.arange(graph.num_nodes) != 0)
+            held = graph.with_unknown_scales(np.arange(graph.num_nodes) != 0)
             begun = time.perf_counter()
             answer = certpgo.solve(graph, time_limit=LIMIT)
             seconds = time.perf_counter() - begun

@@ -24,7 +24,6 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +32,7 @@ import numpy as np
 import certpgo
 from certpgo import Estimate
 from certpgo.errors import CertPGOError
-from certpgo.graph import Instance, SimilarityGraph
+from certpgo.graph import Graph, Instance
 from certpgo.io.datasets.monocular import random_maps
 from certpgo.linalg import rotations as so
 from certpgo.objective.logarithms import LogarithmProblem
@@ -48,7 +47,7 @@ NOISES = (0.05, 0.1, 0.2, 0.4, 0.8)
 STARTS, SOLVED, INTERIOR = 6, 1e-9, 2e-6
 
 
-def sampled(rng: np.random.Generator) -> SimilarityGraph:
+def sampled(rng: np.random.Generator) -> Graph:
     """A random graph, of random dimension, size, noise, unit, known scales and points."""
     d, n = int(rng.integers(2, 4)), int(rng.integers(4, 10))
     points = int(rng.integers(0, 3)) if n > 5 else 0
@@ -60,7 +59,7 @@ def sampled(rng: np.random.Generator) -> SimilarityGraph:
         rng, d, n, m, turn=turn, scale=scale, move=move, known=known, points=points
     )
     in_mean_unit = rng.integers(0, 2)
-    return replace(graph, free=~graph.is_point) if in_mean_unit else graph
+    return graph.with_unknown_scales(~graph.is_point) if in_mean_unit else graph
 
 
 def lowest(problem: SimilarityProblem, rng: np.random.Generator, count: int) -> float:
@@ -230,7 +229,7 @@ def tightness(graphs: int, seed: int = 0) -> None:
                 for k in range(graphs):
                     rng = np.random.default_rng([seed, d, k])
                     graph, _ = random_maps(rng, d, turn=turn, scale=scale, move=turn)
-                    graph = replace(graph, free=~graph.is_point)
+                    graph = graph.with_unknown_scales(~graph.is_point)
                     found = certpgo.solve(graph).certificate
                     tight += found.verdict == "CERTIFIED"
                     if found.verdict != "CERTIFIED":
@@ -247,7 +246,7 @@ def attack_logarithms(graphs: int, seed: int) -> list[str]:
         d, (turn, scale, move) = int(rng.integers(2, 4)), rng.choice(NOISES[:4], 3)
         graph, _ = random_maps(rng, d, turn=turn, scale=scale, move=move)
         if rng.integers(0, 2):
-            graph = replace(graph, free=np.ones(graph.num_nodes, dtype=bool))
+            graph = graph.with_unknown_scales(np.ones(graph.num_nodes, dtype=bool))
         fit, problem = certpgo.fit_logarithms(graph, time_limit=20.0), LogarithmProblem(graph)
         gaps.append(1.0 - fit.lower_bound(1.0) / fit.cost)
         found = [fit.estimate]
@@ -268,9 +267,7 @@ def attack_logarithms(graphs: int, seed: int) -> list[str]:
     return false
 
 
-def shaken(
-    rng: np.random.Generator, estimate: Estimate, graph: SimilarityGraph, within: float
-) -> Estimate:
+def shaken(rng: np.random.Generator, estimate: Estimate, graph: Graph, within: float) -> Estimate:
     """A map near another, with scales within a factor of the other's."""
     n, d = estimate.num_nodes, estimate.d
     turn = so.exp(0.3 * rng.standard_normal((n, so.tangent_dim(d))))

@@ -105,7 +105,7 @@ def rows(name: str, keep: float) -> Iterator[dict[str, object]]:
     choices = [
         ("connectivity", found.chosen),
         ("spectrum", sparsify(instance, keep, by="spectrum").chosen),
-        *others(measure, graph.rotation.kappa, loops, len(found.chosen)),
+        *others(measure, graph.kappa, loops, len(found.chosen)),
         ("all", np.flatnonzero(loops)),
     ]
     for method, chosen in choices:

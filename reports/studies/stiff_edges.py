@@ -153,7 +153,7 @@ def _far_off(instance: Instance, made: Drawn) -> Estimate:
 def attained(instance: Instance, cost: str, start: Estimate) -> float:
     """The cost where SciPy's least squares ends, by formulas of this module; infinite for GTSAM."""
     graph, d = instance.graph, instance.graph.d
-    if cost == "gtsam" or not isinstance(graph, certpgo.PoseGraph) or start.translations is None:
+    if cost == "gtsam" or not isinstance(graph, certpgo.Graph) or start.translations is None:
         return np.inf
     i, j = graph.edges.T
     n, q = graph.num_nodes, 1 if d == 2 else 3
@@ -167,12 +167,12 @@ def attained(instance: Instance, cost: str, start: Estimate) -> float:
         R, t = start.rotations @ turn, start.translations + moved
         y = np.einsum("mba,mb->ma", R[i], t[j] - t[i]) - graph.translations
         if cost == "chordal":
-            E = R[j] - R[i] @ graph.rotation.rotations
-            scaled = np.sqrt(graph.rotation.kappa)[:, None] * E.reshape(len(E), -1)
+            E = R[j] - R[i] @ graph.rotations
+            scaled = np.sqrt(graph.kappa)[:, None] * E.reshape(len(E), -1)
             return np.concatenate([scaled.ravel(), (np.sqrt(graph.tau)[:, None] * y).ravel()])
-        M = graph.rotation.rotations
+        M = graph.rotations
         E = np.swapaxes(R[i] @ M, 1, 2) @ R[j]
-        has_turn = graph.rotation.kappa > 0.0
+        has_turn = graph.kappa > 0.0
         if d == 2:
             e = np.arctan2(E[:, 1, 0], E[:, 0, 0])[:, None]
         else:
@@ -190,9 +190,9 @@ def is_empty(found: Certificate, instance: Instance, estimate: Estimate) -> bool
     if found.verdict is not Verdict.CERTIFIED or found.gap <= 1.02e-3 * found.cost_upper:
         return False
     graph, (i, j) = instance.graph, instance.graph.edges.T
-    turned = estimate.rotations[j] - estimate.rotations[i] @ graph.rotation.rotations
-    off = np.abs(turned[graph.rotation.kappa > 0.0]).max(initial=0.0)
-    if isinstance(graph, certpgo.PoseGraph) and estimate.translations is not None:
+    turned = estimate.rotations[j] - estimate.rotations[i] @ graph.rotations
+    off = np.abs(turned[graph.kappa > 0.0]).max(initial=0.0)
+    if isinstance(graph, certpgo.Graph) and estimate.translations is not None:
         t = estimate.translations
         steps = np.einsum("mab,mb->ma", estimate.rotations[i], graph.translations)
         off = max(off, np.abs(t[j] - t[i] - steps).max())

@@ -27,9 +27,8 @@ import numpy as np
 
 from certpgo import (
     Estimate,
+    Graph,
     NumericalError,
-    PoseGraph,
-    RotationGraph,
     certify,
     checker,
     integer_checker,
@@ -43,6 +42,7 @@ from certpgo.certify.leave_one_out import worth_keeping
 from certpgo.certify.normalized import NormalizedProblem
 from certpgo.certify.tolerances import ATOL, RTOL
 from certpgo.errors import GraphError
+from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.objective.problem import problem_of
@@ -59,7 +59,7 @@ DAMAGED, LEFT_OUT = 8, 3
 
 def random_graph(
     rng: np.random.Generator, d: int, poses: bool, most: int
-) -> tuple[PoseGraph | RotationGraph, BoolArray, BoolArray]:
+) -> tuple[Graph, BoolArray, BoolArray]:
     """A graph, and which measurements are doubtful, and wrong."""
     n, k = int(rng.integers(4, 10)), int(rng.integers(1, most + 1))
     pairs = [(i, i + 1) for i in range(n - 1)]
@@ -140,7 +140,7 @@ def _choices(doubtful: BoolArray) -> Iterator[BoolArray]:
         yield whole
 
 
-def _cost(graph: PoseGraph | RotationGraph, taken: BoolArray, start: Estimate) -> float:
+def _cost(graph: Graph, taken: BoolArray, start: Estimate) -> float:
     """F of some measurements at its optimum; of the part that they determine, if not all."""
     try:
         return solve(graph.reweighted(1.0 * taken), initial=start, time_limit=5.0).cost
@@ -149,7 +149,7 @@ def _cost(graph: PoseGraph | RotationGraph, taken: BoolArray, start: Estimate) -
 
 
 def proofs(
-    graph: PoseGraph | RotationGraph,
+    graph: Graph,
     problem: TruncatedProblem,
     certificate: Certificate,
     rng: np.random.Generator,

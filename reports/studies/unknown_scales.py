@@ -95,7 +95,7 @@ def tilt_of_factors(found: Reconstruction, hidden: np.ndarray) -> str:
         m, n = match(views[i], views[j])
         p, q = views[i].points[m], views[j].points[n]
         noise = camera.covariances(p), camera.covariances(q)
-        start = graph.rotation.rotations[e], graph.translations[e], float(graph.scales[e])
+        start = graph.rotations[e], graph.translations[e], float(graph.scales[e])
         motions = [
             refine(straightened(p, tilt), straightened(q, tilt), noise, start, LOOSE, scaled=True)
             for tilt in ((0.0, 0.0), (SMALL, 0.0), (0.0, SMALL))

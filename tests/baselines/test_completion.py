@@ -46,7 +46,7 @@ def instance(generator, kind, d, n=10, extra=20, noise=0.0):
     """A random problem with parallel and backward edges and uneven weights, and its truth."""
     graph, R, t = strategies.pose_graph(generator, n, d, extra=extra, noise=noise)
     if kind == "rotations":
-        return RotationProblem(graph.rotation), Estimate(R)
+        return RotationProblem(graph.rotations_alone), Estimate(R)
     return PoseProblem(graph), Estimate(R, t)
 
 
@@ -76,7 +76,7 @@ def posed(made, noise, generator):
 
 
 def with_outliers(graph, share, generator):
-    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    rotation = graph.rotations_alone if graph.has_positions else graph
     bad = generator.permutation(rotation.num_edges)[: round(share * rotation.num_edges)]
     R = rotation.rotations.copy()
     R[bad] = so.random(generator, len(bad), rotation.d)
@@ -368,7 +368,7 @@ def test_moving_the_world_and_naming_nodes_anew_change_nothing(name, seed, d):
 
 
 def relabelled(graph, place):
-    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    rotation = graph.rotations_alone if graph.has_positions else graph
     named = RotationGraph(
         rotation.num_nodes, place[rotation.edges], rotation.rotations, rotation.kappa
     )
@@ -376,7 +376,7 @@ def relabelled(graph, place):
 
 
 def reversed_graph(graph):
-    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    rotation = graph.rotations_alone if graph.has_positions else graph
     R = np.swapaxes(rotation.rotations, 1, 2)
     turned = RotationGraph(rotation.num_nodes, rotation.edges[:, ::-1], R, rotation.kappa)
     if rotation is graph:
@@ -420,7 +420,7 @@ def test_outliers_move_least_squares_but_not_the_robust_methods(kind):
 
 
 def test_the_relaxation_is_below_the_estimate_it_starts_from(dataset):
-    problem = problem_of(dataset("smallGrid3D").graph.rotation).with_unit_weights()
+    problem = problem_of(dataset("smallGrid3D").graph.rotations_alone).with_unit_weights()
     best = solver("riemannian_gradient").solve(problem)
     solution = solver("damped_newton").solve(problem, initial=best.estimate)
     # Each edge counts twice, and half.

@@ -209,7 +209,7 @@ def test_graph_weights_are_kappa_alone_up_to_their_unit(kind):
 
 def test_the_unit_of_length_does_not_matter_to_eigenvectors():
     graph = pose_graph(rng_of(7), 15, 3, noise=0.05)[0]
-    longer = PoseGraph(graph.rotation, 100.0 * graph.translations, graph.tau)
+    longer = PoseGraph(graph.rotations_alone, 100.0 * graph.translations, graph.tau)
     ours, theirs = (solver().solve(problem_of(g)).estimate.anchored(0) for g in (graph, longer))
     np.testing.assert_allclose(theirs.rotations, ours.rotations, atol=1e-8)
     np.testing.assert_allclose(theirs.translations, 100.0 * ours.translations, atol=1e-4)

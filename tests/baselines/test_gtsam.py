@@ -276,9 +276,7 @@ def test_lago_does_without_odometry(gtsam):
     graph = problem.graph
     shuffled = rng().permutation(problem.n)
     relabelled = PoseGraph(
-        RotationGraph(
-            problem.n, shuffled[graph.edges], graph.rotation.rotations, graph.rotation.kappa
-        ),
+        RotationGraph(problem.n, shuffled[graph.edges], graph.rotations, graph.kappa),
         graph.translations,
         graph.tau,
     )

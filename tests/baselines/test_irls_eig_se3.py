@@ -66,7 +66,7 @@ def test_residuals_are_those_of_the_blocks(d):
         T, measured = np.tile(np.eye(d + 1), (2, 1, 1)), np.eye(d + 1)
         for pose, node in zip(T, (i, j), strict=True):
             pose[:d, :d], pose[:d, d] = R[node], t[node]
-        measured[:d, :d], measured[:d, d] = graph.rotation.rotations[e], graph.translations[e]
+        measured[:d, :d], measured[:d, d] = graph.rotations[e], graph.translations[e]
         assert norms[e] == pytest.approx(np.linalg.norm(measured - np.linalg.inv(T[0]) @ T[1]))
 
 

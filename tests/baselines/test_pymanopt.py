@@ -48,7 +48,7 @@ def problem_in(d, kind):
 @pytest.mark.parametrize(("kind", "cost"), [("rotations", 484.976072679), ("poses", 1025.398056)])
 def test_the_optima_of_small_grid(pymanopt, dataset, kind, cost):
     graph = dataset("smallGrid3D").graph
-    problem = problem_of(graph if kind == "poses" else graph.rotation)
+    problem = problem_of(graph if kind == "poses" else graph.rotations_alone)
     solution = solver(min_gradient_norm=1e-3).solve(problem)
     assert solution.cost == pytest.approx(cost, rel=1e-9)
     assert solution.cost == problem.cost(solution.estimate)

@@ -65,7 +65,7 @@ def wound_up(n, d=3):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_optimum_of_small_grid(gtsam, name, dataset):
-    problem = RotationProblem(dataset("smallGrid3D").graph.rotation)
+    problem = RotationProblem(dataset("smallGrid3D").graph.rotations_alone)
     solution = solver(name).solve(problem)
     assert solution.cost == pytest.approx(484.976072679, rel=ACCURACY[name])
     assert solution.cost == problem.cost(solution.estimate)

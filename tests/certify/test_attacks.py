@@ -41,7 +41,9 @@ def test_overflow_certifies_nothing(refine):
 
 def test_weights_that_add_up_beyond_doubles_are_refused():
     problem, wound = wound_poses(20, 1)
-    far = PoseProblem(PoseGraph(problem.graph.rotation, np.full((20, 3), 1e160), np.ones(20)))
+    far = PoseProblem(
+        PoseGraph(problem.graph.rotations_alone, np.full((20, 3), 1e160), np.ones(20))
+    )
     with pytest.raises(InputError, match="beyond the range of doubles"):
         certify(far, Estimate(wound.rotations, np.zeros((20, 3))))
 

@@ -104,7 +104,7 @@ def test_public_optima_are_certified(name, dataset):
 def test_lower_bounds_are_below_every_cost_in_sight(seed, d, poses):
     rng = rng_of(seed)
     graph, R, t = pose_graph(rng, 7, d, noise=0.4)
-    problem = problem_of(graph if poses else graph.rotation)
+    problem = problem_of(graph if poses else graph.rotations_alone)
     truth = Estimate(R, t if poses else None)
     certificate = certify(problem, truth)
     assert certificate.cost_upper >= problem.cost(truth)
@@ -125,7 +125,7 @@ def test_invariances_of_the_verdict(seed, d):
     x = newton(PoseProblem(graph), Estimate(R, t)).estimate
     reference = certify(PoseProblem(graph), x)
 
-    scaled = graph.with_weights(2.0**40 * graph.rotation.kappa, 2.0**40 * graph.tau)
+    scaled = graph.with_weights(2.0**40 * graph.kappa, 2.0**40 * graph.tau)
     certificate = certify(PoseProblem(scaled), x)
     assert certificate.verdict is reference.verdict
     assert certificate.lower_bound == pytest.approx(2.0**40 * reference.lower_bound, rel=1e-8)
@@ -133,13 +133,13 @@ def test_invariances_of_the_verdict(seed, d):
     moved = x.moved(so.random(rng, 1, d)[0], rng.standard_normal(d))
     assert certify(PoseProblem(graph), moved).verdict is reference.verdict
 
-    kilometres = PoseGraph(graph.rotation, graph.translations / 1024, graph.tau * 1024.0**2)
+    kilometres = PoseGraph(graph.rotations_alone, graph.translations / 1024, graph.tau * 1024.0**2)
     smaller = Estimate(x.rotations, x.translations / 1024)
     assert certify(PoseProblem(kilometres), smaller).verdict is reference.verdict
 
     order = rng.permutation(8)
     place = np.argsort(order)
-    rotation = graph.rotation
+    rotation = graph.rotations_alone
     renamed = PoseGraph(
         RotationGraph(8, place[rotation.edges], rotation.rotations, rotation.kappa),
         graph.translations,
@@ -154,8 +154,8 @@ def test_invariances_of_the_verdict(seed, d):
 @pytest.mark.parametrize("poses", [True, False])
 def test_noise_free_graphs_are_certified_at_zero(poses, scale):
     graph, R, t = pose_graph(np.random.default_rng(5), 30, 3, noise=0.0)
-    graph = graph.with_weights(scale * graph.rotation.kappa, scale * graph.tau)
-    problem = problem_of(graph if poses else graph.rotation)
+    graph = graph.with_weights(scale * graph.kappa, scale * graph.tau)
+    problem = problem_of(graph if poses else graph.rotations_alone)
     certificate = certify(problem, Estimate(R, t if poses else None))
     assert certificate.verdict is Verdict.CERTIFIED
     assert abs(certificate.lower_bound) < 1e-9 * problem.scale
@@ -165,7 +165,7 @@ def test_noise_free_graphs_are_certified_at_zero(poses, scale):
 def test_trees_and_single_edges(n):
     rng = np.random.default_rng(1)
     graph, R, _t = pose_graph(rng, n, 3, extra=0, noise=0.5)
-    for problem in (PoseProblem(graph), RotationProblem(graph.rotation)):
+    for problem in (PoseProblem(graph), RotationProblem(graph.rotations_alone)):
         solution = newton(problem, problem.complete(R))
         certificate = certify(problem, solution.estimate)
         assert certificate.verdict is Verdict.CERTIFIED, certificate.reason

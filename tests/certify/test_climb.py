@@ -34,7 +34,7 @@ def uneven(condition, noise):
     Omega[:, :3, :3] = 0.5 * (T + np.swapaxes(T, 1, 2))
     Omega[:, 3:, 3:] = np.eye(3) / noise**2
     weights = np.full(m, 3.0 / np.sum(sigmas**2))
-    graph = PoseGraph(graph.rotation, graph.translations + moved, weights)
+    graph = PoseGraph(graph.rotations_alone, graph.translations + moved, weights)
     return InformationProblem(G2oCost(graph.with_information(Omega)))
 
 

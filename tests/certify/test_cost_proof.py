@@ -37,7 +37,7 @@ def text_of(graph, information):
     """A g2o file of these doubles."""
     d, lines = graph.d, []
     upper = np.triu_indices(d * (d + 1) // 2)
-    turns = quaternions(graph.rotation.rotations)
+    turns = quaternions(graph.rotations)
     for e, (i, j) in enumerate(graph.edges):
         turn = turns[e] if d == 3 else [2.0 * math.atan2(turns[e, 1], turns[e, 0])]
         tag = "EDGE_SE3:QUAT" if d == 3 else "EDGE_SE2"

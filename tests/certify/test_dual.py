@@ -26,7 +26,7 @@ from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 
 def optimum(seed, d, poses, n=7, noise=0.15):
     graph, R, t = pose_graph(rng_of(seed), n, d, noise=noise)
-    problem = problem_of(graph if poses else graph.rotation)
+    problem = problem_of(graph if poses else graph.rotations_alone)
     point = newton(problem, Estimate(R, t if poses else None)).estimate
     return problem, problem.complete(point.rotations)
 
@@ -44,7 +44,7 @@ def test_the_certified_matrix_is_positive_definite_in_ball_arithmetic(
         d = 2 + seed % 2
         graph, R, t = pose_graph(rng_of(seed), 5, d, noise=noise)
         graph, exact = with_exact_rotations(graph)
-        problem = problem_of(graph if poses else graph.rotation)
+        problem = problem_of(graph if poses else graph.rotations_alone)
         point = newton(problem, Estimate(R, t if poses else None)).estimate
         bound = dual_bound(problem, problem.complete(point.rotations))
         if bound is None:
@@ -60,7 +60,7 @@ def test_the_certified_matrix_is_positive_definite_in_ball_arithmetic(
 def test_the_oracle_refuses_a_multiplier_that_is_too_large():
     graph, R, _ = pose_graph(rng_of(0), 5, 3)
     graph, exact = with_exact_rotations(graph)
-    problem = RotationProblem(graph.rotation)
+    problem = RotationProblem(graph.rotations_alone)
     point = newton(problem, Estimate(R)).estimate
     bound = dual_bound(problem, point)
     raised = bound.multipliers + 2.0 * bound.shift * np.eye(3)
@@ -94,7 +94,7 @@ def test_indefinite_certificate_matrices_give_the_eigenvalue_bound():
     """For rotations the best uniform shift is -lambda_min: the search must come close to it."""
     for seed in range(30):
         graph, R, _ = pose_graph(np.random.default_rng(seed), 6, 3, noise=1.0)
-        problem = RotationProblem(graph.rotation)
+        problem = RotationProblem(graph.rotations_alone)
         point = newton(problem, Estimate(R), NewtonSettings(max_iterations=300)).estimate
         smallest = np.linalg.eigvalsh(
             problem.certificate_matrix(problem.multipliers(point)).toarray()
@@ -129,8 +129,8 @@ def test_cost_upper_is_above_the_exact_cost(seed, d):
                 r -= Fraction(R[i, a, b]) * Fraction(graph.translations[e, b])
                 E = Fraction(R[j, a, b])
                 for c in range(d):
-                    E -= Fraction(R[i, a, c]) * Fraction(graph.rotation.rotations[e, c, b])
-                exact += Fraction(graph.rotation.kappa[e]) * E * E
+                    E -= Fraction(R[i, a, c]) * Fraction(graph.rotations[e, c, b])
+                exact += Fraction(graph.kappa[e]) * E * E
             exact += Fraction(graph.tau[e]) * r * r
     upper = cost_upper(problem, x)
     assert Fraction(upper) >= exact
@@ -295,7 +295,7 @@ def test_points_of_higher_rank_bound_loose_relaxations(poses):
         d = 2 + seed % 2
         graph, R, t = pose_graph(rng_of(seed), 5, d, noise=2.0)
         graph, exact = with_exact_rotations(graph)
-        problem = problem_of(graph if poses else graph.rotation)
+        problem = problem_of(graph if poses else graph.rotations_alone)
         start = LowRank(rank=d + 3, seed=seed)._start(problem, d + 3)
         relaxed = descend(problem, start, d + 3)
         bound = dual_bound(problem, relaxed.point)

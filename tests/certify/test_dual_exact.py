@@ -24,7 +24,7 @@ U = 2.0**-53
 
 def optimum(seed, d, poses, n=6):
     graph, R, t = pose_graph(rng_of(seed), n, d)
-    problem = problem_of(graph if poses else graph.rotation)
+    problem = problem_of(graph if poses else graph.rotations_alone)
     point = newton(problem, Estimate(R, t if poses else None)).estimate
     return problem, problem.complete(point.rotations)
 
@@ -73,13 +73,13 @@ def test_rounding_is_the_a_priori_bound_of_the_factor(seed, poses, engine, monke
 def test_radii_bound_the_rounding_of_every_sum(seed, d, poses, exponent):
     """Every entry by (k + 4) u of the sizes that it adds up, and what its rotations are off by."""
     graph, R, _ = pose_graph(rng_of(seed), 5, d, noise=1.0)
-    problem = problem_of(graph if poses else graph.rotation)
+    problem = problem_of(graph if poses else graph.rotations_alone)
     multipliers = problem.multipliers(problem.complete(R))
     radii, sizes, wobbly, w, _ = radii_and_sizes(problem, multipliers, poses, 2.0**exponent)
     degrees = np.bincount(graph.edges.ravel(), minlength=5)
     b = d + poses
     sums = np.repeat(degrees + 4.0, b) * U
-    exact = sums * (sizes @ w) + rotation_defect(graph.rotation.rotations) * (wobbly @ w)
+    exact = sums * (sizes @ w) + rotation_defect(graph.rotations) * (wobbly @ w)
     assert np.all(radii >= exact * (1 - 1e-12))
 
 

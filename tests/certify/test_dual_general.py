@@ -39,7 +39,7 @@ def test_golden_costs_with_the_files_own_rotational_information(name, dataset):
         general, constant = graph.with_matrix_weights(W), 0.0
     else:
         # Couplings R K cost 2 tr|K| - 2 <R K, Q>, with |K| for K.
-        rotation = graph.rotation
+        rotation = graph.rotations_alone
         turned = RotationGraph(
             graph.num_nodes,
             graph.edges,
@@ -66,7 +66,7 @@ def test_golden_costs_with_the_files_own_rotational_information(name, dataset):
 def test_no_estimate_costs_less_than_a_bound(seed, d, poses, noise):
     rng, n = rng_of(seed), 6
     graph, R, t = general_graph(rng, n, d, noise=noise, extra=4)
-    problem = problem_of(graph if poses else graph.rotation)
+    problem = problem_of(graph if poses else graph.rotations_alone)
     near = newton(problem, Estimate(R, t if poses else None)).estimate
     Y = np.linalg.qr(rng.standard_normal((n, d + 1, d)))[0]
     raised = problem.with_optimal_translations(
@@ -159,9 +159,9 @@ def uneven(rng, n, d, poses):
     rotation = RotationGraph(
         n,
         graph.edges,
-        graph.rotation.rotations,
-        graph.rotation.kappa,
-        graph.rotation.couplings * decades[0][:, None, None],
+        graph.rotations,
+        graph.kappa,
+        graph.couplings * decades[0][:, None, None],
     )
     arms, t = graph.arms * decades[1][:, None], graph.translations * decades[2][:, None]
     other = PoseGraph(rotation, t, graph.tau * decades[3], arms)

@@ -44,7 +44,7 @@ def test_weights_out_of_range_are_refused_where_they_are_read(text, tmp_path):
         f"EDGE_SE2 0 1 0 0 0 1 0 0 1 0 1\nEDGE_SE2 0 1 1 0 0 1 0 0 1 0 {text}\n", "ascii"
     )
     if text == "5e-121":
-        assert certpgo.read(path).graph.rotation.kappa[1] == 5e-121
+        assert certpgo.read(path).graph.kappa[1] == 5e-121
         return
     with pytest.raises(FormatError, match=r"2: .*weights between 3\.9e-121 and 2\.6e"):
         certpgo.read(path)
@@ -106,10 +106,8 @@ def test_costs_are_enclosed(seed):
 def _exact_cost(graph, estimate):
     """F of the stored numbers, in rationals."""
     rational = np.vectorize(Fraction, otypes=[object])
-    R, t, measured = map(
-        rational, (estimate.rotations, estimate.translations, graph.rotation.rotations)
-    )
-    kappa, tau, steps = map(rational, (graph.rotation.kappa, graph.tau, graph.translations))
+    R, t, measured = map(rational, (estimate.rotations, estimate.translations, graph.rotations))
+    kappa, tau, steps = map(rational, (graph.kappa, graph.tau, graph.translations))
     i, j = graph.edges.T
     turn = R[j] - np.einsum("mab,mbc->mac", R[i], measured)
     move = t[j] - t[i] - np.einsum("mab,mb->ma", R[i], steps)

@@ -116,6 +116,6 @@ def test_other_costs_are_refused(tmp_path):
     posed = information_problem(instance, "g2o")
     problem = TruncatedProblem(posed, np.where(doubtful, 20.0, np.inf))
     normalized = NormalizedProblem.of(problem, "standard", 1e-5, 1e-5)
-    start = solve(PoseGraph(graph.rotation, graph.translations, graph.tau)).estimate
+    start = solve(PoseGraph(graph.rotations_alone, graph.translations, graph.tau)).estimate
     with pytest.raises(InputError, match="under F alone"):
         worth_keeping(normalized, start, np.full(graph.num_edges, 20.0))

@@ -26,7 +26,7 @@ from certpgo.objective.problem import problem_of
 
 def optimum(poses, d=3, n=6):
     graph, _, _ = pose_graph(rng_of(d), n, d)
-    problem = problem_of(graph if poses else graph.rotation)
+    problem = problem_of(graph if poses else graph.rotations_alone)
     return problem, certpgo.solve(problem).estimate
 
 
@@ -34,7 +34,7 @@ def optimum(poses, d=3, n=6):
 @settings(max_examples=20)
 def test_measured_rotations_are_within_their_distance_of_the_stored_ones(seed, d):
     graph, _, _ = pose_graph(rng_of(seed), 4, d, noise=3.0)
-    R = graph.rotation.rotations
+    R = graph.rotations
     found = distances(exact_graph(problem_of(graph)), R)
     for q, stored, bound in zip(quaternions(R), R, found, strict=True):
         exact = proofs.exact_rotation(q)
@@ -99,8 +99,10 @@ def test_costs_beyond_the_range_of_doubles_are_infinite():
 @pytest.mark.parametrize("length", [2.0**-20, 1.0, 2.0**20])
 def test_a_witness_weighs_translations_by_a_typical_arm_and_rotations_alone_by_none(poses, length):
     graph, _, _ = pose_graph(rng_of(1), 6, 3)
-    graph = certpgo.PoseGraph(graph.rotation, graph.translations * length, graph.tau / length**2)
-    problem = problem_of(graph if poses else graph.rotation)
+    graph = certpgo.PoseGraph(
+        graph.rotations_alone, graph.translations * length, graph.tau / length**2
+    )
+    problem = problem_of(graph if poses else graph.rotations_alone)
     x = certpgo.solve(problem).estimate
     _, witness = prove(problem, exact_graph(problem), x, problem.multipliers(x))
     assert sorted(witness.order) == list(range(6))

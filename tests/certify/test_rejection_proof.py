@@ -85,11 +85,11 @@ def test_a_certified_rejection_is_proven_to_the_last_digits(tmp_path):
 def test_points_and_priors_have_proofs(tmp_path):
     # A sighting that is wrong by many metres, and one that is right.
     graph, _ = point_graph(np.random.default_rng(5), 6, 3, 3)
-    t, sighted = graph.translations.copy(), np.flatnonzero(graph.points[graph.edges[:, 1]])
+    t, sighted = graph.translations.copy(), np.flatnonzero(graph.is_point[graph.edges[:, 1]])
     t[sighted[0]] += 50.0
     doubtful = np.zeros(graph.num_edges, dtype=bool)
     doubtful[sighted[0]] = True
-    posed = certpgo.PoseGraph(graph.rotation, t, graph.tau, points=graph.points)
+    posed = certpgo.PoseGraph(graph.rotations_alone, t, graph.tau, points=graph.is_point)
     path, proof, _ = proven(tmp_path, posed, doubtful)
     for of in BOTH:
         said = of.check(path, proof)
@@ -109,10 +109,10 @@ def test_both_checkers_number_the_measurements_alike(tmp_path, keep):
     # Priors and sightings come first in the file, every measurement twice, and the wrong one is a
     # sighting: places in the file are others than numbers in the proof.
     graph, _ = point_graph(np.random.default_rng(5), 6, 3, 3)
-    sighted = np.flatnonzero(graph.points[graph.edges[:, 1]])
+    sighted = np.flatnonzero(graph.is_point[graph.edges[:, 1]])
     t = graph.translations.copy()
     t[sighted[1]] += 50.0
-    posed = certpgo.PoseGraph(graph.rotation, t, graph.tau, points=graph.points)
+    posed = certpgo.PoseGraph(graph.rotations_alone, t, graph.tau, points=graph.is_point)
     posed = certpgo.with_priors(posed, np.arange(4), translations=np.eye(4, 3), tau=0.01)
     names = {"ids": np.arange(posed.num_nodes), "world": posed.num_nodes - 1}
     path, proof = tmp_path / "graph.g2o", tmp_path / "graph.cert"
@@ -224,7 +224,7 @@ def test_other_headers_are_unreadable(tmp_path, spatial, change):
 def test_rotations_alone_have_no_translations_to_reach_a_price(tmp_path):
     # The file has translations, which a proof about rotations does not count.
     graph, doubtful = doubtful_graph(np.random.default_rng(4), 3, poses=True)
-    path, proof, _ = proven(tmp_path, graph.rotation, doubtful)
+    path, proof, _ = proven(tmp_path, graph.rotations_alone, doubtful)
     arrays = arrays_of(proof)
     assert arrays["rejections"].shape[1] == 11
     arrays["rejections"] = np.c_[arrays["rejections"], np.full((len(doubtful[doubtful]), 4), 1e3)]

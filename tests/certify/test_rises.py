@@ -103,8 +103,8 @@ def test_wrong_loops_are_refuted_by_odometry_alone(dataset):
     rotation = RotationGraph(
         graph.num_nodes,
         np.concatenate([graph.edges, ends]),
-        np.concatenate([graph.rotation.rotations, so.random(rng, 20, 2)]),
-        np.r_[graph.rotation.kappa, np.full(20, np.median(graph.rotation.kappa))],
+        np.concatenate([graph.rotations, so.random(rng, 20, 2)]),
+        np.r_[graph.kappa, np.full(20, np.median(graph.kappa))],
     )
     tau = np.r_[graph.tau, np.full(20, np.median(graph.tau))]
     steps = np.concatenate([graph.translations, rng.normal(size=(20, 2))])

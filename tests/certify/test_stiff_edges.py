@@ -8,11 +8,12 @@ import pytest
 from strategies import pose_graph
 
 import certpgo
-from certpgo import Estimate, PoseGraph, Ranges, RotationGraph, Tier, Verdict, certify, solve
+from certpgo import Estimate, Ranges, Tier, Verdict, certify, solve
 from certpgo.certify.normalized import NormalizedProblem
 from certpgo.certify.obstacle import LimitedBy
 from certpgo.certify.stiff_edges import BRIDGE, IN_CYCLE, eased
 from certpgo.certify.verdict import loses_to_rounding
+from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.graph.information import Information
 from certpgo.graph.scale import MOST, Scale
 from certpgo.io.datasets.synthetic import winding_cycle
@@ -89,8 +90,8 @@ def test_a_leaf_changes_neither_optimum_nor_bound(tmp_path, weight, cost, lower,
 def test_noisy_measurements_stay_certified_beside_a_mount(weight):
     graph, _, _ = pose_graph(np.random.default_rng(3), 12, 3, noise=0.05)
     alone = solve(graph).certificate
-    kappa, tau = (np.r_[w, weight] for w in (graph.rotation.kappa, graph.tau))
-    edges, R = np.r_[graph.edges, [(0, 12)]], np.r_[graph.rotation.rotations, [np.eye(3)]]
+    kappa, tau = (np.r_[w, weight] for w in (graph.kappa, graph.tau))
+    edges, R = np.r_[graph.edges, [(0, 12)]], np.r_[graph.rotations, [np.eye(3)]]
     t = np.r_[graph.translations, [(0.1, 0, 0)]]
     found = solve(PoseGraph(RotationGraph(13, edges, R, kappa), t, tau)).certificate
     assert alone.verdict is found.verdict is Verdict.CERTIFIED
@@ -149,10 +150,10 @@ def test_stiff_measurements_are_lowered_by_powers_of_two():
     graph, _ = ring(3e15)
     assert eased(problem_of(ring(2.0**9)[0])).scale == problem_of(ring(2.0**9)[0]).scale
     soft = eased(problem_of(graph))
-    last = soft.graph.rotation.kappa[-1]
+    last = soft.graph.kappa[-1]
     assert 0.5 < last <= 1.0
     assert math.frexp(3e15 / last)[0] == 0.5
-    assert (soft.graph.rotation.kappa[:-1] == 1.0).all()
+    assert (soft.graph.kappa[:-1] == 1.0).all()
     in_cycle = graph.reweighted(np.r_[2.0**40, np.ones(29), 1.0 / 3e15])
     assert eased(problem_of(in_cycle)).graph.tau[0] == IN_CYCLE
     assert eased(problem_of(in_cycle), cycles=False).graph.tau[0] == 2.0**40
@@ -163,9 +164,9 @@ def test_stiff_measurements_are_lowered_by_powers_of_two():
 @pytest.mark.parametrize("unit", [2.0**-30, 1.0, 2.0**30])
 def test_exact_fits_depend_on_no_scale(factor, unit):
     graph, right = ring(1e12)
-    kappa, tau = factor * graph.rotation.kappa, factor / unit**2 * graph.tau
+    kappa, tau = factor * graph.kappa, factor / unit**2 * graph.tau
     scaled = PoseGraph(
-        RotationGraph(31, graph.edges, graph.rotation.rotations, kappa),
+        RotationGraph(31, graph.edges, graph.rotations, kappa),
         unit * graph.translations,
         tau,
     )
@@ -225,7 +226,7 @@ def test_a_stiff_leaf_raises_no_bound_on_a_truncated_cost(seed):
     rng = np.random.default_rng(seed)
     graph, _, _ = pose_graph(rng, 5, 2, noise=0.01)
     edges = np.r_[graph.edges, [(0, 5)]]
-    R = np.r_[graph.rotation.rotations, graph.rotation.rotations[:1]]
+    R = np.r_[graph.rotations, graph.rotations[:1]]
     t = np.r_[graph.translations, rng.standard_normal((1, 2))]
     A = rng.standard_normal((len(edges), 3, 3))
     W = A @ np.swapaxes(A, 1, 2) + np.eye(3)
@@ -247,8 +248,8 @@ def test_a_stiff_bridge_changes_no_verdict_on_rejections(d, weight):
         RotationGraph(
             12,
             np.r_[graph.edges, graph.edges + 6, [(2, 8)]],
-            np.r_[graph.rotation.rotations, graph.rotation.rotations, [np.eye(d)]],
-            np.r_[100.0 * graph.rotation.kappa, graph.rotation.kappa, weight],
+            np.r_[graph.rotations, graph.rotations, [np.eye(d)]],
+            np.r_[100.0 * graph.kappa, graph.kappa, weight],
         ),
         np.r_[graph.translations, graph.translations, [np.ones(d)]],
         np.r_[100.0 * graph.tau, graph.tau, weight],

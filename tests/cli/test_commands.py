@@ -259,7 +259,7 @@ def test_convert_a_graph_there_and_back(certpgo, square, tmp_path):
     assert certpgo("convert", square, there).code == 0
     assert certpgo("convert", there, back).code == 0
     first, second = (package.read(path, quiet=True).graph for path in (square, back))
-    np.testing.assert_array_equal(first.rotation.kappa, second.rotation.kappa)
+    np.testing.assert_array_equal(first.kappa, second.kappa)
     np.testing.assert_array_equal(first.translations, second.translations)
     costs = [certpgo("solve", p, "--cost", "g2o", "--json").json["cost"] for p in (square, there)]
     assert costs[0] == costs[1]

@@ -282,12 +282,12 @@ def test_a_bag_is_followed_without_ros(certpgo, lines, tmp_path):
     graph, messages = read.graph, bags.Messages(2)
     information = [
         np.diag([2 * tau] * 3 + [4 * kappa] * 3)
-        for kappa, tau in zip(graph.rotation.kappa, graph.tau, strict=True)
+        for kappa, tau in zip(graph.kappa, graph.tau, strict=True)
     ]
     links = [
         messages.link(int(i), int(j), R, t, matrix)
         for (i, j), R, t, matrix in zip(
-            graph.edges, graph.rotation.rotations, graph.translations, information, strict=True
+            graph.edges, graph.rotations, graph.translations, information, strict=True
         )
     ]
     whole, first = (messages.graph([], [], some) for some in (links, links[:9]))

@@ -26,11 +26,11 @@ def outliers(tmp_path):
     made = helix(6, np.random.default_rng(0))
     graph = made.graph
     i, j = graph.edges.T
-    R, t = graph.rotation.rotations.copy(), graph.translations.copy()
+    R, t = graph.rotations.copy(), graph.translations.copy()
     wrong = np.flatnonzero(j - i > 1)[::7]
     R[wrong] = np.swapaxes(R[wrong], 1, 2)
     t[wrong] += 5.0
-    rotation = package.RotationGraph(made.graph.num_nodes, graph.edges, R, graph.rotation.kappa)
+    rotation = package.RotationGraph(made.graph.num_nodes, graph.edges, R, graph.kappa)
     path = tmp_path / "outliers.g2o"
     package.write(path, package.PoseGraph(rotation, t, graph.tau))
     return path

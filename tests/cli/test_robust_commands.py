@@ -5,7 +5,8 @@ import pytest
 from scipy import optimize
 from scipy.stats import chi2
 
-from certpgo import Disagreement, PoseGraph, RotationGraph, certify, solve_robustly
+from certpgo import Disagreement, certify, solve_robustly
+from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.io import read, write
 from certpgo.io.datasets import thesis
 from certpgo.io.datasets.synthetic import helix, winding_cycle
@@ -211,9 +212,9 @@ def test_rejections_are_certified_again_under_other_costs(certpgo, tmp_path, cos
 def pose_graph_with_a_wrong_loop(graph):
     """The graph three times, and one more edge from node 2 to 8 that is wrong."""
     edges = np.concatenate([np.tile(graph.edges, (3, 1)), [[2, 8]]])
-    R = np.concatenate([np.tile(graph.rotation.rotations, (3, 1, 1)), np.diag([-1.0, -1, 1])[None]])
+    R = np.concatenate([np.tile(graph.rotations, (3, 1, 1)), np.diag([-1.0, -1, 1])[None]])
     t = np.concatenate([np.tile(graph.translations, (3, 1)), [[9.0, 9.0, 9.0]]])
-    kappa, tau = (np.r_[np.tile(w, 3), np.median(w)] for w in (graph.rotation.kappa, graph.tau))
+    kappa, tau = (np.r_[np.tile(w, 3), np.median(w)] for w in (graph.kappa, graph.tau))
     return PoseGraph(RotationGraph(graph.num_nodes, edges, R, kappa), t, tau)
 
 

@@ -52,7 +52,7 @@ def test_a_page_states_commands_that_work(certpgo, essential, tmp_path, monkeypa
 def test_a_map_without_a_unit_is_compared_with_truth_after_a_similarity(certpgo, tmp_path):
     graph, truth = random_maps(np.random.default_rng(0), 3)
     path, scale = tmp_path / "map.npz", 20.0
-    library.write(path, replace(graph, free=~graph.is_point))
+    library.write(path, graph.with_unknown_scales(~graph.is_point))
     found = []
     for factor in (1.0, scale):
         t = tmp_path / f"{factor:g}.tum"
@@ -93,7 +93,10 @@ def test_the_register_tells_them_from_poses(certpgo, essential, tmp_path):
     said = certpgo("optima", essential, "--register", register)
     assert "the optimum of F is proven" in said.out
     instance = library.read(essential, quiet=True)
-    others = in_one_unit(instance.graph), replace(instance.graph, free=~instance.graph.is_point)
+    others = (
+        in_one_unit(instance.graph),
+        instance.graph.with_unknown_scales(~instance.graph.is_point),
+    )
     for graph in others:
         path = tmp_path / "other.npz"
         library.write(path, replace(instance, graph=graph, initial=None))
@@ -137,7 +140,7 @@ def test_no_fixed_releases_the_unit(certpgo, essential):
     assert "no scale is held" in done.err
     free = library.read(essential, fixed=False, quiet=True)
     assert free.graph.in_mean_unit
-    two = replace(free, graph=replace(free.graph, free=np.arange(8) > 1))
+    two = replace(free, graph=free.graph.with_unknown_scales(np.arange(8) > 1))
     kept = with_held(two, hold=False)
     assert not kept.graph.free[:2].any()
     assert "2 scales are known" in kept.notices[-1]
@@ -246,5 +249,5 @@ def test_functions_refuse_too():
 def test_g2o_holds_no_map_without_any_known_scale(tmp_path):
     graph, _ = random_maps(np.random.default_rng(0), 3)
     with pytest.raises(InputError, match=r"one known scale: \.npz"):
-        library.write(tmp_path / "map.g2o", replace(graph, free=np.ones(8, dtype=bool)))
+        library.write(tmp_path / "map.g2o", graph.with_unknown_scales(np.ones(8, dtype=bool)))
     assert not list(tmp_path.iterdir())

@@ -5,10 +5,11 @@ import pytest
 from features import N, having, plain
 
 import certpgo
-from certpgo import InputError, PoseGraph, RotationGraph, SpecError
-from certpgo.graph import Instance
+from certpgo import InputError, SpecError
+from certpgo.graph import Instance, PoseGraph, RotationGraph
 from certpgo.graph.capabilities import FEATURES, OPERATIONS, lacking, require_capable
 from certpgo.graph.concatenate import joined
+from certpgo.graph.constructors import of_couplings
 from certpgo.graph.streaming import streamed
 from certpgo.objective.choose_cost import certifiable, problem_under
 from certpgo.objective.truncated_problem import rejecting
@@ -21,8 +22,8 @@ def merged(graph, robust):
     maps = [Instance(name, graph, first + np.arange(N)) for name, first in (("a", 0), ("b", 10))]
     edges, same = np.array([[0, 2], [1, 3]]), np.tile(np.eye(3), (2, 1, 1))
     rotation = RotationGraph(4, edges, same, np.ones(2))
-    if graph.rotation.is_general:
-        rotation = RotationGraph.of_couplings(4, edges, same, same)
+    if graph.has_couplings:
+        rotation = of_couplings(4, edges, same, same)
     between = PoseGraph(rotation, np.zeros((2, 3)), np.ones(2))
     return certpgo.merge(maps, Instance("c", between, np.array([0, 1, 10, 11])), robust=robust)
 

@@ -110,10 +110,10 @@ def test_parallel_edges(keep, kappa):
 def test_weights_are_replaced_together_or_apart():
     graph, _, _ = pose_graph(np.random.default_rng(0), 5, 3)
     both = graph.with_weights(2.0, 3.0)
-    assert set(both.rotation.kappa) == {2.0}
+    assert set(both.kappa) == {2.0}
     assert set(both.tau) == {3.0}
-    np.testing.assert_array_equal(graph.with_weights(tau=1.0).rotation.kappa, graph.rotation.kappa)
-    assert set(graph.rotation.with_weights(7.0).kappa) == {7.0}
+    np.testing.assert_array_equal(graph.with_weights(tau=1.0).kappa, graph.kappa)
+    assert set(graph.rotations_alone.with_weights(7.0).kappa) == {7.0}
 
 
 @given(seeds, dimensions)

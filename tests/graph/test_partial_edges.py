@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from strategies import pose_graph, rng_of
 
-from certpgo import GraphError, InputError, PoseGraph, RotationGraph, RotationProblem, with_priors
+from certpgo import GraphError, InputError, RotationProblem, with_priors
+from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.graph.priors import handedness_is_open, origin_of, require_determined
 from certpgo.objective.problem import problem_of
 
@@ -23,7 +24,7 @@ def test_the_world_is_the_last_node():
     joined = with_priors(graph, [1, 3, 3], R[[1, 3, 3]], t[[1, 3, 3]], kappa=[1.0, 2.0, 0.0], tau=4)
     assert joined.num_nodes == 6
     assert joined.edges[-3:].tolist() == [[5, 1], [5, 3], [5, 3]]
-    assert joined.rotation.kappa[-3:].tolist() == [1.0, 2.0, 0.0]
+    assert joined.kappa[-3:].tolist() == [1.0, 2.0, 0.0]
     assert joined.tau[-3:].tolist() == [4.0] * 3
     np.testing.assert_allclose(joined.translations[-3:], t[[1, 3, 3]])
     assert joined.is_partial
@@ -39,7 +40,7 @@ def test_edges_that_measure_nothing_are_refused():
     with pytest.raises(GraphError, match=r"kappa is -1\.0; it must be positive"):
         chain(2, [1.0, -1.0], [1.0, 1.0])
     with pytest.raises(GraphError, match="kappa is 0; only edges of a pose graph"):
-        RotationProblem(chain(2, [1.0, 0.0], [1.0, 1.0]).rotation)
+        RotationProblem(chain(2, [1.0, 0.0], [1.0, 1.0]).rotations_alone)
     whole = chain(2, [1.0, 1.0], [1.0, 1.0])
     for given, words in (
         ({"kappa": 1.0}, "kappa and rotations are given together"),

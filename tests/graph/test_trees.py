@@ -24,7 +24,7 @@ def test_tree_edges_are_exact_in_the_composition(seed, d):
     R, t = estimate.rotations, estimate.translations
     exact = 0
     for e, (i, j) in enumerate(graph.edges):
-        rotation = np.abs(R[j] - R[i] @ graph.rotation.rotations[e]).max()
+        rotation = np.abs(R[j] - R[i] @ graph.rotations[e]).max()
         move = np.abs(t[j] - t[i] - R[i] @ graph.translations[e]).max()
         exact += rotation < 1e-12 and move < 1e-11
     assert exact >= 8
@@ -47,7 +47,7 @@ def test_leaves_are_placed_where_their_edge_has_no_residual(seed, d):
         np.where(np.arange(3)[:, None] < 2, rng.normal(size=(3, d)), 0.0),
         np.arange(n) == 11,
     )
-    whole = joined([graph, hung], n, hung.points)
+    whole = joined([graph, hung], n, hung.is_point)
     R, t = so.exp(rng.normal(size=(n, q))), rng.normal(size=(n, d))
     R[11] = np.eye(d)
     before = Estimate(R, t)

@@ -17,17 +17,17 @@ def with_fixes(seed, d, far, tau=4.0):
     fixed = certpgo.with_priors(graph, np.arange(6), translations=t, tau=tau)
     moved = fixed.translations.copy()
     moved[-6:, 0] += far
-    return PoseGraph(fixed.rotation, moved, fixed.tau, absolute=fixed.absolute), graph
+    return PoseGraph(fixed.rotations_alone, moved, fixed.tau, absolute=fixed.absolute), graph
 
 
 @given(seeds, dimensions)
 @settings(max_examples=20)
 def test_w_is_the_sum_of_the_weights(seed, d):
     graph, _, _ = pose_graph(rng_of(seed), 6, d)
-    expected = graph.rotation.kappa.sum() + graph.tau @ (graph.translations**2).sum(axis=1)
+    expected = graph.kappa.sum() + graph.tau @ (graph.translations**2).sum(axis=1)
     assert PoseProblem(graph).scale == pytest.approx(expected, rel=1e-14)
     arms = np.ones((graph.num_edges, d))
-    general = PoseGraph(graph.rotation, graph.translations, graph.tau, arms)
+    general = PoseGraph(graph.rotations_alone, graph.translations, graph.tau, arms)
     assert Scale.of(general).total == pytest.approx(expected + d * graph.tau.sum(), rel=1e-14)
 
 
@@ -82,4 +82,4 @@ def test_which_measurements_are_absolute_is_kept(tmp_path):
     np.testing.assert_array_equal(graph.subgraph(np.arange(7)).absolute, graph.absolute)
     assert graph.subgraph(np.arange(6)).absolute is None
     with pytest.raises(certpgo.GraphError, match="absolute must be 23 flags"):
-        PoseGraph(graph.rotation, graph.translations, graph.tau, absolute=[True])
+        PoseGraph(graph.rotations_alone, graph.translations, graph.tau, absolute=[True])

@@ -1,7 +1,5 @@
 """What `reports.studies.scale_drift` begins with: keyframes, odometry, and GTSAM's FastSync."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -31,7 +29,7 @@ def test_fastsync_finds_the_map_of_measurements_without_noise(unit):
     """So a map that is off is not one of other conventions."""
     pytest.importorskip("gtsam")
     graph, truth = random_maps(np.random.default_rng(0), turn=0.0, scale=0.0, move=0.0)
-    problem = SimilarityProblem(replace(graph, free=np.ones(8, dtype=bool)))
+    problem = SimilarityProblem(graph.with_unknown_scales(np.ones(8, dtype=bool)))
     found = scale_drift.fast_sync(problem.graph, unit)
     assert problem.cost(found) < 1e-12
     assert found.scales == pytest.approx(truth.scales / truth.scales[0] * found.scales[0])

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 from strategies import pose_graph, rng_of, rotation_graph
 
+from certpgo.graph import RotationGraph
+
 pytest.importorskip("flint", reason="python-flint is not installed")
 
 from certpgo.certify import Verdict
 from certpgo.errors import InputError
-from certpgo.graph import Estimate, RotationGraph
+from certpgo.graph import Estimate
 from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 from certpgo.solve.judging import Judge

@@ -87,9 +87,9 @@ def test_dimensions_must_agree_across_chunks(monkeypatch, file):
 
 def test_unit_weights_ignore_bad_information():
     graph = io.read(BAD / "negative_information.g2o", unit_weights=True).graph
-    np.testing.assert_array_equal(graph.rotation.kappa, 1.0)
+    np.testing.assert_array_equal(graph.kappa, 1.0)
     graph = io.read(BAD / "zero_information.g2o", kappa=2.0, tau=3.0).graph
-    assert (graph.rotation.kappa[0], graph.tau[0]) == (2.0, 3.0)
+    assert (graph.kappa[0], graph.tau[0]) == (2.0, 3.0)
 
 
 @pytest.mark.parametrize(
@@ -117,7 +117,7 @@ def test_unknown_format_is_named_with_its_neighbours(file):
 
 def test_a_named_format_overrules_the_content(file):
     path = file("EDGE2 0 1 1 0 0 1 0 4 9 0 0\n", "ambiguous.txt")
-    assert io.read(path, format="toro").graph.rotation.kappa[0] == 9.0
+    assert io.read(path, format="toro").graph.kappa[0] == 9.0
 
 
 GRAPH = "EDGE_SE2 3 5 1 0 0 1 0 0 1 0 1\nEDGE_SE2 5 9 1 0 0 1 0 0 1 0 1\n"

@@ -68,7 +68,7 @@ def test_poses_of_cameras(file):
         (measured,) = pose_texts(turn[None], (T[0][i] @ X[1][j] + T[1][i])[None])
         text += f"EDGE_SE3:EXPMAP {i} {j} {measured} {weights}\n"
     instance = io.read(file(text), quiet=True)
-    assert instance.graph.rotation.kappa.tolist() == [200.0] * 3
+    assert instance.graph.kappa.tolist() == [200.0] * 3
     assert instance.graph.tau.tolist() == [100.0] * 3
     assert instance.graph.information is None
     np.testing.assert_allclose(instance.initial.translations, X[1], atol=1e-15)

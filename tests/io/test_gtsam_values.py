@@ -8,7 +8,7 @@ import certpgo
 from certpgo import InputNotice
 from certpgo.certify import Verdict
 from certpgo.errors import GraphError, InputError
-from certpgo.graph import Estimate, Instance, RotationGraph
+from certpgo.graph import Estimate, Instance
 from certpgo.objective.problem import problem_of
 from certpgo.optimize.riemannian_newton import newton
 
@@ -62,7 +62,7 @@ def values_of(estimate, keys, kind="Pose"):
 
 def solved(d, rotations=False):
     graph, R, t = pose_graph(np.random.default_rng(d), N, d)
-    problem = problem_of(graph.rotation if rotations else graph)
+    problem = problem_of(graph.rotations_alone if rotations else graph)
     return graph, newton(problem, Estimate(R, None if rotations else t)).estimate
 
 
@@ -73,8 +73,8 @@ def test_poses_for_poses_and_for_rotations(d):
     certificate = certpgo.certify_values(graph, values)
     assert certificate.verdict is Verdict.CERTIFIED
     assert certificate.cost_upper == pytest.approx(problem_of(graph).cost(estimate), rel=1e-12)
-    rotations = certpgo.certify_values(graph.rotation, values)
-    expected = problem_of(graph.rotation).cost(estimate)
+    rotations = certpgo.certify_values(graph.rotations_alone, values)
+    expected = problem_of(graph.rotations_alone).cost(estimate)
     assert rotations.cost_upper == pytest.approx(expected, rel=1e-12)
 
 
@@ -82,10 +82,12 @@ def test_poses_for_poses_and_for_rotations(d):
 def test_rotations_alone(d):
     graph, estimate = solved(d, rotations=True)
     values = values_of(estimate, range(N), "Rot")
-    assert certpgo.certify_values(graph.rotation, values).verdict is Verdict.CERTIFIED
+    assert certpgo.certify_values(graph.rotations_alone, values).verdict is Verdict.CERTIFIED
     with pytest.raises(InputError, match="rotations only"):
         certpgo.certify_values(graph, values)
-    assert certpgo.certify_values(graph.rotation, values, tier="screen").tier.value == "screen"
+    assert (
+        certpgo.certify_values(graph.rotations_alone, values, tier="screen").tier.value == "screen"
+    )
 
 
 def test_symbols_match_by_their_index_in_any_order_and_this_is_said():
@@ -176,8 +178,8 @@ def test_gtsams_own_values(kind):
     d = int(kind[-1])
     graph, estimate = solved(d, rotations=kind.startswith("Rot"))
     if kind.startswith("Rot"):
-        graph = graph.rotation
-    assert isinstance(graph, RotationGraph) == kind.startswith("Rot")
+        graph = graph.rotations_alone
+    assert graph.has_positions != kind.startswith("Rot")
     values = gtsam.Values()
     for k in range(N):
         R = estimate.rotations[k]

@@ -241,7 +241,7 @@ def test_what_cannot_be_held_is_said(tmp_path):
         certpgo.read(tmp_path / "out.npz", fixed=False)
     assert again.notices == instance.notices
     assert (again.graph.tau == 7.0).all()
-    assert (again.graph.rotation.kappa == 3.0).all()
+    assert (again.graph.kappa == 3.0).all()
     assert (again.graph.arms == instance.graph.arms).all()
     assert (again.pairs == instance.pairs).all()
     assert again.held == instance.held == (0, 5)

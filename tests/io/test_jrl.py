@@ -64,9 +64,9 @@ def test_robots_share_one_graph_under_gtsams_cost(write):
     assert instance.ids.tolist() == [A, A + 1, B]
     assert instance.graph.edges.tolist() == [[0, 1], [1, 2], [0, 2]]
     quarter = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
-    np.testing.assert_allclose(instance.graph.rotation.rotations[0], quarter, atol=1e-15)
+    np.testing.assert_allclose(instance.graph.rotations[0], quarter, atol=1e-15)
     assert instance.graph.tau[0] == pytest.approx(25.0)
-    assert instance.graph.rotation.kappa[0] == pytest.approx(3 / (2 * 0.04))
+    assert instance.graph.kappa[0] == pytest.approx(3 / (2 * 0.04))
     np.testing.assert_allclose(
         np.diag(instance.graph.information_matrices[0]), [25, 25, 25, 100, 100, 50], rtol=1e-12
     )
@@ -106,7 +106,7 @@ def test_planes_priors_and_what_is_skipped(write):
     instance = io.read(path, skip=["RangeFactorPose2"], quiet=True)
     assert "1 RangeFactorPose2 measurement skipped" in instance.notices
     assert instance.graph.edges.tolist() == [[0, 1], [2, 0]]
-    np.testing.assert_allclose(instance.graph.rotation.kappa, 100.0)
+    np.testing.assert_allclose(instance.graph.kappa, 100.0)
     assert io.read(path, skip="RangeFactorPose2", priors=False, quiet=True).world is None
 
 

@@ -29,9 +29,9 @@ def test_in_the_plane(file):
     instance = io.read(file(PLANE), quiet=True)
     graph = instance.graph
     assert instance.ids.tolist() == [3, 4, 5]
-    assert graph.points.tolist() == [False, True, False]
+    assert graph.is_point.tolist() == [False, True, False]
     assert graph.edges.tolist() == [[0, 2], [0, 1], [2, 1]]
-    assert graph.rotation.kappa.tolist() == [400.0, 0.0, 0.0]
+    assert graph.kappa.tolist() == [400.0, 0.0, 0.0]
     expected = 2.0 / np.trace(np.linalg.inv([[9.0, 1.0], [1.0, 16.0]]))
     np.testing.assert_allclose(graph.tau, [100.0, 25.0, expected], rtol=1e-15)
     assert instance.initial.translations.tolist() == [[0, 0], [1, 2], [1, 0]]
@@ -93,7 +93,7 @@ def test_what_numbers_mean(file, stated, numbers, kappa, tau):
     root = np.array([[2.0, 1.0], [0.0, 2.0]])
     if numbers == "2 1 0 2 0 4":
         tau = 2.0 / np.trace(np.linalg.inv(root.T @ root))
-    assert instance.graph.rotation.kappa[0] == pytest.approx(kappa)
+    assert instance.graph.kappa[0] == pytest.approx(kappa)
     np.testing.assert_allclose(instance.graph.tau[:2], tau, rtol=1e-14)
     said = any(f"are read as its {stated}" in notice for notice in instance.notices)
     assert said == (stated != "information")
@@ -203,7 +203,7 @@ def test_points_and_the_world(file):
     text = PLANE + "EDGE_PRIOR_SE2 3 0.1 0 0 25 0 0 25 0 16\nEDGE_PRIOR_SE2_XY 4 1.2 2 25 0 25\n"
     instance = io.read(file(text), quiet=True)
     assert instance.world == 3
-    assert instance.graph.points.tolist() == [False, True, False, False]
+    assert instance.graph.is_point.tolist() == [False, True, False, False]
     assert instance.graph.edges[-1].tolist() == [3, 1]
     answer = certpgo.solve(instance)
     assert answer.verdict.value == "CERTIFIED"
@@ -283,7 +283,7 @@ def test_npz_keeps_where_a_world_is_assumed_to_be(tmp_path):
         True,
     ]
     with pytest.raises(GraphError, match="assumed must be 4 flags"):
-        certpgo.PoseGraph(turned.rotation, turned.translations, turned.tau, assumed=[True])
+        certpgo.PoseGraph(turned.rotations_alone, turned.translations, turned.tau, assumed=[True])
 
 
 def test_a_sensor_with_two_poses_is_refused_at_its_line(monkeypatch, file):

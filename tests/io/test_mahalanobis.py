@@ -80,7 +80,7 @@ def test_lowered_weights_keep_the_other_axes():
 def test_the_plane_has_half_of_kappa(file):
     path = file(SQUARE.format(7))
     half, whole = io.read(path, mahalanobis=True), io.read(path)
-    assert half.graph.rotation.kappa.tolist() == [3.5, 3.5]
+    assert half.graph.kappa.tolist() == [3.5, 3.5]
     assert half.graph.tau.tolist() == whole.graph.tau.tolist()
     assert half.options["weights"] == "mahalanobis"
     assert half.graph.information is None
@@ -99,7 +99,7 @@ EDGE_SE3_XYZPRIOR 1 0 1 0 0.5 1 0 0 1 0 1
 def test_positions_in_space_keep_their_weights(file):
     """Sightings and GPS have no rotational information to weigh."""
     instance = io.read(file(SPACE), mahalanobis=True, quiet=True)
-    kappa = instance.graph.rotation.kappa
+    kappa = instance.graph.kappa
     assert kappa.tolist() == pytest.approx([1.5, 0.0, 0.0, 1.5, 0.0])
     assert instance.graph.tau.tolist() == [1.0] * 5
     answer = solve(instance)

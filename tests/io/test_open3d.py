@@ -50,7 +50,7 @@ def test_a_transformation_is_a_measurement_of_the_source_from_the_target(stored)
     graph = instance.graph
     assert instance.ids.tolist() == [0, 1]
     assert graph.edges.tolist() == [[0, 1]]
-    assert np.abs(graph.rotation.rotations[0] - [[0, -1, 0], [1, 0, 0], [0, 0, 1]]).max() == 0.0
+    assert np.abs(graph.rotations[0] - [[0, -1, 0], [1, 0, 0], [0, 0, 1]]).max() == 0.0
     assert graph.translations.tolist() == [[1.0, 2.0, 3.0]]
     # The poses of these nodes fit the measurement.
     assert certpgo.PoseProblem(graph).cost(instance.initial) == 0.0
@@ -60,12 +60,12 @@ def test_information_has_rotation_before_translation(stored):
     omega = np.diag([2.0, 2, 2, 5, 5, 5])
     omega[0, 4] = omega[4, 0] = 0.25
     instance = certpgo.read(stored(pose_graph([IDENTITY, QUARTER], [edge(information=omega)])))
-    assert (instance.graph.rotation.kappa[0], instance.graph.tau[0]) == (1.0, 5.0)
+    assert (instance.graph.kappa[0], instance.graph.tau[0]) == (1.0, 5.0)
     found = instance.graph.information_matrices[0]
     assert np.diag(found).tolist() == [5, 5, 5, 2, 2, 2]
     assert found[3, 1] == found[1, 3] == 0.25
     about = certpgo.read(instance.source, rotation_information="quaternion")
-    assert about.graph.rotation.kappa[0] == 0.25
+    assert about.graph.kappa[0] == 0.25
     unit = certpgo.read(instance.source, unit_weights=True)
     assert unit.graph.tau[0] == 1.0
     assert unit.graph.information is None
@@ -118,9 +118,9 @@ def test_a_graph_survives_being_written_and_read(tmp_path):
     certpgo.write(path, made)
     found, graph = certpgo.read(path), made.graph
     assert found.graph.edges.tolist() == graph.edges.tolist()
-    assert np.abs(found.graph.rotation.rotations - graph.rotation.rotations).max() < 1e-15
+    assert np.abs(found.graph.rotations - graph.rotations).max() < 1e-15
     assert (found.graph.translations == graph.translations).all()
-    assert found.graph.rotation.kappa == pytest.approx(graph.rotation.kappa, rel=1e-15)
+    assert found.graph.kappa == pytest.approx(graph.kappa, rel=1e-15)
     assert (found.graph.tau == graph.tau).all()
     # Without initial values the nodes are along a spanning tree.
     assert np.isfinite(certpgo.PoseProblem(graph).cost(found.initial))
@@ -143,7 +143,7 @@ def test_full_matrices_are_written_about_the_tangent_space(file, tmp_path, about
     assert np.allclose(
         found.graph.information_matrices[0], omega * np.outer(unit, unit), rtol=1e-15
     )
-    assert found.graph.rotation.kappa == pytest.approx(instance.graph.rotation.kappa, rel=1e-14)
+    assert found.graph.kappa == pytest.approx(instance.graph.kappa, rel=1e-14)
 
 
 def test_uncertain_edges_and_lost_ids_are_named(stored, tmp_path):
@@ -224,4 +224,4 @@ def test_text_that_is_no_json_is_refused_with_its_line(file):
 def test_information_near_the_end_of_doubles_does_not_overflow(stored):
     huge = np.diag([1.5e308, 1, 1, 1, 1, 1])  # rotation before translation
     graph = certpgo.read(stored(pose_graph([IDENTITY, QUARTER], [edge(information=huge)]))).graph
-    assert (graph.rotation.kappa[0], graph.tau[0]) == (0.75, 1.0)
+    assert (graph.kappa[0], graph.tau[0]) == (0.75, 1.0)

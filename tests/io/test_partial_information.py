@@ -29,7 +29,7 @@ def test_planar_robots_in_space(file):
     """g2o345: three steps of 1, 1 and 2.1 m leave 3 (100 / 30^2); z, roll and pitch are open."""
     steps = [(0, 1, f"1 0 0 {TO}", PLANE), (1, 2, f"1 0 0 {TO}", PLANE)]
     instance = read(file, *steps, (0, 2, f"2.1 0 0 {TO}", PLANE))
-    assert instance.graph.rotation.kappa.tolist() == [200.0] * 3
+    assert instance.graph.kappa.tolist() == [200.0] * 3
     assert instance.graph.tau.tolist() == [100.0] * 3
     assert any("3 measurements with information on some axes" in s for s in instance.notices)
     answer = certpgo.solve(instance)
@@ -106,7 +106,7 @@ def test_chosen_weights_are_of_what_is_measured(file, chosen, kappa, tau):
     lines = [*CHAIN, (0, 2, "9 9 9 0 0 1 0", TURN), (0, 2, f"1 1 0 {TO}", STEP)]
     text = "".join(edge(*line) for line in lines) + prior.replace(TO, "0 0 1 0", 1)
     instance = io.read(file("PARAMS_SE3OFFSET 0 0 0 0 0 0 0 1\n" + text), quiet=True, **chosen)
-    assert instance.graph.rotation.kappa.tolist() == [kappa, kappa, kappa, 0.0, kappa, kappa]
+    assert instance.graph.kappa.tolist() == [kappa, kappa, kappa, 0.0, kappa, kappa]
     assert instance.graph.tau.tolist() == [tau, tau, 0.0, tau, 0.0, tau]
     assert certpgo.solve(instance).cost == pytest.approx(0.0, abs=1e-18)
 

@@ -42,7 +42,7 @@ def test_in_space(tmp_path):
     path.write_bytes(state([*CYCLE[1:], constraint((0, 0), (0, 0), 0.25, **turned)]))
     instance = io.read(path, quiet=True)
     assert instance.graph.d == 3
-    np.testing.assert_allclose(instance.graph.rotation.rotations[-1][1, 2], -0.96, atol=1e-15)
+    np.testing.assert_allclose(instance.graph.rotations[-1][1, 2], -0.96, atol=1e-15)
     assert instance.graph.translations[-1].tolist() == [0.25, 0.0, 0.5]
     assert instance.graph.tau.tolist() == [100.0] * 4
 

@@ -32,7 +32,7 @@ def test_poses_and_points_in_their_colours(tmp_path, d):
     ]
     np.testing.assert_array_equal(rows[:, :d], truth.translations)
     np.testing.assert_array_equal(rows[:, d:3], 0.0)
-    for row, is_point in zip(rows, graph.points, strict=True):
+    for row, is_point in zip(rows, graph.is_point, strict=True):
         assert row[3:].tolist() == (ORANGE if is_point else BLUE)
 
 

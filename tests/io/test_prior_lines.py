@@ -29,9 +29,9 @@ def test_poses_in_the_plane(file, tag):
     assert instance.ids.tolist() == [0, 1, 2]
     graph = instance.graph
     assert graph.edges.tolist() == [[0, 1], [2, 1]]
-    assert (graph.rotation.kappa[1], graph.tau[1]) == (16.0, 25.0)
+    assert (graph.kappa[1], graph.tau[1]) == (16.0, 25.0)
     np.testing.assert_allclose(graph.translations[1], [5.0, 6.0])
-    np.testing.assert_allclose(so.log(graph.rotation.rotations[1:]), [[0.5]])
+    np.testing.assert_allclose(so.log(graph.rotations[1:]), [[0.5]])
     assert instance.graph.information_matrices.shape == (2, 3, 3)
     assert instance.graph.information.residual == "g2o"
     np.testing.assert_array_equal(instance.initial.rotations[2], np.eye(2))
@@ -42,12 +42,12 @@ def test_poses_in_the_plane(file, tag):
 def test_positions_in_the_plane(file, tag):
     text = f"{tag} 0 5 6 4 0 4\n{tag} 1 7 8 2 1 2\n{tag} 1 7 8\n"
     graph = io.read(path := file(SQUARE + text), quiet=True).graph
-    assert graph.rotation.kappa[1:].tolist() == [0.0, 0.0, 0.0]
+    assert graph.kappa[1:].tolist() == [0.0, 0.0, 0.0]
     np.testing.assert_allclose(graph.tau[1:], [4.0, 1.5, 1.0], rtol=1e-15)  # 2 / tr(inverse)
     assert io.read(path, quiet=True).graph.information is None  # one has none
-    assert io.read(path, quiet=True, kappa=7.0).graph.rotation.kappa.tolist() == [7.0, 0, 0, 0]
+    assert io.read(path, quiet=True, kappa=7.0).graph.kappa.tolist() == [7.0, 0, 0, 0]
     unit = io.read(path, quiet=True, unit_weights=True).graph
-    assert unit.rotation.kappa.tolist() == [1.0, 0.0, 0.0, 0.0]
+    assert unit.kappa.tolist() == [1.0, 0.0, 0.0, 0.0]
     assert unit.tau.tolist() == [1.0] * 4
 
 
@@ -56,7 +56,7 @@ def test_space(file):
     instance = io.read(file(SPACE + "PARAMS_SE3OFFSET 0 0 0 0 0 0 0 1\n" + lines), quiet=True)
     graph = instance.graph
     assert graph.edges[2:].tolist() == [[3, 0], [3, 2]]
-    assert graph.rotation.kappa[2:].tolist() == [1.0, 0.0]
+    assert graph.kappa[2:].tolist() == [1.0, 0.0]
     assert graph.tau[2:].tolist() == [4.0, 9.0]
     assert (
         "2 priors, measured from a node that stands for the world; 1 of them positions alone"
@@ -77,11 +77,11 @@ def test_they_stay_in_the_order_of_the_file(file):
     """`keep` means the first or last line, and the checker counts lines."""
     graph = io.read(file(MIXED), quiet=True).graph
     assert graph.edges[2:].tolist() == [[2, 0], [2, 1], [2, 1], [2, 0]]
-    assert graph.rotation.kappa[2:].tolist() == [0.0, 4.0, 0.0, 4.0]
+    assert graph.kappa[2:].tolist() == [0.0, 4.0, 0.0, 4.0]
     assert graph.translations[2:, 0].tolist() == [0.0, 1.1, 2.0, 0.1]
     for keep, steps in (("first", [1.0, 0.0, 1.1]), ("last", [-1.1, 2.0, 0.1])):
         kept = io.read(file(MIXED), quiet=True, keep=keep).graph
-        assert kept.rotation.kappa.tolist() == [9.0, 0.0, 4.0]
+        assert kept.kappa.tolist() == [9.0, 0.0, 4.0]
         assert kept.translations[:, 0].tolist() == steps
 
 
@@ -144,7 +144,7 @@ def test_written_and_read_again(file, tmp_path):
     again = io.read(tmp_path / "again.g2o", quiet=True)
     for name in ("edges", "translations", "tau"):
         np.testing.assert_array_equal(getattr(again.graph, name), getattr(instance.graph, name))
-    np.testing.assert_array_equal(again.graph.rotation.kappa, instance.graph.rotation.kappa)
+    np.testing.assert_array_equal(again.graph.kappa, instance.graph.kappa)
     assert again.world == instance.world
     io.write(tmp_path / "graph.npz", instance)
     kept = io.read(tmp_path / "graph.npz", quiet=True)

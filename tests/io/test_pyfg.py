@@ -63,19 +63,19 @@ def read(path, **options):
 def test_counts(dataset, name):
     instance = dataset(name)
     graph, ranges = instance.graph, instance.graph.ranges
-    sightings = int(graph.points[graph.edges[:, 1]].sum())
+    sightings = int(graph.is_point[graph.edges[:, 1]].sum())
     priors = 0 if instance.world is None else int((graph.edges[:, 0] == instance.world).sum())
     if name == "marine":
         sightings = 0  # positions of points are priors
-    found = (graph.num_nodes, graph.num_edges, int(graph.points.sum()), sightings, priors)
+    found = (graph.num_nodes, graph.num_edges, int(graph.is_point.sum()), sightings, priors)
     assert (*found, ranges.num_edges) == SAMPLES[name]
     entry = certpgo.io.datasets.entry(name)
     assert (entry.nodes, entry.edges) == found[:2]
     assert instance.initial.num_nodes == len(instance.names) == graph.num_nodes
     assert instance.options["weights_are"] == "covariance"
     is_pose = [not name.startswith("L") for name in instance.names]
-    assert is_pose == (~graph.points).tolist()
-    flags = graph.points[: instance.world].tolist()
+    assert is_pose == (~graph.is_point).tolist()
+    flags = graph.is_point[: instance.world].tolist()
     assert flags == sorted(flags)
 
 
@@ -84,10 +84,10 @@ def test_positions_of_points(dataset):
     instance = dataset("marine")
     graph = instance.graph
     of_world = graph.edges[:, 0] == instance.world
-    assert graph.points[graph.edges[of_world, 1]].sum() == 56
+    assert graph.is_point[graph.edges[of_world, 1]].sum() == 56
     variances = np.unique(np.round(1.0 / graph.tau[of_world][1:], 6))
     np.testing.assert_allclose(variances, [0.1, 0.2, 0.3, 0.4, 0.7])
-    assert (graph.rotation.kappa[of_world] > 0.0).tolist() == [True] + [False] * 56
+    assert (graph.kappa[of_world] > 0.0).tolist() == [True] + [False] * 56
     assert instance.names[-1] == "world"
     np.testing.assert_allclose(instance.graph.ranges.weights, 100.0, rtol=1e-15)
     assert any("57 priors" in n and "56 of them positions alone" in n for n in instance.notices)
@@ -98,9 +98,9 @@ def test_in_the_plane(pyfg):
     graph = instance.graph
     assert instance.names == ("A0", "B7", "L0", "world")
     assert instance.ids.tolist() == [0, 1, 2, 3]
-    assert graph.points.tolist() == [False, False, True, False]
+    assert graph.is_point.tolist() == [False, False, True, False]
     assert graph.edges.tolist() == [[0, 1], [1, 2], [3, 0], [3, 2]]
-    assert graph.rotation.kappa.tolist() == [400.0, 0.0, 8.0, 0.0]
+    assert graph.kappa.tolist() == [400.0, 0.0, 8.0, 0.0]
     skew = 2.0 / (0.04 + 0.0625)
     np.testing.assert_allclose(graph.tau, [100.0, skew, 4.0, skew], rtol=1e-15)
     matrix = np.linalg.inv([[0.04, 0.01], [0.01, 0.0625]])
@@ -125,8 +125,8 @@ def test_in_space(pyfg):
     whole = np.linalg.inv(np.triu(covariance) + np.triu(covariance, 1).T)
     assert graph.edges.tolist() == [[0, 1], [1, 2], [3, 0], [3, 1]]
     assert graph.tau[0] == pytest.approx(3.0 / np.trace(np.linalg.inv(whole[:3, :3])))
-    assert graph.rotation.kappa[0] == pytest.approx(1.5 / np.trace(np.linalg.inv(whole[3:, 3:])))
-    assert graph.rotation.kappa[1:].tolist() == [0.0, 0.25, 0.0]
+    assert graph.kappa[0] == pytest.approx(1.5 / np.trace(np.linalg.inv(whole[3:, 3:])))
+    assert graph.kappa[1:].tolist() == [0.0, 0.25, 0.0]
     assert graph.tau[1:].tolist() == pytest.approx([3.0, 1.0, 2.0])
     np.testing.assert_allclose(instance.graph.information_matrices[0], whole, rtol=1e-13)
 
@@ -134,7 +134,7 @@ def test_in_space(pyfg):
 def test_choices(pyfg):
     path = pyfg(PLANE)
     unit = read(path, unit_weights=True)
-    assert set(unit.graph.rotation.kappa.tolist()) == {0.0, 1.0}
+    assert set(unit.graph.kappa.tolist()) == {0.0, 1.0}
     assert set(unit.graph.tau.tolist()) == set(unit.graph.ranges.weights.tolist()) == {1.0}
     assert unit.graph.information is None
     alone = read(path, priors=False)
@@ -142,7 +142,7 @@ def test_choices(pyfg):
     assert "1 VERTEX_XY:PRIOR line skipped: priors" in alone.notices
     poses = read(path, landmarks=False)
     assert poses.names == ("A0", "B7", "world")
-    assert poses.graph.points is None
+    assert not poses.graph.is_point.any()
     assert poses.graph.edges.tolist() == [[0, 1], [2, 0]]
     assert poses.graph.ranges.edges.tolist() == [[0, 1]]
     assert "1 range to points skipped" in poses.notices
@@ -152,7 +152,7 @@ def test_choices(pyfg):
         read(path, weights_are="sqrt-information")
     with pytest.raises(FormatError, match="about tangents, not quaternion"):
         read(path, rotation_information="quaternion")
-    assert read(path, mahalanobis=True).graph.rotation.kappa[0] == 200.0
+    assert read(path, mahalanobis=True).graph.kappa[0] == 200.0
 
 
 def test_priors_are_in_the_order_of_the_file(pyfg):
@@ -160,7 +160,7 @@ def test_priors_are_in_the_order_of_the_file(pyfg):
     lines.insert(3, lines.pop(4))
     graph = read(pyfg("".join(lines))).graph
     assert graph.edges.tolist() == [[0, 1], [1, 2], [3, 2], [3, 0]]
-    assert graph.rotation.kappa.tolist() == [400.0, 0.0, 0.0, 8.0]
+    assert graph.kappa.tolist() == [400.0, 0.0, 0.0, 8.0]
 
 
 def test_matrices_of_what_is_left_out_are_left_out(pyfg):
@@ -280,16 +280,16 @@ def assert_agree(a, b, rtol=1e-13):
     assert a.names == b.names
     assert a.world == b.world
     np.testing.assert_array_equal(a.graph.edges, b.graph.edges)
-    np.testing.assert_array_equal(a.graph.points, b.graph.points)
+    np.testing.assert_array_equal(a.graph.is_point, b.graph.is_point)
     for p, q in (
         (a.graph.tau, b.graph.tau),
-        (a.graph.rotation.kappa, b.graph.rotation.kappa),
+        (a.graph.kappa, b.graph.kappa),
         (a.graph.translations, b.graph.translations),
         (a.graph.ranges.weights, b.graph.ranges.weights),
         (a.graph.information_matrices, b.graph.information_matrices),
     ):
         np.testing.assert_allclose(p, q, rtol=rtol, atol=rtol * np.abs(q).max())
-    np.testing.assert_allclose(a.graph.rotation.rotations, b.graph.rotation.rotations, atol=1e-14)
+    np.testing.assert_allclose(a.graph.rotations, b.graph.rotations, atol=1e-14)
     np.testing.assert_array_equal(a.graph.ranges.edges, b.graph.ranges.edges)
     np.testing.assert_array_equal(a.graph.ranges.distances, b.graph.ranges.distances)
     np.testing.assert_allclose(a.initial.rotations, b.initial.rotations, atol=1e-14)
@@ -346,7 +346,7 @@ def test_graphs_without_names_get_some(tmp_path, file):
     assert found.names[:2] == ("A5", "A6")
     assert found.initial is None
     np.testing.assert_allclose(found.graph.tau, instance.graph.tau, rtol=1e-15)
-    np.testing.assert_allclose(found.graph.rotation.kappa, instance.graph.rotation.kappa)
+    np.testing.assert_allclose(found.graph.kappa, instance.graph.kappa)
     estimate = tmp_path / "estimate.pyfg"
     io.write(estimate, instance.truth, instance=instance, anchor="none")
     with pytest.warns(InputNotice, match="the numbers in names are used as node ids"):
@@ -380,7 +380,7 @@ def test_what_cannot_be_written(pyfg, tmp_path, file):
         with pytest.raises(InputError, match="names without blanks that are no numbers"):
             io.write(out, replace(instance, names=(name, *instance.names[1:])))
     with pytest.raises(InputError, match="this graph measures rotations alone"):
-        io.write(out, instance.graph.rotation)
+        io.write(out, instance.graph.rotations_alone)
     bad = "EDGE_SE2 0 1 1 0 0 4 9 0 4 0 4\n".replace("4 9 0 4 0 4", "4 0 3 4 0 1")
     with pytest.raises(InputError, match=r"edge 0 to 1: .*information is not positive definite"):
         io.write(out, read(file(bad)))

@@ -93,7 +93,7 @@ def graph_message(messages, instance, omega, extra=()):
     links = [
         messages.link(ids[i], ids[j], R, t, omega)
         for (i, j), R, t in zip(
-            graph.edges.tolist(), graph.rotation.rotations, graph.translations, strict=True
+            graph.edges.tolist(), graph.rotations, graph.translations, strict=True
         )
     ]
     return messages.graph(ids, poses, [*links, *extra])
@@ -113,9 +113,9 @@ def test_the_graph_of_rtabmap_is_read_with_its_information(kind):
     found = certpgo.read(path)
     assert found.ids.tolist() == made.ids.tolist()
     assert found.graph.edges.tolist() == made.graph.edges.tolist()
-    assert np.abs(found.graph.rotation.rotations - made.graph.rotation.rotations).max() < 1e-14
+    assert np.abs(found.graph.rotations - made.graph.rotations).max() < 1e-14
     assert (found.graph.translations == made.graph.translations).all()
-    assert set(found.graph.rotation.kappa) == {400.0}
+    assert set(found.graph.kappa) == {400.0}
     assert set(found.graph.tau) == {100.0}
     assert (found.graph.information_matrices == omega).all()
     assert np.abs(found.initial.translations - made.truth.translations).max() == 0.0

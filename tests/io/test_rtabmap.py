@@ -54,7 +54,7 @@ def test_a_graph_with_times(database):
     instance = io.read(database(NODES, LINKS), quiet=True)
     assert instance.ids.tolist() == [1, 2, 5]
     assert instance.times_ns.tolist() == [1644823128500000000, 1644823129250000000, 2 * 10**18]
-    assert instance.graph.rotation.kappa.tolist() == [200.0] * 3
+    assert instance.graph.kappa.tolist() == [200.0] * 3
     np.testing.assert_array_equal(instance.initial.translations[:, 0], [0, 1, 2])
     off = float(np.float32(2.1)) - 2.0
     assert certpgo.solve(instance).cost == pytest.approx(100 * off**2 / 3, rel=1e-9)
@@ -69,7 +69,7 @@ def test_links_stored_at_both_nodes_count_once(database):
     links = [link(1, 2, turned), link(2, 1, back), link(2, 1, back), link(1, 2, turned, kind=1)]
     instance = io.read(database(NODES[:2], links), quiet=True)
     assert instance.graph.edges.tolist() == [[0, 1], [0, 1]]
-    np.testing.assert_allclose(instance.graph.rotation.rotations[0], QUARTER, atol=1e-7)
+    np.testing.assert_allclose(instance.graph.rotations[0], QUARTER, atol=1e-7)
     assert "2 links stored again in reverse left out" in instance.notices
 
 
@@ -81,7 +81,7 @@ def test_priors_and_what_is_skipped(database):
     assert instance.world == 3
     graph = instance.graph
     assert graph.edges[3:].tolist() == [[3, 0], [3, 2]]
-    assert graph.rotation.kappa[3:].tolist() == [200.0, 0.0]
+    assert graph.kappa[3:].tolist() == [200.0, 0.0]
     assert graph.tau[3:].tolist() == [100.0, 4.0]
     assert "1 sighting of landmarks skipped" in instance.notices
     assert "1 measurement of gravity skipped" in instance.notices

@@ -112,7 +112,7 @@ def test_information_is_rotation_then_translation(tmp_path):
     diagonal = [6.0, 6.0, 6.0, 5.0, 5.0, 5.0, 99.0]
     text = " ".join(repr(diagonal[i]) if i == j else "0" for i in range(7) for j in range(i, 7))
     graph = certpgo.read(consistent(tmp_path, text)).graph
-    assert graph.rotation.kappa.tolist() == [3.0]
+    assert graph.kappa.tolist() == [3.0]
     assert graph.tau.tolist() == [5.0]
 
 
@@ -124,10 +124,10 @@ def test_what_is_written_is_read(tmp_path_factory, suffix, seed):
     path = tmp_path_factory.mktemp("maps") / f"map{suffix}"
     certpgo.write(path, Instance("map", graph, np.arange(8) * 2, initial=truth, fixed=(0,)))
     back = certpgo.read(path)
-    assert back.graph.rotation.rotations == pytest.approx(graph.rotation.rotations, abs=1e-13)
+    assert back.graph.rotations == pytest.approx(graph.rotations, abs=1e-13)
     assert back.graph.translations == pytest.approx(graph.translations, rel=1e-10, abs=1e-12)
     assert back.graph.scales == pytest.approx(graph.scales, rel=1e-14)
-    assert (back.graph.rotation.kappa == graph.rotation.kappa).all()
+    assert (back.graph.kappa == graph.kappa).all()
     assert (back.graph.tau == graph.tau).all()
     assert (back.graph.free == graph.free).all()
     assert back.initial.scales == pytest.approx(truth.scales, rel=1e-14)

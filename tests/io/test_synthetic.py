@@ -113,7 +113,7 @@ def test_counts_of_the_helix_and_of_the_grid():
     assert (grid.num_nodes, grid.num_edges) == (125, round(0.95 * 300))
     assert helix.is_connected
     assert grid.is_connected
-    assert np.all(helix.rotation.kappa == 1250.0)
+    assert np.all(helix.kappa == 1250.0)
     assert np.all(grid.tau == pytest.approx(100.0))
 
 
@@ -142,7 +142,7 @@ def test_a_corridor_costs_a_hundred_billionth_of_its_weight():
     assert (graph.num_nodes, graph.num_edges) == (1316, 1315 + 1316 - 263)
     assert graph.is_connected
     # 2 kappa angle^2 and tau |step|^2: 2 x 1 and 2 terms an edge.
-    weight = graph.rotation.kappa.sum() + graph.tau @ np.sum(graph.translations**2, axis=1)
+    weight = graph.kappa.sum() + graph.tau @ np.sum(graph.translations**2, axis=1)
     assert weight == pytest.approx(2.5e7, rel=0.1)
     cost = PoseProblem(graph).cost(instance.truth)
     assert cost == pytest.approx(4 * 9e3 * 3e-6**2 * graph.num_edges, rel=0.1)
@@ -163,7 +163,7 @@ POSES = {
 def test_at_the_truth_terms_are_those_of_the_stated_noise(family):
     instance = POSES[family]()
     graph, R, t = instance.graph, instance.truth.rotations, instance.truth.translations
-    (i, j), d, rotation = graph.edges.T, graph.d, graph.rotation
+    (i, j), d, rotation = graph.edges.T, graph.d, graph.rotations_alone
     turned = ((R[j] - R[i] @ rotation.rotations) ** 2).sum(axis=(1, 2))
     moved = t[j] - t[i] - np.einsum("mab,mb->ma", R[i], graph.translations)
     # d numbers of translations. Of rotations 3 in space; in the plane 1, which kappa counts twice.

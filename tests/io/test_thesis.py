@@ -121,7 +121,7 @@ def test_a_spherical_path_has_its_counts_and_stays_connected(missing):
     pairs = {tuple(edge) for edge in graph.edges.tolist()}
     assert {(k, k + 1) for k in range(99)} <= pairs
     assert np.all(graph.tau == 1.0)
-    assert np.all(graph.rotation.kappa == 1.0)
+    assert np.all(graph.kappa == 1.0)
 
 
 def test_a_spherical_path_goes_from_pole_to_pole_and_looks_ahead():

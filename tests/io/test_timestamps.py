@@ -323,7 +323,7 @@ def test_truth_of_positions_alone(file):
     certpgo.write(graph, replace(instance, truth=None))
     with pytest.raises(InputError, match="positions alone, without rotations"):
         io.read(graph, truth=file(texts["a.csv"], "a.csv"), quiet=True)
-    rotations = Instance("turns", instance.graph.rotation, instance.ids)
+    rotations = Instance("turns", instance.graph.rotations_alone, instance.ids)
     with pytest.raises(FormatError, match="the graph measures rotations alone"):
         io.read_truth(file(texts["a.csv"], "a.csv"), rotations)
 

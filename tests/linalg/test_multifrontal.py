@@ -266,7 +266,7 @@ def test_patterns_that_are_none_are_refused():
 def test_sums_over_edges_that_name_other_nodes_are_refused():
     graph = grid3d(2, np.random.default_rng(0)).graph
     n, m = graph.num_nodes, graph.num_edges
-    P, kappa, edges = np.tile(np.eye(3), (m, 1, 1)), np.ones(m), graph.rotation.edges
+    P, kappa, edges = np.tile(np.eye(3), (m, 1, 1)), np.ones(m), graph.edges
     R, terms, kernel = np.tile(np.eye(3), (n, 1, 1)), np.empty(m), compiled.kernel
     for why, wrong in (
         ("another graph", (edges + n, P, None, kappa, None, None, None)),
@@ -291,7 +291,7 @@ def test_sums_over_edges_that_name_other_nodes_are_refused():
 
 def test_derivatives_of_another_graph_are_refused():
     graph = grid3d(2, np.random.default_rng(0)).graph
-    n, m, rotation = graph.num_nodes, graph.num_edges, graph.rotation
+    n, m, rotation = graph.num_nodes, graph.num_edges, graph.rotations_alone
     measured = rotation.rotations, None, rotation.kappa, graph.tau, graph.translations, None
     R, t, ones = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3)), np.ones(n)
     hessian = [R, R, R, t, ones, np.empty((n, 6, 6)), np.empty((m, 6, 6))]

@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 from strategies import definite
 
 import certpgo
-from certpgo import Estimate, PoseGraph, RotationGraph, Session, certify, solve, write
+from certpgo import Estimate, Session, certify, solve, write
 from certpgo.cli import main
 from certpgo.errors import SpecError, UnusableFile
-from certpgo.graph import Instance
+from certpgo.graph import Instance, PoseGraph, RotationGraph
 from certpgo.graph.information import Information
 from certpgo.linalg import rotations as so
 from certpgo.linalg.ball_arithmetic import Ball
@@ -188,7 +188,7 @@ def test_it_goes_with_positions(added, path):
     """An edge of a position alone has g2o's term and no prior."""
     instance = certpgo.read(path)
     full = information_problem(instance, "planar").graph
-    kappa, Omega = full.rotation.kappa.copy(), full.information_matrices.copy()
+    kappa, Omega = full.kappa.copy(), full.information_matrices.copy()
     kappa[0], Omega[0, 3:], Omega[0, :, 3:] = 0.0, 0.0, 0.0
     partial = full.with_weights(kappa).with_information(Omega)
     problem = InformationProblem(edge_cost(partial, "planar"))

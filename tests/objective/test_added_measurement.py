@@ -185,10 +185,10 @@ def test_wrong_loops_are_rejected_beside_it(d, cost):
     rng = np.random.default_rng([0, d])
     graph, truth = mixture(rng, d)
     block, wrong = heights(rng, graph, truth), [15, 18]
-    R, t = graph.rotation.rotations.copy(), graph.translations.copy()
+    R, t = graph.rotations.copy(), graph.translations.copy()
     R[wrong] = R[wrong] @ so.exp(np.full((2, so.tangent_dim(d)), 1.2))
     t[wrong] += 6.0
-    spoiled = replace(graph, rotation=replace(graph.rotation, rotations=R), translations=t)
+    spoiled = replace(graph, rotations=R, translations=t)
     mixed = spoiled.with_blocks(graph.ranges, block)
     answer = certpgo.solve_robustly(mixed, cost=cost)
     assert answer.solution.rejected.tolist() == wrong

@@ -9,7 +9,7 @@ from strategies import dimensions, general_graph, pose_graph, rng_of, rotation_g
 from certpgo.certify.assembly_errors import _lever_sums
 from certpgo.certify.multipliers import Shifted
 from certpgo.errors import GraphError
-from certpgo.graph import Estimate, PoseGraph
+from certpgo.graph import Estimate
 from certpgo.graph.edges import symmetric
 from certpgo.graph.relaxed_point import Lift, lifted
 from certpgo.linalg import compiled
@@ -33,11 +33,11 @@ def graphs(seed, d):
     """A graph of rotations, of poses, and of general edges, each with a point of it."""
     rng = rng_of(seed)
     poses, R, t = pose_graph(rng, 7, d)
-    yield poses.rotation, Estimate(R)
+    yield poses.rotations_alone, Estimate(R)
     yield poses, Estimate(R, t)
     general, R, t = general_graph(rng, 7, d)
     yield general, Estimate(R, t)
-    yield general.rotation, Estimate(R)
+    yield general.rotations_alone, Estimate(R)
 
 
 @settings(max_examples=40)
@@ -63,7 +63,7 @@ def test_derivatives_along_rotations(seed, d):
         turning, moving = rng_of(seed).uniform(0.5, 2.0, (2, graph.num_nodes))
         turning[2] = np.inf  # as of a point
         for weights in ((turning, moving), (turning, None)):
-            if not isinstance(graph, PoseGraph):
+            if not graph.has_positions:
                 weights = turning, None
             expected = operators.first_order(graph, point, *weights)
             found = EdgeSums(graph).first_order(point, *weights)
@@ -110,7 +110,7 @@ def test_sizes_of_residuals(seed, d):
 
 def test_angles_where_no_rotation_is_measured():
     graph, R, t = pose_graph(rng_of(2), 6, 3)
-    kappa = graph.rotation.kappa.copy()
+    kappa = graph.kappa.copy()
     kappa[3] = 0.0
     assert EdgeSums(graph.with_weights(kappa)).angles(R)[3] == 0.0
     edges = EdgeSums(graph)._measured
@@ -290,14 +290,14 @@ def test_multipliers_less_a_shift(seed, d, more):
     demand = rng.uniform(0.0, 1.0, len(shifted.weights))
     found = shifted.less(0.3, demand)
     np.testing.assert_allclose(found, in_numpy(shifted.less, 0.3, demand), rtol=0, atol=1e-10)
-    alone = Shifted.of(RotationProblem(graph.rotation), Estimate(R))
+    alone = Shifted.of(RotationProblem(graph.rotations_alone), Estimate(R))
     np.testing.assert_array_equal(alone.less(0.3, demand), in_numpy(alone.less, 0.3, demand))
 
 
 @given(seeds, dimensions)
 def test_sums_of_levers(seed, d):
     for graph, _ in graphs(seed, d):
-        if isinstance(graph, PoseGraph):
+        if graph.has_positions:
             found, expected = _lever_sums(graph), in_numpy(_lever_sums, graph)
             np.testing.assert_allclose(found, expected, rtol=1e-13)
 

@@ -40,7 +40,7 @@ def weighted_cost(graph, W, x):
     for e, (i, j) in enumerate(graph.edges):
         R, t = x.rotations, x.translations
         moved = t[j] - t[i] - R[i] @ graph.translations[e]
-        turned = R[j] - R[i] @ graph.rotation.rotations[e]
+        turned = R[j] - R[i] @ graph.rotations[e]
         E = np.c_[moved, turned]
         total += np.trace(E @ W[e] @ E.T)
     return total
@@ -53,7 +53,7 @@ def general_cost(graph, x):
     """
     total, R, t = 0.0, x.rotations, x.translations
     for e, (i, j) in enumerate(graph.edges):
-        N = graph.rotation.couplings[e]
+        N = graph.couplings[e]
         nuclear = np.linalg.norm(N, "nuc")
         total += 2.0 * nuclear - 2.0 * np.sum(N * (R[i].T @ R[j]))
         r = t[j] + R[j] @ graph.arms[e] - t[i] - R[i] @ graph.translations[e]
@@ -96,7 +96,7 @@ def test_matrix_weights_weigh_the_difference_of_poses(seed, d):
     M, b = np.zeros((6 * (d + 1), 6 * (d + 1))), d + 1
     for e, (i, j) in enumerate(graph.edges):
         T = np.eye(b)
-        T[1:, 0], T[1:, 1:] = graph.translations[e], graph.rotation.rotations[e]
+        T[1:, 0], T[1:, 1:] = graph.translations[e], graph.rotations[e]
         p, q = (slice(k * b, k * b + b) for k in (i, j))
         M[q, q] += W[e]
         M[p, p] += T @ W[e] @ T.T
@@ -112,7 +112,7 @@ def test_isotropic_weights_as_matrices_change_nothing(seed, d):
     graph, _, _ = pose_graph(rng, 6, d)
     W = np.zeros((graph.num_edges, d + 1, d + 1))
     W[:, 0, 0] = graph.tau
-    W[:, 1:, 1:] = graph.rotation.kappa[:, None, None] * np.eye(d)
+    W[:, 1:, 1:] = graph.kappa[:, None, None] * np.eye(d)
     x = some_estimate(rng, 6, d)
     one, other = PoseProblem(graph), PoseProblem(graph.with_matrix_weights(W))
     size = 1e-12 * np.abs(one.data_matrix).max() * max(1.0, np.abs(x.translations).max() ** 2)
@@ -165,7 +165,7 @@ def test_later_matrix_weights_replace_earlier_ones(seed, d):
 def test_cost_is_the_loop_and_the_quadratic_form_also_for_reflections(seed, d):
     rng = rng_of(seed)
     graph, _, _ = general_graph(rng, 6, d)
-    assert (np.linalg.det(graph.rotation.couplings) < 0.0).any()
+    assert (np.linalg.det(graph.couplings) < 0.0).any()
     x, problem = some_estimate(rng, 6, d), PoseProblem(graph)
     expected = general_cost(graph, x)
     assert problem.cost(x) == pytest.approx(expected, rel=1e-12)
@@ -194,7 +194,7 @@ def test_gradient_and_hessian_by_the_slope_of_the_taylor_error(seed, d):
     rng = rng_of(seed)
     graph, _, _ = general_graph(rng, 5, d, extra=4)
     x = some_estimate(rng, 5, d)
-    for problem in (PoseProblem(graph), RotationProblem(graph.rotation)):
+    for problem in (PoseProblem(graph), RotationProblem(graph.rotations_alone)):
         g = problem.tangent_gradient(x)
         v = rng.standard_normal(g.shape)
         H = problem.pattern.assemble(*problem.hessian(x, problem.multipliers(x)))
@@ -215,7 +215,7 @@ def test_the_lifted_hessian_at_rank_d_is_the_hessian(seed, d):
     graph, _, _ = general_graph(rng, 5, d)
     x = some_estimate(rng, 5, d)
     basis = x.rotations[:, None] @ so.hat(np.eye(so.tangent_dim(d)))
-    for problem in (PoseProblem(graph), RotationProblem(graph.rotation)):
+    for problem in (PoseProblem(graph), RotationProblem(graph.rotations_alone)):
         multipliers = problem.multipliers(x)
         lifted = operators.lifted_hessian(problem.graph, basis, multipliers)
         for one, other in zip(lifted, problem.hessian(x, multipliers), strict=True):
@@ -294,7 +294,7 @@ def test_an_edge_of_the_complete_class_may_be_read_backwards(seed, d):
     """N becomes N^T, and the two arms change places."""
     rng = rng_of(seed)
     graph, _, _ = general_graph(rng, 6, d)
-    rotation = graph.rotation
+    rotation = graph.rotations_alone
     back = RotationGraph(
         6,
         graph.edges[:, ::-1],
@@ -324,9 +324,9 @@ def test_enclosures_of_edges_hold_their_terms(seed, d):
         - t[i]
         + (R[j] @ armed.arms[:, :, None] - R[i] @ armed.translations[:, :, None])[:, :, 0]
     )
-    turned = R[j] - R[i] @ armed.rotation.rotations
+    turned = R[j] - R[i] @ armed.rotations
     own = armed.tau * (moved**2).sum(axis=1)
-    own += armed.rotation.kappa * (turned**2).sum(axis=(1, 2))
+    own += armed.kappa * (turned**2).sum(axis=(1, 2))
     others = [general_cost(general.with_edges([e]), x) for e in range(general.num_edges)]
     for graph, terms in ((armed, own), (general, np.array(others))):
         low, high = PoseProblem(graph).edge_enclosures(x)
@@ -351,7 +351,7 @@ def test_a_choice_of_edges_carries_their_arms_and_couplings(seed, d):
         # The terms of each edge need no connected graph.
         one = general_cost(part, point)
         assert part.arms.shape == part.translations.shape
-        assert part.rotation.couplings.shape == part.rotation.rotations.shape
+        assert part.couplings.shape == part.rotations.shape
         return one
 
     assert terms_of(graph.with_edges(chosen)) == pytest.approx(terms[chosen].sum(), rel=1e-11)
@@ -411,12 +411,12 @@ def test_matrix_weights_that_are_none_are_refused():
         with pytest.raises(GraphError, match=words):
             graph.with_matrix_weights(wrong)
     with pytest.raises(GraphError, match="and symmetric"):
-        graph.rotation.with_matrix_weights(np.ones((m, 2, 2)))
+        graph.rotations_alone.with_matrix_weights(np.ones((m, 2, 2)))
 
 
 def test_arms_and_couplings_out_of_range_are_refused():
     graph, _, _ = general_graph(rng_of(0), 5, 2)
-    rotation, m = graph.rotation, graph.num_edges
+    rotation, m = graph.rotations_alone, graph.num_edges
     with pytest.raises(GraphError, match="arms must be"):
         PoseGraph(rotation, graph.translations, graph.tau, graph.arms[:-1])
     for value in (np.nan, np.inf, 1e130):
@@ -441,7 +441,7 @@ def test_methods_for_isotropic_weights_refuse_others(name):
     poses, _, _ = pose_graph(rng_of(1), 5, 3)
     general = poses.with_matrix_weights(definite(rng_of(2), poses.num_edges, 4))
     method = get_solver(name)
-    posed = problem_of(general if method.poses else general.rotation)
+    posed = problem_of(general if method.poses else general.rotations_alone)
     with pytest.raises(InputError, match="this method does not take matrix weights"):
         method().solve(posed)
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from flint import arb, fmpq
 
-from certpgo import PoseGraph, RotationGraph
+from certpgo import PoseGraph
+from certpgo.graph import RotationGraph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.ball_arithmetic import Ball, near_rotations
 from certpgo.objective import gtsam_plane, gtsam_space, gtsam_terms

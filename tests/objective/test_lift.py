@@ -35,7 +35,7 @@ def moved(point, Q, offset=None):
 @pytest.mark.parametrize("d", [2, 3])
 def test_lifting_adds_zeros_and_changes_no_cost(d, poses):
     graph, R, t = pose_graph(np.random.default_rng(d), 6, d)
-    problem = problem_of(graph if poses else graph.rotation)
+    problem = problem_of(graph if poses else graph.rotations_alone)
     x = Estimate(R, t if poses else None)
     for rank in (d, d + 1, d + 4):
         up = lifted(x, rank)

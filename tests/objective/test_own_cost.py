@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from strategies import definite, dimensions, pose_graph, rng_of, seeds
 
 import certpgo
-from certpgo import Estimate, PoseGraph, PoseProblem, RotationGraph, certify, read, solve, write
+from certpgo import Estimate, PoseProblem, certify, read, solve, write
 from certpgo.certify.normalized import NormalizedProblem
 from certpgo.cli import main
 from certpgo.errors import GraphError, InputError, NumericalError, SpecError
-from certpgo.graph import Instance
+from certpgo.graph import Instance, PoseGraph, RotationGraph
 from certpgo.graph.components import connected_parts
 from certpgo.graph.information import Information
 from certpgo.linalg import compiled
@@ -195,8 +195,7 @@ def test_compiled_equations_are_those_in_numpy(kind, angle, d, monkeypatch):
     i, j = problem.graph.edges.T
     turns = so.exp(angle * axes / np.linalg.norm(axes, axis=1)[:, None])[i % 20]
     rotations = np.swapaxes(x.rotations[i], 1, 2) @ x.rotations[j] @ turns
-    rotation = RotationGraph(20, problem.graph.edges, rotations, np.ones(len(i)))
-    graph = replace(problem.graph, rotation=rotation)
+    graph = replace(problem.graph, rotations=rotations, kappa=np.ones(len(i)))
     cost = kind(graph.with_information(problem.graph.information_matrices))
     found = InformationProblem(cost).linearized(x)
     monkeypatch.setattr(compiled, "AVAILABLE", False)
@@ -232,8 +231,7 @@ def test_the_frame_the_labels_and_the_unit_do_not_matter(seed, d, exponent):
     nodes = rng.permutation(n)
     place = np.argsort(nodes)
     graph = problem.graph
-    rotation = replace(graph.rotation, edges=place[graph.edges])
-    relabelled = replace(graph, rotation=rotation)
+    relabelled = replace(graph, edges=place[graph.edges])
     other = InformationProblem(G2oCost(relabelled))
     found = [certify(problem, moved), certify(other, best.subset(nodes))]
     for c in found:

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from strategies import definite, dimensions, point_graph, rng_of, seeds
 
 import certpgo
-from certpgo import Estimate, InputError, PoseGraph, RotationGraph, certify, solve
+from certpgo import Estimate, InputError, certify, solve
+from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.graph.information import Information, of_positions
 from certpgo.linalg import rotations as so
 from certpgo.linalg.ball_arithmetic import Ball
@@ -32,10 +33,10 @@ def with_information(rng, graph, name, condition=10.0):
     """The problem of a graph under random information; of positions where kappa is zero."""
     d, m = graph.d, graph.num_edges
     information = definite(rng, m, d + tangent_dim(d), condition)
-    alone = graph.rotation.kappa == 0.0
+    alone = graph.kappa == 0.0
     # Positions have no rotation, whatever their edges hold.
-    R = np.where(alone[:, None, None], so.random(rng, m, d), graph.rotation.rotations)
-    graph = replace(graph, rotation=replace(graph.rotation, rotations=R))
+    R = np.where(alone[:, None, None], so.random(rng, m, d), graph.rotations)
+    graph = replace(graph, rotations=R)
     information[alone] = of_positions(definite(rng, m, d, condition)[alone])
     information[alone.nonzero()[0][::3]] = of_positions(2.0 * np.eye(d)[None])  # isotropic
     return InformationProblem(Sum(graph.with_information(information), COSTS[name]))
@@ -84,7 +85,7 @@ def test_minorants_are_nowhere_above_the_cost_and_touch_it(seed, d, name, condit
     cost = problem.edge_cost
     v, Q = problem.relative(truth)
     found = cost.minorants(v, Q)
-    positions = np.flatnonzero(graph.rotation.kappa == 0.0)
+    positions = np.flatnonzero(graph.kappa == 0.0)
     assert found.exist[positions].all()
     np.testing.assert_array_equal(found.a[positions], 0.0)
     np.testing.assert_array_equal(found.N[positions], 0.0)
@@ -105,7 +106,7 @@ def test_minorants_are_nowhere_above_the_cost_and_touch_it(seed, d, name, condit
 @few
 def test_edges_between_poses_keep_the_programs_own_cost(seed, d, name):
     problem, truth, _ = problem_at(seed, d, name)
-    cost, whole = problem.edge_cost, problem.graph.rotation.kappa > 0.0
+    cost, whole = problem.edge_cost, problem.graph.kappa > 0.0
     alone = COSTS[name](problem.graph.with_edges(whole))
     v, Q = problem.relative(truth)
     np.testing.assert_array_equal(cost.costs(v, Q)[whole], alone.costs(v[whole], Q[whole]))
@@ -123,7 +124,7 @@ def test_enclosures_contain_the_exact_value(seed, d, name):
     cost = problem.edge_cost
     v, Q = problem.relative(truth)
     found = cost.enclosures(Ball.exact(v), Ball.within(Q, rotation_defect(Q)))
-    for e in np.flatnonzero(problem.graph.rotation.kappa == 0.0).tolist():
+    for e in np.flatnonzero(problem.graph.kappa == 0.0).tolist():
         value = exactly(cost, e, fractions(v[e]))
         assert Fraction(found.lower[e]) <= value <= Fraction(found.upper[e])
         size = np.abs(cost.graph.information_matrices[e]).max() * (v[e] @ v[e] + 1.0)
@@ -178,7 +179,7 @@ def test_a_surrogate_touches_the_cost_at_a_minimum(seed, d, name):
     # Of GTSAM's cost in space a share is touched, see `certpgo.objective.gtsam_terms`.
     assert value >= (0.5 * f if (name, d) == ("gtsam", 3) else f - 1e-9 * size)
     graph = below.problem.graph
-    np.testing.assert_array_equal(graph.points, problem.graph.points)
+    np.testing.assert_array_equal(graph.is_point, problem.graph.is_point)
     for _ in range(5):
         turned = best.rotations @ so.exp(0.3 * rng.standard_normal((problem.n, tangent_dim(d))))
         moved = Estimate(turned, best.translations + 0.3 * rng.standard_normal((problem.n, d)))
@@ -189,7 +190,7 @@ def test_a_surrogate_touches_the_cost_at_a_minimum(seed, d, name):
 @few
 def test_rotations_of_points_and_of_the_frame_change_nothing(seed, d, name):
     problem, truth, rng = problem_at(seed, d, name)
-    points = problem.graph.points
+    points = problem.graph.is_point
     turned = truth.rotations.copy()
     turned[points] = so.random(rng, int(points.sum()), d)
     other = Estimate(turned, truth.translations)

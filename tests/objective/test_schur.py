@@ -207,7 +207,7 @@ def test_couplings_are_semidefinite_where_minorants_touch(seed):
     Omega = 0.5 * (Omega + np.swapaxes(Omega, 1, 2))
     cost = G2oCost(graph.with_information(Omega))
     E = so.exp(0.02 * rng.standard_normal((m, 3)))
-    v, Q = graph.translations, graph.rotation.rotations @ E
+    v, Q = graph.translations, graph.rotations @ E
     found = cost.minorants(v, Q)
     assert found.exist.all()
     K = np.swapaxes(Q, 1, 2) @ found.N

@@ -10,7 +10,7 @@ from strategies import definite, pose_graph, rng_of
 
 from certpgo import certify, merge, read, solve_robustly
 from certpgo.certify.certificate import Verdict
-from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.graph import PoseGraph, RotationGraph, matrix_weights
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import edge_cost
 from certpgo.objective.information_problem import InformationProblem
@@ -33,10 +33,10 @@ def test_isotropic_costs_are_below(cost, d, crossed):
     below = isotropic_below(full, posed.edge_cost.turned_share)
     for size in (1e-3, 0.3, 3.0):
         E = so.exp(size * rng.standard_normal((m, so.tangent_dim(d))))
-        Q = graph.rotation.rotations @ E
+        Q = graph.rotations @ E
         v = graph.translations + size * rng.standard_normal((m, d))
-        squares = ((Q - graph.rotation.rotations) ** 2).sum(axis=(1, 2))
-        least = below.rotation.kappa * squares
+        squares = ((Q - graph.rotations) ** 2).sum(axis=(1, 2))
+        least = below.kappa * squares
         least += below.tau * ((v - graph.translations) ** 2).sum(axis=1)
         costs = posed.edge_cost.costs(v, Q)
         assert (least <= costs * (1.0 + 1e-12)).all()
@@ -48,11 +48,10 @@ def test_wrong_loops_are_rejected_and_certified(dataset):
     graph = clean.graph
     loops = np.flatnonzero(np.abs(np.diff(graph.edges, axis=1)[:, 0]) > 1)
     bad = np.sort(rng.choice(loops, 15, replace=False))
-    R, t = np.array(graph.rotation.rotations), np.array(graph.translations)
+    R, t = np.array(graph.rotations), np.array(graph.translations)
     R[bad] = so.random(rng, 15, 2)
     t[bad] += 5.0 * rng.standard_normal((15, 2))
-    rotation = RotationGraph(graph.num_nodes, graph.edges, R, graph.rotation.kappa)
-    wrong = replace(clean, graph=replace(graph, rotation=rotation, translations=t))
+    wrong = replace(clean, graph=replace(graph, rotations=R, translations=t))
     answer = solve_robustly(wrong, cost="g2o")
     assert np.array_equal(answer.solution.rejected, bad)
     assert answer.verdict is answer.rejection.verdict is Verdict.CERTIFIED
@@ -66,12 +65,12 @@ def test_wrong_loops_are_rejected_and_certified(dataset):
 
 def test_edges_with_matrix_weights_are_solved_but_their_rejections_not_certified():
     graph, *_ = pose_graph(rng_of(0), 12, 3, extra=40, noise=0.01)
-    R = np.array(graph.rotation.rotations)
+    R = np.array(graph.rotations)
     R[-1] = so.random(rng_of(1), 1, 3)[0]
     n, kappa = graph.num_nodes, 5000.0 * np.ones(graph.num_edges)
     whole = PoseGraph(RotationGraph(n, graph.edges, R, kappa), graph.translations, kappa)
     K = 5000.0 * np.tile(np.diag([1.0, 1.0, 1.1]), (graph.num_edges, 1, 1))
-    general = replace(whole, rotation=whole.rotation.with_matrix_weights(K))
+    general = matrix_weights.of_rotations(whole, K)
     assert isinstance(PoseProblem(general), PoseProblem)
     answer = solve_robustly(general)
     assert answer.solution.rejected.tolist() == [graph.num_edges - 1]

@@ -54,8 +54,10 @@ def test_chosen_weights_are_another_problem(filled, loop, read, options):
 
 def test_units_are_other_problems(filled, loop, read):
     graph = read(loop).graph
-    assert recognise(graph.with_weights(2.0 * graph.rotation.kappa, 2.0 * graph.tau), filled) == ()
-    millimetres = certpgo.PoseGraph(graph.rotation, 1e3 * graph.translations, 1e-6 * graph.tau)
+    assert recognise(graph.with_weights(2.0 * graph.kappa, 2.0 * graph.tau), filled) == ()
+    millimetres = certpgo.PoseGraph(
+        graph.rotations_alone, 1e3 * graph.translations, 1e-6 * graph.tau
+    )
     assert recognise(millimetres, filled) == ()
 
 
@@ -102,7 +104,10 @@ def test_rounding_is_said(filled, loop, read):
     graph = read(loop).graph
     instance = read(loop)
     moved = certpgo.PoseGraph(
-        graph.rotation, graph.translations * (1.0 + 2.0**-50), graph.tau, points=graph.points
+        graph.rotations_alone,
+        graph.translations * (1.0 + 2.0**-50),
+        graph.tau,
+        points=graph.is_point,
     )
     found = known_optimum(moved, register=filled)
     assert not found.is_exact

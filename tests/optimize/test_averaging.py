@@ -42,7 +42,7 @@ def never_rises(solution):
 
 @pytest.mark.parametrize("name", OPTIMA)
 def test_the_golden_optima_are_reached_from_the_spanning_tree(name, dataset):
-    problem = RotationProblem(dataset(name).graph.rotation)
+    problem = RotationProblem(dataset(name).graph.rotations_alone)
     solution = from_the_tree(problem)
     assert solution.status is Status.CONVERGED
     assert solution.cost == pytest.approx(OPTIMA[name], rel=2e-7)

@@ -21,7 +21,7 @@ SAME_COST = 1e-12  # relative: one formula, evaluated twice
 def planar_poses():
     rng = np.random.default_rng(3)
     space = synthetic.helix(3, rng).graph
-    graph = space.rotation
+    graph = space.rotations_alone
     angles = rng.normal(0.0, 0.02, graph.num_edges)
     turns = np.moveaxis(
         np.array([[np.cos(angles), -np.sin(angles)], [np.sin(angles), np.cos(angles)]]), 2, 0

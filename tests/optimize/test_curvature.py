@@ -75,7 +75,7 @@ def test_weights_of_any_scale(scale):
 @given(seeds, dimensions, st.booleans())
 def test_none_at_a_tight_optimum(seed, d, poses):
     graph, R, t = pose_graph(rng_of(seed), 8, d, noise=0.05)
-    problem = problem_of(graph if poses else graph.rotation)
+    problem = problem_of(graph if poses else graph.rotations_alone)
     found = newton(problem, Estimate(R, t if poses else None)).estimate
     value, _ = negative_curvature(problem, problem.complete(found.rotations))
     assert value > -1e-8 * problem.curvature.mean()
@@ -86,7 +86,7 @@ def test_none_at_a_tight_optimum(seed, d, poses):
 def test_it_is_found_where_there_is_some(seed, d, poses):
     """Loose relaxations: the value lies above the dense eigenvalue, and is as negative, nearly."""
     graph, R, t = pose_graph(rng_of(seed), 7, d, noise=1.5)
-    problem = problem_of(graph if poses else graph.rotation)
+    problem = problem_of(graph if poses else graph.rotations_alone)
     found = newton(
         problem, Estimate(R, t if poses else None), NewtonSettings(max_iterations=200)
     ).estimate
@@ -106,7 +106,7 @@ def test_it_is_found_where_there_is_some(seed, d, poses):
 def test_the_smallest_eigenvalues_are_as_many_as_asked_for(d, poses):
     """In ascending order, to three digits; of a matrix of that size no more than it has."""
     graph, R, _ = pose_graph(rng_of(d), 7, d, noise=1.0)
-    problem = problem_of(graph if poses else graph.rotation)
+    problem = problem_of(graph if poses else graph.rotations_alone)
     point = problem.complete(R)
     multipliers = problem.multipliers(point)
     dense = np.linalg.eigvalsh(eliminated(problem, point))

@@ -78,7 +78,7 @@ def displaced(problem, tangent, basis, x):
 def test_gradient_and_hessian_by_the_slope_of_the_taylor_error(seed, d, more, poses):
     rng = rng_of(seed)
     graph, _, _ = pose_graph(rng, 5, d, extra=4)
-    problem = problem_of(graph if poses else graph.rotation)
+    problem = problem_of(graph if poses else graph.rotations_alone)
     point = some_point(rng, 5, d + more, d)
     tangent = _Tangent(problem, point if poses else point.with_translations(None))
     basis = tangent_basis(point.rotations)
@@ -99,7 +99,7 @@ def test_gradient_and_hessian_by_the_slope_of_the_taylor_error(seed, d, more, po
 def test_at_rank_d_the_hessian_is_newtons(seed, d, poses):
     rng = rng_of(seed)
     graph, R, t = pose_graph(rng, 5, d, extra=4)
-    problem = problem_of(graph if poses else graph.rotation)
+    problem = problem_of(graph if poses else graph.rotations_alone)
     multipliers = problem.multipliers(Estimate(R, t))
     hats = so.hat(np.eye(so.tangent_dim(d)))
     blocks = operators.lifted_hessian(problem.graph, R[:, None] @ hats, multipliers)
@@ -112,7 +112,7 @@ def test_at_rank_d_the_hessian_is_newtons(seed, d, poses):
 def test_the_metric_is_the_hessian_without_multipliers(seed, d, more, poses):
     rng = rng_of(seed)
     graph, _, _ = pose_graph(rng, 5, d, extra=4)
-    problem = problem_of(graph if poses else graph.rotation)
+    problem = problem_of(graph if poses else graph.rotations_alone)
     point = some_point(rng, 5, d + more, d)
     tangent = _Tangent(problem, point if poses else point.with_translations(None))
     basis = tangent_basis(point.rotations)
@@ -144,7 +144,7 @@ def test_the_published_optimum_at_several_ranks(more, dataset):
 def test_the_optimum_of_small_graphs_at_every_rank(d, poses, engine, monkeypatch):
     monkeypatch.setenv("CERTPGO_ENGINE", engine)
     graph, R, t = pose_graph(np.random.default_rng(d), 15, d, noise=0.1)
-    problem = problem_of(graph if poses else graph.rotation)
+    problem = problem_of(graph if poses else graph.rotations_alone)
     best = newton(problem, Estimate(R, t if poses else None))
     for rank in (d, d + 1, d + 2):
         solution = LowRank(rank=rank).solve(problem)
@@ -160,7 +160,7 @@ def test_the_optimum_of_small_graphs_at_every_rank(d, poses, engine, monkeypatch
 def test_random_starts_end_at_the_optimum_in_enough_dimensions(seed, d, poses):
     """With little noise the relaxation is tight and has no other minima at rank d + 2."""
     graph, R, t = pose_graph(rng_of(seed), 10, d, noise=0.05)
-    problem = problem_of(graph if poses else graph.rotation)
+    problem = problem_of(graph if poses else graph.rotations_alone)
     best = newton(problem, Estimate(R, t if poses else None))
     solution = LowRank(rank=d + 2, seed=seed).solve(problem)
     assert never_rises(solution.trace)

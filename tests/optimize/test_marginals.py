@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from strategies import dimensions, general_graph, pose_graph, rng_of, rotation_graph, seeds
 
 import certpgo
-from certpgo import Estimate, InputError, Marginals, NumericalError, PoseGraph, RotationGraph
+from certpgo import Estimate, InputError, Marginals, NumericalError
+from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.linalg import rotations as so
 from certpgo.objective import operators
 from certpgo.objective.choose_cost import problem_under

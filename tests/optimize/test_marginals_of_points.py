@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from strategies import definite, dimensions, point_graph, rng_of, seeds
 
 import certpgo
-from certpgo import Estimate, InputError, Marginals, NumericalError, PoseGraph, RotationGraph
+from certpgo import Estimate, InputError, Marginals, NumericalError
+from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.graph.information import of_positions
 from certpgo.linalg import rotations as so
 from certpgo.linalg.rotations import tangent_dim
@@ -26,7 +27,7 @@ def problem_at(seed, d, under):
     anchor, other = rng.permutation(graph.pose_nodes)[:2].tolist()
     if under == "chordal":
         return problem_of(graph), truth, anchor, other
-    m, alone = graph.num_edges, graph.rotation.kappa == 0.0
+    m, alone = graph.num_edges, graph.kappa == 0.0
     information = definite(rng, m, d + tangent_dim(d))
     information[alone] = of_positions(definite(rng, m, d)[alone])
     cost = Sum(graph.with_information(information), G2oCost)
@@ -34,7 +35,7 @@ def problem_at(seed, d, under):
 
 
 def points_of(problem):
-    return problem.graph.points
+    return problem.graph.is_point
 
 
 def residuals(problem, estimate):
@@ -177,8 +178,8 @@ def test_a_pose_that_only_sees_one_point_is_not_determined():
 def test_in_an_answer():
     graph, _ = point_graph(rng_of(4), 5, 6, 3)
     answer = certpgo.solve(graph)
-    point = int(np.flatnonzero(graph.points)[0])
-    anchor = 0 if not graph.points[0] else int(graph.pose_nodes[0])
+    point = int(np.flatnonzero(graph.is_point)[0])
+    anchor = 0 if not graph.is_point[0] else int(graph.pose_nodes[0])
     expected = Marginals(answer.problem, answer.estimate, anchor).covariance(point)
     assert expected.shape == (3, 3)
     if anchor == 0:

@@ -69,7 +69,7 @@ def test_descends_to_a_stationary_point_and_never_up(seed, d):
 def test_starts_far_away_are_damped_into_a_minimum():
     rng = np.random.default_rng(3)
     graph, _, _ = pose_graph(rng, 20, 3)
-    problem = RotationProblem(graph.rotation)
+    problem = RotationProblem(graph.rotations_alone)
     for _ in range(5):
         solution = newton(
             problem, Estimate(so.random(rng, 20, 3)), NewtonSettings(max_iterations=300)
@@ -81,7 +81,7 @@ def test_an_old_factor_does_not_lead_in_tiny_steps():
     """Weights over 12 decades: a step whose gradient is small by an old factor gains nothing."""
     rng = rng_of(613)
     graph, _, _ = pose_graph(rng, 6, 2, extra=5)
-    m, turns = graph.num_edges, graph.rotation
+    m, turns = graph.num_edges, graph.rotations_alone
     kappa, tau = 10.0 ** rng.uniform(-6, 6, (2, m))
     weighted = RotationGraph(6, graph.edges, turns.rotations, kappa)
     problem = PoseProblem(PoseGraph(weighted, graph.translations, tau))
@@ -221,7 +221,7 @@ def test_stopwatch_counts_nested_phases_once():
 def test_steps_from_factors_in_single_precision(heavy, stiff, monkeypatch):
     """Where single precision does not suffice, double follows; heavy factors are kept in single."""
     graph, R, t = pose_graph(rng_of(0), 40, 3, extra=20)
-    kappa = graph.rotation.kappa * np.where(np.arange(graph.num_edges) % 2, stiff, 1.0)
+    kappa = graph.kappa * np.where(np.arange(graph.num_edges) % 2, stiff, 1.0)
     problem = PoseProblem(graph.with_weights(kappa=kappa))
     used, original = [], multifrontal.Fronts.factor_kept_single
     direct = multifrontal.Fronts.factor

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import certpgo
-from certpgo import PoseGraph, RobustSession, RotationGraph, Session, Verdict
+from certpgo import PoseGraph, RobustSession, Session, Verdict
+from certpgo.graph import RotationGraph
 from certpgo.graph.streaming import streamed
 from certpgo.io.datasets.synthetic import helix
 from certpgo.io.datasets.thesis import langevin_graph
@@ -36,10 +37,8 @@ def closing(angle, shift, kappa=400.0):
 def wrong_loop():
     """A helix and the number of a wrong loop after all its edges."""
     graph = helix(4, np.random.default_rng(0)).graph
-    assert graph.rotation.kappa.max() <= KAPPA
-    wrong = RotationGraph(
-        2, [[0, 1]], [np.diag([1.0, -1.0, -1.0])], [float(graph.rotation.kappa.max())]
-    )
+    assert graph.kappa.max() <= KAPPA
+    wrong = RotationGraph(2, [[0, 1]], [np.diag([1.0, -1.0, -1.0])], [float(graph.kappa.max())])
     return graph, PoseGraph(wrong, [[5.0, 5.0, 5.0]], [float(graph.tau.max())]), graph.num_edges
 
 
@@ -145,11 +144,9 @@ def test_an_answer_names_what_is_rejected_and_what_costs_most():
     assert [edge.cost for edge in costliest] == sorted(terms, reverse=True)[: len(costliest)]
     first = costliest[0]
     assert first.ids == tuple((made.graph.edges[first.edge] + 100).tolist())
-    wrong = np.array(made.graph.rotation.rotations)
+    wrong = np.array(made.graph.rotations)
     wrong[-1] = wrong[-1] @ np.diag([1.0, -1.0, -1.0])
-    rotation = RotationGraph(
-        made.graph.num_nodes, made.graph.edges, wrong, made.graph.rotation.kappa
-    )
+    rotation = RotationGraph(made.graph.num_nodes, made.graph.edges, wrong, made.graph.kappa)
     robust = certpgo.solve_robustly(PoseGraph(rotation, made.graph.translations, made.graph.tau))
     assert robust.rejected.tolist() == [made.graph.num_edges - 1]
     assert robust.rejected[0] not in {edge.edge for edge in robust.costliest}

@@ -17,7 +17,7 @@ from certpgo.optimize.randomized_rounding import _Candidates, roundings
 
 def some_problem(seed, d, poses, noise=0.5):
     graph, _, _ = pose_graph(rng_of(seed), 9, d, noise=noise)
-    return problem_of(graph if poses else graph.rotation)
+    return problem_of(graph if poses else graph.rotations_alone)
 
 
 def some_lift(rng, n, rank, d):
@@ -64,4 +64,4 @@ def test_a_point_that_is_an_estimate_in_disguise_is_found_again(d, reflected):
         Q = Q * np.r_[-1.0, np.ones(d - 1)]
     far = Estimate(so.random(np.random.default_rng(3), 9, d))
     found = next(roundings(problem, Lift(Q @ R), far, np.random.default_rng(0)))
-    assert problem.cost(found) < 1e-6 * graph.rotation.kappa.sum()
+    assert problem.cost(found) < 1e-6 * graph.kappa.sum()

@@ -30,7 +30,7 @@ def test_smallest_eigenvalues_of_table_5_6(name, engine, dataset, monkeypatch):
         pytest.skip("not compiled")
     monkeypatch.setenv("CERTPGO_ENGINE", engine)
     keep, printed = TABLE_5_6[name]
-    problem = RotationProblem(dataset(name, keep=keep).graph.rotation).with_unit_weights()
+    problem = RotationProblem(dataset(name, keep=keep).graph.rotations_alone).with_unit_weights()
     values = spectral.smallest_eigenpairs(problem).values
     assert [f"{v:.1e}" for v in values] == printed
 
@@ -52,9 +52,9 @@ def test_values_and_bound_against_dense_algebra(seed, d):
 def in_space(graph):
     """A planar graph as one in space, whose residuals share the z axis."""
     turns = np.tile(np.eye(3), (graph.num_edges, 1, 1))
-    if isinstance(graph, PoseGraph):
+    if graph.has_positions:
         steps = np.pad(graph.translations, ((0, 0), (0, 1)))
-        return PoseGraph(in_space(graph.rotation), steps, graph.tau)
+        return PoseGraph(in_space(graph.rotations_alone), steps, graph.tau)
     turns[:, :2, :2] = graph.rotations
     return RotationGraph(graph.num_nodes, graph.edges, turns, graph.kappa)
 
@@ -96,7 +96,7 @@ def test_the_bound_never_exceeds_the_true_eigenvalues(seed, n, noise, planar):
     d = 2 if planar else 3
     poses, _, _ = pose_graph(rng_of(seed), n, d, noise=noise)
     poses = in_space(poses) if planar else poses
-    for problem in (RotationProblem(poses.rotation), PoseProblem(poses)):
+    for problem in (RotationProblem(poses.rotations_alone), PoseProblem(poses)):
         bound, truth = bound_and_truth(problem)
         assert bound <= truth
         assert bound >= truth * (1 - 5e-3) - 1e-12 * problem.scale
@@ -141,8 +141,8 @@ def test_rotations_about_one_axis_have_double_eigenvalues():
 @pytest.mark.parametrize("scale", [1e-8, 1.0, 1e8])
 def test_weights_of_any_scale(scale):
     graph, _, _ = pose_graph(np.random.default_rng(2), 9, 3)
-    problem = RotationProblem(graph.rotation.with_weights(scale * graph.rotation.kappa))
-    reference = RotationProblem(graph.rotation)
+    problem = RotationProblem(graph.rotations_alone.with_weights(scale * graph.kappa))
+    reference = RotationProblem(graph.rotations_alone)
     ours = spectral.smallest_eigenpairs(problem).values
     np.testing.assert_allclose(
         ours / scale, spectral.smallest_eigenpairs(reference).values, rtol=1e-8, atol=1e-12

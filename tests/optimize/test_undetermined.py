@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from strategies import dimensions, rng_of, seeds
 
 import certpgo
-from certpgo import Estimate, GraphError, PoseGraph, RotationGraph
+from certpgo import Estimate, GraphError
+from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import certifiable
 from certpgo.objective.problem import problem_of

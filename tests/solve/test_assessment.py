@@ -108,15 +108,15 @@ def test_distances_are_between_poses_alone(seed, d):
     )
     best = newton(problem, start).estimate
     R, t = best.rotations.copy(), best.translations.copy()
-    R[graph.points.nonzero()[0]] = so.random(rng, int(graph.points.sum()), d)
+    R[graph.is_point.nonzero()[0]] = so.random(rng, int(graph.is_point.sum()), d)
     t[-1] += 100.0  # the world
-    t[: graph.num_nodes][graph.points] += 50.0
+    t[: graph.num_nodes][graph.is_point] += 50.0
     found = assess(problem, Estimate(R, t), certify(problem, best), instance=instance)
     assert found.distance.worst_deg < 1e-4
     assert found.distance.worst_m < 1e-6
     for edge in found.edges:
         e = edge.edge
-        assert (edge.angle is None) == (joined.rotation.kappa[e] == 0.0)
+        assert (edge.angle is None) == (joined.kappa[e] == 0.0)
         assert (edge.metres is None) == (joined.tau[e] == 0.0)
 
 
@@ -296,7 +296,7 @@ def test_what_cannot_be_read_is_a_row(tmp_path):
 
 def test_gaps_of_rotations_have_no_metres():
     problem, best = optimum(0, 8, 3)
-    alone = problem_of(problem.graph.rotation)
+    alone = problem_of(problem.graph.rotations_alone)
     [row] = judge_all(["one"], lambda _: [(part_of(alone), Estimate(best.rotations))])
     assert row.mean_m is None
     assert row.worst_deg is not None

@@ -57,7 +57,7 @@ OPTIMA = {
 @pytest.mark.parametrize("name", OPTIMA)
 def test_the_published_optima_are_certified(name, dataset):
     graph = dataset(name).graph
-    for part, optimum in zip((graph, graph.rotation), OPTIMA[name], strict=True):
+    for part, optimum in zip((graph, graph.rotations_alone), OPTIMA[name], strict=True):
         answer = solve(part, cost="chordal")
         assert answer.verdict is Verdict.CERTIFIED
         assert answer.certificate.lower_bound <= answer.cost
@@ -153,7 +153,7 @@ def wound_around_the_cylinder(truth, winding):
 def test_helices_wound_up_around_the_cylinder(turns, winding, poses):
     instance = helix(turns, np.random.default_rng(turns))
     start = wound_around_the_cylinder(instance.truth, winding)
-    graph = instance.graph if poses else instance.graph.rotation
+    graph = instance.graph if poses else instance.graph.rotations_alone
     own = solve(graph)
     assert own.verdict is Verdict.CERTIFIED
     answer = solve_from(graph, start)
@@ -180,7 +180,7 @@ def test_random_starts_are_as_good_as_any():
         d = 2 + seed % 2
         graph, _, _ = pose_graph(rng, 30, d, noise=0.05)
         start = Estimate(so.random(rng, 30, d), 100.0 * rng.standard_normal((30, d)))
-        for part in (graph, graph.rotation):
+        for part in (graph, graph.rotations_alone):
             own = solve(part)
             assert own.start != "given"
             assert certified_at(solve_from(part, start), own.cost)
@@ -209,7 +209,7 @@ def test_loose_relaxations_end_bounded():
         rng = np.random.default_rng(seed)
         d = 2 + seed % 2
         graph, _, _ = pose_graph(rng, 8, d, noise=2.0)
-        problem = problem_of(graph if seed % 4 < 2 else graph.rotation)
+        problem = problem_of(graph if seed % 4 < 2 else graph.rotations_alone)
         answer = solve(problem)
         verdicts.append(answer.verdict)
         assert honest(answer, problem)
@@ -233,7 +233,7 @@ def test_loose_relaxations_end_bounded():
 @given(seeds, dimensions, st.booleans(), st.sampled_from([0.0, 1e-6, 0.05, 0.3]))
 def test_small_noise_is_always_certified(seed, d, poses, noise):
     graph, R, t = pose_graph(rng_of(seed), 8, d, noise=noise)
-    problem = problem_of(graph if poses else graph.rotation)
+    problem = problem_of(graph if poses else graph.rotations_alone)
     answer = solve(problem)
     assert honest(answer, problem)
     assert answer.verdict is Verdict.CERTIFIED
@@ -248,7 +248,7 @@ def test_small_noise_is_always_certified(seed, d, poses, noise):
 def test_trees_cost_nothing(seed, d, n, poses):
     """A single edge is the tree of two nodes; a tree has nothing to disagree with."""
     graph, _, _ = pose_graph(rng_of(seed), n, d, extra=0, noise=1.0)
-    problem = problem_of(graph if poses else graph.rotation)
+    problem = problem_of(graph if poses else graph.rotations_alone)
     answer = solve(problem)
     assert honest(answer, problem)
     assert answer.verdict is Verdict.CERTIFIED
@@ -277,7 +277,7 @@ def test_parallel_edges_in_the_plane_have_a_mean(seed, m, poses):
 @given(seeds, dimensions, st.booleans())
 def test_parallel_edges_are_edges(seed, d, poses):
     graph, _, _ = pose_graph(rng_of(seed), 4, d, extra=8, noise=0.1)
-    problem = problem_of(graph if poses else graph.rotation)
+    problem = problem_of(graph if poses else graph.rotations_alone)
     answer = solve(problem)
     assert honest(answer, problem)
     assert answer.verdict is Verdict.CERTIFIED
@@ -288,8 +288,8 @@ def test_parallel_edges_are_edges(seed, d, poses):
 def test_weights_of_any_scale(seed, d, decades, poses):
     graph, _, _ = pose_graph(rng_of(seed), 8, d, noise=0.05)
     scale = 10.0**decades
-    heavier = graph.with_weights(scale * graph.rotation.kappa, scale * graph.tau)
-    parts = (graph, heavier) if poses else (graph.rotation, heavier.rotation)
+    heavier = graph.with_weights(scale * graph.kappa, scale * graph.tau)
+    parts = (graph, heavier) if poses else (graph.rotations_alone, heavier.rotations_alone)
     one, other = (solve(part) for part in parts)
     assert certified_at(other, scale * one.cost)
 
@@ -303,7 +303,7 @@ def test_weights_of_different_scale_in_one_graph(seed, d, decades, poses):
     span = 0.6 * decades if poses else decades
     kappa, tau = 10.0 ** rng.uniform(-span, span, (2, graph.num_edges))
     graph = graph.with_weights(kappa, tau)
-    problem = problem_of(graph if poses else graph.rotation)
+    problem = problem_of(graph if poses else graph.rotations_alone)
     answer = solve(problem)
     assert honest(answer, problem)
     assert answer.verdict is Verdict.CERTIFIED
@@ -335,8 +335,8 @@ def test_kappa_and_tau_of_different_scale(seed, d, turn, move):
 def test_powers_of_two_change_nothing_else(seed, d, power, noise, poses):
     graph, _, _ = pose_graph(rng_of(seed), 7, d, noise=noise)
     scale = 2.0**power
-    heavier = graph.with_weights(scale * graph.rotation.kappa, scale * graph.tau)
-    parts = (graph, heavier) if poses else (graph.rotation, heavier.rotation)
+    heavier = graph.with_weights(scale * graph.kappa, scale * graph.tau)
+    parts = (graph, heavier) if poses else (graph.rotations_alone, heavier.rotations_alone)
     one, other = (solve(part) for part in parts)
     assert other.verdict is one.verdict
     assert other.cost == scale * one.cost
@@ -353,13 +353,13 @@ def test_powers_of_two_change_nothing_else(seed, d, power, noise, poses):
 
 def test_the_start_is_named(dataset):
     intel = dataset("intel").graph.under("chordal")
-    assert solve(intel).start == solve(intel.rotation).start == "laplacian_gauss_newton"
+    assert solve(intel).start == solve(intel.rotations_alone).start == "laplacian_gauss_newton"
     # Too much noise for averaging to settle.
     for d, name in ((2, "eigen_ma"), (3, "eigen_q")):
         stop = {"max_rank": d}
         rough = [pose_graph(np.random.default_rng(seed), 9, d, noise=2.0)[0] for seed in range(2)]
         assert name in {solve(graph, **stop).start for graph in rough}
-        assert "eigen_ra" in {solve(graph.rotation, **stop).start for graph in rough}
+        assert "eigen_ra" in {solve(graph.rotations_alone, **stop).start for graph in rough}
 
 
 @pytest.mark.parametrize("engine", factor.engines())
@@ -442,7 +442,7 @@ def test_a_monitor_may_stop_it_anywhere(tight):
 @pytest.mark.parametrize("d", [2, 3])
 def test_no_time_at_all_still_gives_an_estimate(d):
     graph, _, _ = pose_graph(np.random.default_rng(d), 10, d)
-    for part in (graph, graph.rotation):
+    for part in (graph, graph.rotations_alone):
         problem = problem_of(part)
         answer = solve(part, time_limit=0.0)
         assert answer.solution.status is Status.TIME_LIMIT
@@ -661,7 +661,7 @@ def test_estimates_and_graphs_that_make_no_sense_are_refused():
     apart = RotationGraph(4, np.array([[0, 1], [2, 3]]), np.tile(np.eye(3), (2, 1, 1)), np.ones(2))
     with pytest.raises(GraphError, match="2 components"):
         solve(apart)
-    far = PoseGraph(graph.rotation, np.full(graph.translations.shape, 1e160), graph.tau)
+    far = PoseGraph(graph.rotations_alone, np.full(graph.translations.shape, 1e160), graph.tau)
     with pytest.raises(InputError, match="beyond the range of doubles"):
         solve(far)
 
@@ -732,9 +732,9 @@ def test_widespread_disagreement_ends_the_climb_early(monkeypatch):
     monkeypatch.setattr(staircase, "OUTLIERS_PATIENCE", 0.0)
     rng = np.random.default_rng(1)
     graph, _, _ = pose_graph(rng, 15, 3, noise=0.02, weights=False)
-    R, wrong = graph.rotation.rotations.copy(), np.arange(14, graph.num_edges, 3)
+    R, wrong = graph.rotations.copy(), np.arange(14, graph.num_edges, 3)
     R[wrong] = so.random(rng, len(wrong), 3)
-    spoiled = replace(graph, rotation=replace(graph.rotation, rotations=R))
+    spoiled = replace(graph, rotations=R)
     spoiled, told = spoiled.with_weights(1250.0, 2500.0), []
     early = solve(spoiled, on_disagreement=told.append)
     assert told[0].spreads_over(spoiled)

@@ -126,7 +126,7 @@ def test_the_conjecture_s_limit_is_no_bound_on_poorly_connected_graphs():
 
 
 def test_the_thesis_own_sphere_is_above_the_conjecture_s_limit(dataset):
-    problem = RotationProblem(dataset("sphere_bignoise_vertex3").graph.rotation)
+    problem = RotationProblem(dataset("sphere_bignoise_vertex3").graph.rotations_alone)
     found = consistency(problem.with_unit_weights())
     assert f"{found.measured[0, 0]:.1e}" == "2.2e-01"  # printed in Table 5.6
     assert found.inconsistency == pytest.approx(14.24, abs=0.005)  # ours

@@ -55,9 +55,9 @@ def spoilt(graph, rng, count):
     wrong = np.zeros(graph.num_edges, dtype=bool)
     closures = np.arange(graph.num_nodes, graph.num_edges)
     wrong[rng.choice(closures, count, replace=False)] = True
-    measured = np.array(graph.rotation.rotations)
+    measured = np.array(graph.rotations)
     measured[wrong] = so.random(rng, count, graph.d)
-    rotation = RotationGraph(graph.num_nodes, graph.edges, measured, graph.rotation.kappa)
+    rotation = RotationGraph(graph.num_nodes, graph.edges, measured, graph.kappa)
     return PoseGraph(rotation, graph.translations, graph.tau), wrong
 
 
@@ -96,17 +96,17 @@ def test_the_sentence_counts():
 def test_weights_state_noise_unless_no_angle_contradicts_them(d):
     graph, _ = ladder(rng_of(1), 5, d, 0.1)
     assert states_noise(problem_of(graph))
-    assert states_noise(problem_of(graph.rotation))
+    assert states_noise(problem_of(graph.rotations_alone))
     assert not states_noise(problem_of(graph.with_weights(1.0, 1.0)))
-    assert not states_noise(problem_of(graph.rotation.with_weights(1.0)))
+    assert not states_noise(problem_of(graph.rotations_alone.with_weights(1.0)))
 
 
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("unit", [1e-4, 1.0, 30.0])
 def test_the_noise_is_measured_whatever_the_weights_say(d, unit):
     graph, _ = ladder(rng_of(2), 150, d, 0.02)
-    scaled = graph.with_weights(unit**2 * graph.rotation.kappa, unit**2 * graph.tau)
-    for given_graph in (scaled, scaled.rotation):
+    scaled = graph.with_weights(unit**2 * graph.kappa, unit**2 * graph.tau)
+    for given_graph in (scaled, scaled.rotations_alone):
         problem = problem_of(given_graph)
         scale = noise_scale(problem, problem.edge_costs(fitted(problem)))
         assert scale == pytest.approx(unit, rel=0.15)
@@ -117,7 +117,7 @@ def test_the_noise_is_measured_whatever_the_weights_say(d, unit):
 def test_clean_graphs_raise_no_alarm(seed, d, sigma):
     graph, _ = ladder(rng_of(seed), 20, d, sigma)
     unit = graph.with_weights(1.0, 1.0)
-    for clean in (graph, unit, graph.rotation, unit.rotation):
+    for clean in (graph, unit, graph.rotations_alone, unit.rotations_alone):
         problem = problem_of(clean)
         assert disagreement(problem, fitted(problem), refit=True) is None
 
@@ -138,7 +138,7 @@ def test_wrong_closures_are_told(d, weights):
     if weights == "unit":
         graph = graph.with_weights(1.0, 1.0)
     elif weights == "too large":
-        graph = graph.with_weights(400.0 * graph.rotation.kappa, 400.0 * graph.tau)
+        graph = graph.with_weights(400.0 * graph.kappa, 400.0 * graph.tau)
     problem = problem_of(graph)
     chosen = select(problem)
     turned = problem.residual_angles(chosen.estimate) > 0.3  # random may be nearly right
@@ -156,7 +156,7 @@ def test_one_gross_error_does_not_leave_a_tree_alone():
     graph, _ = ladder(rng_of(7), 30, 2, 0.01)
     far = np.array(graph.translations)
     far[-1] += 1e6
-    problem = problem_of(PoseGraph(graph.rotation, far, graph.tau))
+    problem = problem_of(PoseGraph(graph.rotations_alone, far, graph.tau))
     found = GraduatedNonConvexity().solve(problem)
     assert found.weights[-1] == 0.0
     assert found.kept > 0.9 * graph.num_edges

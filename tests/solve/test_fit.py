@@ -7,8 +7,8 @@ import pytest
 from scipy import stats
 
 import certpgo
-from certpgo import Instance, PoseGraph, PoseProblem, Ranges, RotationGraph, RotationProblem
-from certpgo.graph import Estimate
+from certpgo import Instance, PoseProblem, Ranges, RotationProblem
+from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.information import Information
 from certpgo.io.datasets.synthetic import helix
 from certpgo.linalg import rotations as so
@@ -95,7 +95,7 @@ def test_each_kind_of_measurement_is_counted():
     assert freedom(one, world) == loose + 6 - 5  # turns about the line through them are left open
     up = certpgo.with_directions(fixes, [1, 2], truth.rotations[[1, 2], 2], kappa=9.0, world=n)
     assert freedom(up, world) == loose + 9 - 6 + 2 * 2
-    turned = goodness_of_fit(RotationProblem(graph.rotation), Estimate(truth.rotations))
+    turned = goodness_of_fit(RotationProblem(graph.rotations_alone), Estimate(truth.rotations))
     assert turned.freedom == 3 * (m - n + 1)
 
 
@@ -108,8 +108,8 @@ def test_points_and_distances_are_counted():
     rotation = RotationGraph(
         n + 1,
         np.concatenate([graph.edges, np.stack([seen, np.full(3, n)], axis=1)]),
-        np.concatenate([graph.rotation.rotations, np.tile(np.eye(3), (3, 1, 1))]),
-        np.r_[graph.rotation.kappa, np.zeros(3)],
+        np.concatenate([graph.rotations, np.tile(np.eye(3), (3, 1, 1))]),
+        np.r_[graph.kappa, np.zeros(3)],
     )
     with_point = PoseGraph(
         rotation,

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from strategies import dense_cost, dimensions, point_graph, rng_of, seeds
 
 import certpgo
-from certpgo import Estimate, GraphError, PoseGraph, PoseProblem, RotationGraph, certify, solve
+from certpgo import Estimate, GraphError, PoseProblem, certify, solve
+from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.factor import engines
 from certpgo.optimize import low_rank_descent as low_rank
@@ -55,26 +56,26 @@ def test_stereo_with_odometry(dataset, dataset_path):
     rotation = RotationGraph(
         graph.num_nodes,
         np.concatenate([np.stack([k, k + 1], axis=1), graph.edges]),
-        np.concatenate([back @ R[1:], graph.rotation.rotations]),
+        np.concatenate([back @ R[1:], graph.rotations]),
         np.r_[np.full(76, 5000.0), np.zeros(graph.num_edges)],
     )
     moved = np.concatenate([steps, graph.translations])
     tau = np.r_[np.full(76, 400.0), graph.tau]
-    answer = solve(PoseGraph(rotation, moved, tau, points=graph.points))
+    answer = solve(PoseGraph(rotation, moved, tau, points=graph.is_point))
     assert answer.verdict.value == "CERTIFIED"
     assert answer.cost == pytest.approx(21064.8184, rel=5e-9)
 
 
 def as_poses(graph):
     """The same problem with a rotation for each point, measured once: it is met exactly."""
-    first = {int(j): int(i) for i, j in graph.edges[::-1] if graph.points[j]}
+    first = {int(j): int(i) for i, j in graph.edges[::-1] if graph.is_point[j]}
     extra = np.array([[i, j] for j, i in first.items()])
     k, d = len(extra), graph.d
     rotation = RotationGraph(
         graph.num_nodes,
         np.concatenate([graph.edges, extra]),
-        np.concatenate([graph.rotation.rotations, np.tile(np.eye(d), (k, 1, 1))]),
-        np.r_[graph.rotation.kappa, np.ones(k)],
+        np.concatenate([graph.rotations, np.tile(np.eye(d), (k, 1, 1))]),
+        np.r_[graph.kappa, np.ones(k)],
     )
     moved = np.concatenate([graph.translations, np.zeros((k, d))])
     return PoseGraph(rotation, moved, np.r_[graph.tau, np.zeros(k)])
@@ -113,12 +114,12 @@ def test_matrices_are_those_of_the_cost(seed, d):
     assert float(np.trace(X @ M @ X.T)) == pytest.approx(value)
     # The rotations that estimates hold for points change nothing.
     other = estimate.rotations.copy()
-    other[graph.points] = so.random(rng, 3, d)
+    other[graph.is_point] = so.random(rng, 3, d)
     turned = Estimate(other, estimate.translations)
     assert problem.cost(turned) == pytest.approx(value)
     first = problem.first_order(turned)
-    np.testing.assert_array_equal(first.multipliers[graph.points], 0.0)
-    np.testing.assert_array_equal(first.tangent[graph.points, d:], 0.0)
+    np.testing.assert_array_equal(first.multipliers[graph.is_point], 0.0)
+    np.testing.assert_array_equal(first.tangent[graph.is_point, d:], 0.0)
     # The multipliers' traces add up to F where the translations are optimal.
     best = problem.with_optimal_translations(turned)
     total = np.trace(problem.first_order(best).multipliers, axis1=1, axis2=2).sum()
@@ -176,7 +177,7 @@ def test_gauge_relabelling_and_scale(seed, d):
     order = rng.permutation(n)
     again = solve(graph.subgraph(order))
     assert again.cost == pytest.approx(answer.cost, rel=1e-6)
-    np.testing.assert_array_equal(graph.subgraph(order).points, graph.points[order])
+    np.testing.assert_array_equal(graph.subgraph(order).is_point, graph.is_point[order])
     heavier = graph.reweighted(np.full(graph.num_edges, 8.0))
     assert solve(heavier).cost == pytest.approx(8.0 * answer.cost, rel=1e-6)
 
@@ -206,13 +207,13 @@ def test_higher_ranks():
 def test_robust():
     graph, _ = point_graph(rng_of(7), 12, 20, 2, noise=0.02)
     graph = graph.with_weights(tau=np.full(graph.num_edges, 2500.0))
-    rotation = graph.rotation.with_weights(np.where(graph.rotation.kappa > 0, 2500.0, 0.0))
-    graph = PoseGraph(rotation, graph.translations, graph.tau, points=graph.points)
-    seen = np.flatnonzero(graph.points[graph.edges[:, 1]])
+    rotation = graph.rotations_alone.with_weights(np.where(graph.kappa > 0, 2500.0, 0.0))
+    graph = PoseGraph(rotation, graph.translations, graph.tau, points=graph.is_point)
+    seen = np.flatnonzero(graph.is_point[graph.edges[:, 1]])
     wrong = seen[::9]
     moved = graph.translations.copy()
     moved[wrong] += 4.0
-    spoiled = PoseGraph(rotation, moved, graph.tau, points=graph.points)
+    spoiled = PoseGraph(rotation, moved, graph.tau, points=graph.is_point)
     answer = certpgo.solve_robustly(spoiled)
     rejected = np.asarray(answer.solution.rejected)
     assert set(wrong) <= set(rejected)

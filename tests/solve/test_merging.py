@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import certpgo
-from certpgo import WORLD, Instance, PoseGraph, Ranges, RotationGraph, Verdict
+from certpgo import WORLD, Instance, Ranges, Verdict
 from certpgo.errors import GraphError, InputError
-from certpgo.graph.kinds import Kind
+from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.graph.kinds import Kind, Node
 from certpgo.graph.labels import Landmark
 from certpgo.io.datasets.synthetic import helix
 
@@ -58,10 +59,10 @@ def test_distances_within_and_between_maps_have_the_optimum_of_the_whole():
     new = [k for k in across if k not in place]
     place |= {label: len(place) + k for k, label in enumerate(new)}
     edges = np.array([place[k] for k in across]).reshape(2, 2)
-    rotation = replace(joints.graph.rotation, num_nodes=len(place))
+    nodes = np.full(len(place), Node.POSE)
     between = Instance(
         "between",
-        replace(joints.graph, rotation=rotation).with_ranges(
+        replace(joints.graph, nodes=nodes).with_ranges(
             Ranges(len(place), edges, apart[1:3], ranges.weights[1:3])
         ),
         np.array(list(place)),

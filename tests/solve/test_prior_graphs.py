@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from strategies import dense_cost, dimensions, pose_graph, rng_of, seeds
 
 import certpgo
-from certpgo import Estimate, PoseGraph, RotationGraph, Verdict, certify, solve, with_priors
+from certpgo import Estimate, Verdict, certify, solve, with_priors
 from certpgo.errors import InputError
+from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.graph.kinds import Kind
 from certpgo.io.datasets.synthetic import helix
 from certpgo.linalg import rotations as so
@@ -37,10 +38,10 @@ def test_bounds_are_below_what_descents_find(seed, d):
     if seed % 2:
         partial = with_priors(graph, [0, 1, 2], translations=t[:3], tau=[1.0, 2.0, 3.0])
     else:
-        kappa, tau = graph.rotation.kappa.copy(), graph.tau.copy()
+        kappa, tau = graph.kappa.copy(), graph.tau.copy()
         kappa[n - 1 :: 3] = 0.0  # of the edges that are not in the tree
         tau[n::3] = 0.0
-        rotation = RotationGraph(n, graph.edges, graph.rotation.rotations, kappa)
+        rotation = RotationGraph(n, graph.edges, graph.rotations, kappa)
         partial = PoseGraph(rotation, graph.translations, tau)
     problem = PoseProblem(partial)
     answer = solve(partial)

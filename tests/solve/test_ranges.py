@@ -15,13 +15,12 @@ from certpgo import (
     GraphError,
     InputError,
     NumericalError,
-    PoseGraph,
     PoseProblem,
     Ranges,
-    RotationGraph,
     solve,
 )
 from certpgo.certify.normalized import NormalizedProblem
+from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.graph.relaxed_point import Lift
 from certpgo.io.datasets.synthetic import helix
 from certpgo.linalg import rotations as so
@@ -47,7 +46,7 @@ def measured(seed, d, *, noise=0.1, poses=5, points=3):
     """A graph with points, and distances from every pose to every point, in random order."""
     rng = rng_of(seed)
     graph, truth = point_graph(rng, poses, points, d, noise=noise)
-    seen, places = np.flatnonzero(graph.points), graph.pose_nodes
+    seen, places = np.flatnonzero(graph.is_point), graph.pose_nodes
     pairs = np.array([(a, b) if rng.random() < 0.5 else (b, a) for a in places for b in seen])
     apart = np.linalg.norm(
         truth.translations[pairs[:, 1]] - truth.translations[pairs[:, 0]], axis=1
@@ -81,9 +80,9 @@ def written_out(problem, point):
     graph, ranges, total = problem.measured, problem.measured.ranges, 0.0
     R, t = point.rotations, point.translations
     for e, (i, j) in enumerate(graph.edges):
-        if graph.rotation.kappa[e] > 0.0:
-            apart = R[j] - R[i] @ graph.rotation.rotations[e]
-            total += graph.rotation.kappa[e] * np.linalg.norm(apart) ** 2
+        if graph.kappa[e] > 0.0:
+            apart = R[j] - R[i] @ graph.rotations[e]
+            total += graph.kappa[e] * np.linalg.norm(apart) ** 2
         total += graph.tau[e] * np.linalg.norm(t[j] - t[i] - R[i] @ graph.translations[e]) ** 2
     for e, (i, j) in enumerate(ranges.edges):
         total += ranges.weights[e] * (ranges.distances[e] - np.linalg.norm(t[j] - t[i])) ** 2
@@ -265,8 +264,8 @@ def test_distances_that_fit_exactly_or_are_tiny_cost_no_bound():
     graph, _ = point_graph(rng, 5, 2, 2, noise=0.2)
     poses = graph.pose_nodes
     n = graph.num_nodes + 1
-    rotation = RotationGraph(n, graph.edges, graph.rotation.rotations, graph.rotation.kappa)
-    points = np.append(graph.points, True)  # one more, of which one distance alone is known
+    rotation = RotationGraph(n, graph.edges, graph.rotations, graph.kappa)
+    points = np.append(graph.is_point, True)  # one more, of which one distance alone is known
     more = PoseGraph(rotation, graph.translations, graph.tau, points=points)
     alone = solve(graph)
     for distance in (2.0, 1e-15, 1e-20, 1e-300):
@@ -298,7 +297,7 @@ def in_lengths_of(problem, unit):
     """The same problem with lengths times ``unit``."""
     graph, ranges = problem.measured, problem.measured.ranges
     measured = PoseGraph(
-        graph.rotation, unit * graph.translations, graph.tau / unit**2, points=graph.points
+        graph.rotations_alone, unit * graph.translations, graph.tau / unit**2, points=graph.is_point
     )
     distances, weights = unit * ranges.distances, ranges.weights / unit**2
     return certifiable(measured.with_ranges(Ranges(problem.n, ranges.edges, distances, weights)))
@@ -514,7 +513,7 @@ def test_a_map_stuck_elsewhere_is_refuted(dataset):
     problem = certifiable(instance)
     estimate = solve(problem).estimate.anchored(0)
     t = estimate.translations.copy()
-    t[instance.graph.points, 0] *= -3.0  # beacons on the wrong side
+    t[instance.graph.is_point, 0] *= -3.0  # beacons on the wrong side
     found = certpgo.certify(problem, Estimate(estimate.rotations, t))
     assert found.verdict.value == "REFUTED"
     assert found.better_cost == pytest.approx(7788.24042, rel=1e-6)
@@ -529,7 +528,7 @@ def test_covariances_are_inverse_matrices():
     first = layout.first_row(problem.measured.pose_nodes[0])
     kept = np.setdiff1d(np.arange(layout.size), first + np.arange(3))
     C = np.linalg.inv(H[np.ix_(kept, kept)])
-    point = int(np.flatnonzero(problem.measured.points)[0])
+    point = int(np.flatnonzero(problem.measured.is_point)[0])
     rows = np.searchsorted(kept, layout.first_row(point) + np.arange(2))
     np.testing.assert_allclose(answer.covariance(point), C[np.ix_(rows, rows)], rtol=1e-8)
 
@@ -605,7 +604,7 @@ def test_wrong_distances_are_named(cost, tmp_path):
     path = tmp_path / "doubtful.npz"
     information = certpgo.graph.information.Information
     measured = instance.graph
-    known = information.isotropic(measured.rotation.kappa, measured.tau, 3, "g2o", "quaternion")
+    known = information.isotropic(measured.kappa, measured.tau, 3, "g2o", "quaternion")
     certpgo.write(path, replace(instance, graph=measured.with_information(known)))
     answer = solve(path, cost=cost)
     assert answer.disagreement.edges.tolist() == wrong.tolist()

@@ -282,7 +282,7 @@ def test_ellis_island_is_better_averaged_than_by_the_printed_methods(dataset, da
     dataset_path("Ellis_Island_truth")
     instance = dataset("Ellis_Island")
     graph = instance.graph
-    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    rotation = graph.rotations_alone if graph.has_positions else graph
     nodes, true = truth("Ellis_Island", instance)
     solution = AdaptiveTrimming().solve(RotationProblem(rotation))
     found = metrics.angular_errors(solution.estimate.subset(nodes), true, norm="l1")

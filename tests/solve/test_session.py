@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import certpgo
-from certpgo import Instance, PoseGraph, RotationGraph, Session, Verdict
+from certpgo import Instance, Session, Verdict
 from certpgo.errors import GraphError, InputError, SpecError
+from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.graph.information import Information
 from certpgo.graph.streaming import streamed
 from certpgo.io.datasets.synthetic import helix, winding_cycle
@@ -128,7 +129,7 @@ def test_what_cannot_be_added_or_removed_is_refused_and_changes_nothing(graph):
     with pytest.raises(GraphError, match="node 8 is not connected with those before it"):
         session.add(one, [8, 9])
     with pytest.raises(GraphError, match="poses in 3D and rotations in 3D"):
-        session.add(one.rotation, nodes)
+        session.add(one.rotations_alone, nodes)
     with pytest.raises(InputError, match="2 different names are expected"):
         session.add(one, [1])
     with pytest.raises(InputError, match="takes graphs and instances, not an int"):
@@ -238,7 +239,7 @@ def test_bounds_hold_whatever_comes_and_goes(made, cost):
 
 def test_another_programs_cost_needs_relative_poses():
     instance = with_points(np.random.default_rng(0))
-    seen = instance.graph.rotation.kappa == 0.0
+    seen = instance.graph.kappa == 0.0
     matrices = np.stack([100.0 * np.eye(3), np.diag([50.0, 50.0, 0.0])])
     information = Information(matrices, seen.astype(int), "g2o")
     instance = replace(instance, graph=instance.graph.with_information(information))

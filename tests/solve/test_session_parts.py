@@ -384,7 +384,7 @@ def test_any_cut_of_what_files_do_not_say_is_the_batch(seed, kind, size):
         up = R[nodes][:, 2, :] + 0.05 * rng.standard_normal((5, 3))
         graph = certpgo.with_directions(graph, nodes, up, kappa=50.0)
     else:
-        graph = graph.rotation
+        graph = graph.rotations_alone
     world = graph.num_nodes - 1 if graph.num_nodes > n else None
     whole = Instance(kind, graph, 7 * np.arange(graph.num_nodes), world=world)
     order = rng.permutation(graph.num_edges)

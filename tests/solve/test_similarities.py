@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from strategies import dimensions, rng_of, seeds
 
 import certpgo
-from certpgo import Estimate, PoseProblem, RotationGraph, SimilarityGraph
+from certpgo import Estimate, PoseProblem
 from certpgo.errors import GraphError, InputError
+from certpgo.graph import RotationGraph, SimilarityGraph
 from certpgo.io.datasets.monocular import random_maps
 from certpgo.linalg import rotations as so
 from certpgo.objective.similarity_problem import SimilarityProblem
@@ -24,7 +25,7 @@ noises = st.sampled_from([0.05, 0.2, 0.4])
 
 def cost_by_loops(graph, estimate):
     """F, edge by edge."""
-    total, rotation = 0.0, graph.rotation
+    total, rotation = 0.0, graph.rotations_alone
     A = estimate.scales[:, None, None] * estimate.rotations
     for k, (i, j) in enumerate(graph.edges.tolist()):
         E = A[j] - graph.scales[k] * A[i] @ rotation.rotations[k]
@@ -144,14 +145,15 @@ def test_certificates_prove_a_semidefinite_matrix(seed, d):
 @settings(max_examples=10)
 def test_of_known_scales_it_is_the_problem_of_poses(seed, d):
     graph, truth = random_maps(rng_of(seed), d)
-    known = replace(graph, scales=np.ones(graph.num_edges), free=np.zeros(graph.num_nodes, bool))
-    flat = certpgo.PoseGraph(graph.rotation, graph.translations, graph.tau)
+    known = replace(graph, scales=np.ones(graph.num_edges))
+    known = SimilarityProblem(known.with_unknown_scales(np.zeros(graph.num_nodes, bool)))
+    flat = certpgo.PoseGraph(graph.rotations_alone, graph.translations, graph.tau)
     ours, theirs = certpgo.solve(known), certpgo.solve(flat)
     assert ours.verdict == theirs.verdict
     assert ours.cost == pytest.approx(theirs.cost, rel=1e-7)
     assert ours.certificate.lower_bound == pytest.approx(theirs.certificate.lower_bound, rel=1e-4)
     poses = Estimate(truth.rotations, truth.translations)
-    assert SimilarityProblem(known).cost(poses) == pytest.approx(PoseProblem(flat).cost(poses))
+    assert known.cost(poses) == pytest.approx(PoseProblem(flat).cost(poses))
 
 
 @given(seeds, dimensions, noises)
@@ -186,12 +188,12 @@ def test_laws_of_invariance(seed, d, noise):
     )
     j, c = graph.num_nodes - 1, 3.0
     first, second = (graph.edges == j).T
-    rotation = graph.rotation.with_weights(np.where(second, c**2, 1.0) * graph.rotation.kappa)
+    kappa = np.where(second, c**2, 1.0) * graph.kappa
     scales = graph.scales * np.where(first, c, 1.0) / np.where(second, c, 1.0)
     t = graph.translations * np.where(first, c, 1.0)[:, None]
     expected = answer.estimate.scales.copy()
     expected[j] /= c
-    same(certpgo.solve(replace(graph, rotation=rotation, scales=scales, translations=t)), expected)
+    same(certpgo.solve(replace(graph, kappa=kappa, scales=scales, translations=t)), expected)
 
 
 @given(seeds, dimensions)
@@ -204,10 +206,11 @@ def test_another_unit_of_the_map_is_another_cost(seed, d):
     """
     graph, _ = random_maps(rng_of(seed), d)
     here, k = certpgo.solve(graph), 3
-    there = certpgo.solve(graph.held_at(k))
+    held = graph.with_unknown_scales(np.arange(graph.num_nodes) != k)
+    there = certpgo.solve(held)
     s = here.estimate.scales
     moved = Estimate(here.estimate.rotations, here.estimate.translations / s[k], scales=s / s[k])
-    assert SimilarityProblem(graph.held_at(k)).cost(moved) == pytest.approx(here.cost / s[k] ** 2)
+    assert SimilarityProblem(held).cost(moved) == pytest.approx(here.cost / s[k] ** 2)
     assert there.certificate.lower_bound <= here.cost / s[k] ** 2 * (1 + 1e-9)
 
 
@@ -269,7 +272,7 @@ def test_graphs_that_mean_nothing_are_refused():
 
 
 def unscaled(graph):
-    return replace(graph, free=~graph.is_point)
+    return graph.with_unknown_scales(~graph.is_point)
 
 
 @given(seeds, dimensions, noises, noises, st.integers(0, 2))
@@ -346,11 +349,7 @@ def test_other_units_of_nodes_are_other_weights(seed, d, noise):
     graph, truth = random_maps(rng, d, turn=noise, points=1)
     s = np.where(graph.free, np.exp(rng.standard_normal(graph.num_nodes)), 1.0)
     i, j = graph.edges.T
-    weighed = replace(
-        graph,
-        rotation=graph.rotation.with_weights(graph.rotation.kappa / s[j] ** 2),
-        tau=graph.tau / s[i] ** 2,
-    )
+    weighed = graph.with_weights(graph.kappa / s[j] ** 2, graph.tau / s[i] ** 2)
     moved = replace(truth, scales=truth.scales / s)
     expected = cost_by_loops(weighed, truth)
     assert cost_by_loops(graph.in_units_of(s), moved) == pytest.approx(expected, rel=1e-9)
@@ -376,7 +375,7 @@ def test_weights_of_the_frames_do_not_depend_on_their_units():
 def test_graphs_without_unknown_scales_are_not_reweighed():
     graph, _ = random_maps(np.random.default_rng(0))
     with pytest.raises(InputError, match="no nodes of unknown scale"):
-        reweigh(graph.rotation)
+        reweigh(graph.rotations_alone)
 
 
 @pytest.mark.parametrize("known", [(), (0,)])
@@ -384,7 +383,7 @@ def test_best_translations_are_stationary_in_any_unit(known):
     graph, truth = random_maps(np.random.default_rng(1), 3)
     free = np.ones(graph.num_nodes, dtype=bool)
     free[list(known)] = False
-    problem = SimilarityProblem(replace(graph, free=free))
+    problem = SimilarityProblem(graph.with_unknown_scales(free))
     there = Estimate(truth.rotations, np.zeros((8, 3)), scales=3.0 * truth.scales)
     best = problem.with_optimal_translations(there)
     assert np.abs(problem.gradient(best)[:, :, 0]).max() < 1e-12 * problem.cost(best)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import certpgo
-from certpgo import GraphError, InputError, Instance, RotationGraph, Verdict
+from certpgo import GraphError, InputError, Instance, Verdict
+from certpgo.graph import RotationGraph
 from certpgo.graph.kinds import Kind
 from certpgo.io.datasets.synthetic import helix, sphere, winding_cycle
 from certpgo.linalg import rotations as so
@@ -84,7 +85,7 @@ def test_fractions_of_the_relaxation_are_feasible():
 @pytest.mark.parametrize(("n", "theta"), [(5, 0.3), (12, 2.0)])
 def test_the_margin_of_a_cycle_is_known(n, theta):
     """A turn theta around it raises two of the three smallest eigenvalues to 2 - 2 cos(theta/n)."""
-    problem = RotationProblem(winding_cycle(n, theta, 0)[0].graph.rotation)
+    problem = RotationProblem(winding_cycle(n, theta, 0)[0].graph.rotations_alone)
     margin, gradient = SpectralMargin(Connectivity(problem))(np.ones(n))
     graph, measured = 2.0 - 2.0 * np.cos(2.0 * np.pi / n), 2.0 - 2.0 * np.cos(theta / n)
     assert margin == pytest.approx(graph - 2.0 / 3.0 * measured, rel=1e-6)
@@ -117,7 +118,7 @@ def test_the_margin_changes_as_its_gradient_says():
 
 
 def test_the_spectrum_leaves_out_wrong_loop_closures():
-    graph = sphere(5, np.random.default_rng(0), rotation_noise=0.05).graph.rotation
+    graph = sphere(5, np.random.default_rng(0), rotation_noise=0.05).graph.rotations_alone
     rng = np.random.default_rng(1)
     loops = np.abs(np.diff(graph.edges, axis=1)[:, 0]) != 1
     wrong = rng.choice(np.flatnonzero(loops), 8, replace=False)
@@ -196,7 +197,7 @@ def test_information_and_labels_follow_their_edges(tmp_path, graph):
 
 
 def test_a_rotation_graph_is_sparsified(graph):
-    found = certpgo.sparsify(graph.rotation, 10)
+    found = certpgo.sparsify(graph.rotations_alone, 10)
     assert found.moved.ate_m is None
     assert found.answer.verdict is Verdict.CERTIFIED
 
@@ -277,6 +278,6 @@ def test_suggestions_are_near_each_other_if_asked():
     with pytest.raises(InputError, match="no two nodes are within"):
         certpgo.suggest_loops(made.graph, 2, within=1e-9)
     with pytest.raises(InputError, match="have no distance"):
-        certpgo.suggest_loops(made.graph.rotation, 2, within=1.0)
+        certpgo.suggest_loops(made.graph.rotations_alone, 2, within=1.0)
     with pytest.raises(InputError, match="at least 1"):
         certpgo.suggest_loops(made.graph, 0)

@@ -286,7 +286,9 @@ def test_the_proof_tier_is_advised_only_where_there_is_one(solved, has_arms):
     made = synthetic.grid3d(2, np.random.default_rng(0))
     graph, m = made.graph, made.graph.num_edges
     arms = np.full((m, 3), 0.5) if has_arms else None
-    instance = replace(made, graph=PoseGraph(graph.rotation, graph.translations, graph.tau, arms))
+    instance = replace(
+        made, graph=PoseGraph(graph.rotations_alone, graph.translations, graph.tau, arms)
+    )
     steps = advice_on(judged, instance, "g.g2o", cost="chordal", searched=True)
     assert ("certpgo solve g.g2o --tier proof" in dict(steps).values()) != has_arms
 

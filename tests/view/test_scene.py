@@ -58,7 +58,7 @@ def test_residuals_are_those_of_the_problem(grid):
 
 def test_a_map_without_a_unit_is_drawn_in_its_own_and_the_truth_with_it():
     graph, truth = random_maps(np.random.default_rng(1), turn=0.0, scale=0.0, move=0.0)
-    graph = replace(graph, free=np.ones(graph.num_nodes, dtype=bool))
+    graph = graph.with_unknown_scales(np.ones(graph.num_nodes, dtype=bool))
     instance = Instance("maps", graph, np.arange(graph.num_nodes))
     scene = scene_of(instance, moved(truth), truth=truth.moved(np.eye(3), scale=10.0))
     assert scene.truth.positions == pytest.approx(scene.placements[-1].positions, abs=1e-9)
@@ -110,11 +110,8 @@ def test_positions_on_a_line_are_aligned_by_rotations():
 def test_relabelled_nodes_are_drawn_at_the_same_places(helix):
     n = helix.graph.num_nodes
     order = np.random.default_rng(1).permutation(n)
-    rotation = helix.graph.rotation
     place = np.argsort(order)
-    edges = place[rotation.edges]
-    turned = RotationGraph(n, edges, rotation.rotations, rotation.kappa)
-    graph = replace(helix.graph, rotation=turned)
+    graph = replace(helix.graph, edges=place[helix.graph.edges])
     other = Instance("other", graph, helix.ids[order])
     first = scene_of(helix, helix.truth).placements[-1]
     second = scene_of(other, helix.truth.subset(order)).placements[-1]

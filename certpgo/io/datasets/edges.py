@@ -22,7 +22,7 @@ def viewing_edges(name: str, data: str | Path | None = None) -> tuple[str, int, 
     if path is None:
         raise FileNotHere(f"{name}: file not here; certpgo fetch {name}")
     graph = read(path, quiet=True).graph
-    graph = graph.rotation
+    graph = graph.rotations_alone
     sizes = np.array(graph.component_sizes)
     graph = graph.subgraph(np.flatnonzero(graph.components == int(np.argmax(sizes))))
     return Path(path).stem, graph.num_nodes, graph.edges

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from certpgo.graph import Estimate, PoseGraph, RotationGraph, SimilarityGraph
+from certpgo.graph import Estimate, Graph, PoseGraph, RotationGraph, SimilarityGraph
 from certpgo.graph.picture import closures
 from certpgo.graph.trees import compose
 from certpgo.linalg import rotations as so
@@ -25,7 +25,7 @@ def random_maps(
     move: float = 0.1,
     known: Sequence[int] = (),
     points: int = 0,
-) -> tuple[SimilarityGraph, Estimate]:
+) -> tuple[Graph, Estimate]:
     """A random graph with its truth: a chain, and loops between random poses.
 
     Parameters
@@ -87,7 +87,7 @@ def drifting(
     turn: float = 0.002,
     move: float = 0.02,
     matched: float = 0.01,
-) -> tuple[SimilarityGraph, Estimate]:
+) -> tuple[Graph, Estimate]:
     """Monocular odometry along a trajectory, and loops that measure how its scale has drifted.
 
     Each frame has a unit of its own: the logarithms of the scales are a random walk, of which
@@ -128,12 +128,12 @@ def drifting(
     return graph, Estimate(R, t, scales=s)
 
 
-def in_one_unit(graph: SimilarityGraph) -> PoseGraph:
+def in_one_unit(graph: Graph) -> Graph:
     """The measurements as those of ordinary poses: what a program without scales makes of them."""
-    return PoseGraph(graph.rotation, graph.translations, graph.tau, points=graph.points)
+    return PoseGraph(graph.rotations_alone, graph.translations, graph.tau, points=graph.is_point)
 
 
-def odometry(graph: SimilarityGraph) -> Estimate:
+def odometry(graph: Graph) -> Estimate:
     """Poses composed from one to the next, all of scale 1."""
     n = graph.num_nodes
     return replace(compose(in_one_unit(graph), np.arange(n) - 1), scales=np.ones(n))

@@ -283,7 +283,7 @@ def _measured_poses(
     noise: tuple[float, float],
     weights: tuple[float, float],
     rng: np.random.Generator,
-) -> PoseGraph:
+) -> Graph:
     """Relative poses with noise of rotations and translations, and weights kappa and tau."""
     (n, d), m, (i, j) = t.shape, len(edges), edges.T
     measured = _measured_rotations(R, edges, noise[0], rng)
@@ -301,9 +301,7 @@ def _measured_rotations(
     return np.asarray(np.swapaxes(R[i], 1, 2) @ R[j] @ so.exp(noise))
 
 
-def _axis_noise(
-    truth: Estimate, edges: IntArray, sigma: float, rng: np.random.Generator
-) -> RotationGraph:
+def _axis_noise(truth: Estimate, edges: IntArray, sigma: float, rng: np.random.Generator) -> Graph:
     """Measurements with noise about uniformly random axes by normally distributed angles."""
     R, (i, j), m = truth.rotations, edges.T, len(edges)
     axis = rng.standard_normal((m, 3))

@@ -23,7 +23,6 @@ import numpy as np
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, Instance
 from certpgo.graph.keys import Keys
-from certpgo.graph.similarity_graph import SimilarityGraph
 from certpgo.io.build_graph import instance_from_lines, poses_from_lines
 from certpgo.io.dialect import Dialect, Poses, Tag, first_tags
 from certpgo.io.exact.information import InformationLayout
@@ -129,7 +128,7 @@ def write_graph(path: Path, instance: Instance) -> None:
         It is planar, has points or a world, or no pose or several poses of known scale.
     """
     graph = instance.graph
-    if not isinstance(graph, SimilarityGraph) or graph.d != 3:
+    if not graph.has_scales or graph.d != 3:
         raise InputError("g2o has similarities in space alone: .npz files hold those of the plane")
     if graph.in_mean_unit:
         raise InputError(
@@ -146,8 +145,8 @@ def write_graph(path: Path, instance: Instance) -> None:
     if values is not None:
         lines = vertex_lines(instance.ids, values, instance.camera)
     lines += [f"FIX {instance.ids[k]}\n" for k in instance.fixed or (unit,)]
-    measured = similarities.log(graph.rotation.rotations, graph.translations, graph.scales)
-    kappa, tau = graph.rotation.kappa.tolist(), graph.tau.tolist()
+    measured = similarities.log(graph.rotations, graph.translations, graph.scales)
+    kappa, tau = graph.kappa.tolist(), graph.tau.tolist()
     ends = instance.ids[graph.edges].tolist()
     for (i, j), row, k, w in zip(ends, measured.tolist(), kappa, tau, strict=True):
         lines.append(f"{_EDGE.decode()} {i} {j} {_text(row)} {_information(k, w)}\n")

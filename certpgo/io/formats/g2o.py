@@ -38,7 +38,7 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo.graph import Estimate, Graph, Instance, PoseGraph
+from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.information import Information
 from certpgo.graph.keys import Keys
 from certpgo.io.build_graph import instance_from_lines, poses_from_lines
@@ -136,7 +136,7 @@ def _weights(instance: Instance) -> tuple[list[str], list[str]]:
             information = information.about_tangents()
         return _full(information), _full(information, d)
     if graph.has_positions:
-        kappa, tau = graph.rotation.kappa.tolist(), graph.tau.tolist()
+        kappa, tau = graph.kappa.tolist(), graph.tau.tolist()
     else:
         kappa, tau = graph.kappa.tolist(), [1.0] * graph.num_edges
     whole = [_isotropic(d, *pair) for pair in zip(kappa, tau, strict=True)]
@@ -164,13 +164,13 @@ def _isotropic(d: int, kappa: float, tau: float) -> str:
 
 
 def _prior(
-    graph: PoseGraph, k: int, node: int, mount: int, pose: str, weight: str, of_position: str
+    graph: Graph, k: int, node: int, mount: int, pose: str, weight: str, of_position: str
 ) -> str:
     """The line of an edge from the world, of a sensor with that number."""
     d = graph.d
     sensor = f" {mount}" if d == 3 else ""
     # Where a position's sensor is does not count, that of a pose of unknown rotation does.
-    if graph.rotation.kappa[k] > 0.0 or mount:
+    if graph.kappa[k] > 0.0 or mount:
         return f"{_PRIORS[d][0]} {node}{sensor} {pose} {weight}\n"
     return f"{_POSITIONS[d][0]} {node}{sensor} {_position(pose, d)} {of_position}\n"
 
@@ -209,12 +209,12 @@ def _write_graph(path: Path, instance: Instance) -> None:
         return
     graph, ids = instance.graph, instance.ids
     tag = "EDGE_SE3:QUAT" if graph.d == 3 else "EDGE_SE2"
-    rotation, t = (graph.rotation, graph.translations) if graph.has_positions else (graph, None)
+    t = graph.translations if graph.has_positions else None
     if t is not None and instance.origin is not None:
         t = t + np.where(graph.edges[:, :1] == instance.world, instance.origin, 0.0)
     # What information on a translation alone is about is in the frame of the first node.
     alone = ~graph.measures_rotation[:, None, None]
-    numbers = pose_texts(np.where(alone, np.eye(graph.d), rotation.rotations), t)
+    numbers = pose_texts(np.where(alone, np.eye(graph.d), graph.rotations), t)
     pairs = ids[graph.edges].tolist()
     weights, of_positions = _weights(instance)
     lines = [
@@ -222,11 +222,9 @@ def _write_graph(path: Path, instance: Instance) -> None:
         for (i, j), pose, weight in zip(pairs, numbers, weights, strict=True)
     ]
     mounts, sensors = _sensors(graph)
-    points = np.zeros(graph.num_nodes, dtype=bool)
-    if graph.points is not None:
-        points = graph.points
-        for k in np.flatnonzero(points[graph.edges[:, 1]]).tolist():
-            lines[k] = _sighting(graph.d, pairs[k], numbers[k], of_positions[k])
+    points = graph.is_point
+    for k in np.flatnonzero(points[graph.edges[:, 1]]).tolist():
+        lines[k] = _sighting(graph.d, pairs[k], numbers[k], of_positions[k])
     if graph.has_positions and instance.world is not None:
         for k in np.flatnonzero((graph.edges == instance.world).any(axis=1)).tolist():
             node, given = ids[graph.edges[k, 1]], (weights[k], of_positions[k])

@@ -154,9 +154,13 @@ def _instance(arrays: _Arrays, source: str) -> Instance:
         }
         if len(unscaled) == 1:
             raise InputError("the arrays 'scales' and 'free' belong together")
-        kind = SimilarityGraph if unscaled else PoseGraph
-        more |= {"information": information, "blocks": () if ranges is None else (ranges,)}
-        graph = kind(rotation, t, tau, **more, **unscaled)
+        if unscaled:
+            if more.pop("arms") is not None:
+                raise InputError("similarities have no arms")
+            graph = SimilarityGraph(rotation, t, tau, **more, **unscaled)
+        else:
+            graph = PoseGraph(rotation, t, tau, **more)
+        graph = graph.with_information(information).with_ranges(ranges)
     elif information is not None or ranges is not None:
         what = "distances" if information is None else "information matrices"
         raise InputError(f"{what} are of poses; this graph measures rotations")
@@ -248,12 +252,11 @@ def _read_poses(path: Path) -> LabelledPoses:
 
 def _write_graph(path: Path, instance: Instance) -> None:
     graph = instance.graph
-    rotation = graph.rotation
     arrays: dict[str, Any] = {
         "num_nodes": graph.num_nodes,
         "edges": graph.edges,
-        "rotations": rotation.rotations,
-        "kappa": rotation.kappa,
+        "rotations": graph.rotations,
+        "kappa": graph.kappa,
         "ids": instance.ids,
         "name": in_utf8(instance.name),
         "fixed": np.array(instance.fixed, dtype=np.intp),
@@ -262,10 +265,12 @@ def _write_graph(path: Path, instance: Instance) -> None:
     }
     if graph.has_positions:
         arrays |= {"translations": graph.translations, "tau": graph.tau}
-        for name in ("arms", "points", "assumed", "absolute"):
+        for name in ("arms", "assumed", "absolute"):
             if (given := getattr(graph, name)) is not None:
                 arrays[name] = given
-    if isinstance(graph, SimilarityGraph):
+        if graph.is_point.any():
+            arrays["points"] = graph.is_point
+    if graph.has_scales:
         arrays |= {"scales": graph.scales, "free": graph.free}
     if instance.world is not None:
         arrays["world"] = instance.world

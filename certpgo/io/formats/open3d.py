@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from certpgo.errors import FormatError, InputError, NoMeasurements
-from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.keys import Keys
 from certpgo.graph.phrases import counted
 from certpgo.graph.trees import tree_initialization
@@ -187,7 +187,7 @@ def _write_graph(path: Path, instance: Instance) -> None:
         }
         for (target, source), numbers, matrix in zip(
             graph.edges.tolist(),
-            _columns(graph.rotation.rotations, graph.translations),
+            _columns(graph.rotations, graph.translations),
             information.reshape(-1, 36).tolist(),
             strict=True,
         )
@@ -195,15 +195,15 @@ def _write_graph(path: Path, instance: Instance) -> None:
     _write(path, _nodes(initial), edges)
 
 
-def _at_origin(graph: PoseGraph) -> Estimate:
+def _at_origin(graph: Graph) -> Estimate:
     n = graph.num_nodes
     return Estimate(np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3)))
 
 
-def _information(graph: PoseGraph) -> FloatArray:
+def _information(graph: Graph) -> FloatArray:
     """(m, 6, 6) matrices, translation before rotation: the source's, or of kappa and tau."""
     if graph.information is None:
-        diagonal = np.repeat(np.stack([graph.tau, 2.0 * graph.rotation.kappa], axis=1), 3, axis=1)
+        diagonal = np.repeat(np.stack([graph.tau, 2.0 * graph.kappa], axis=1), 3, axis=1)
         return diagonal[:, :, None] * np.eye(6)
     return graph.information.about_tangents().matrices
 

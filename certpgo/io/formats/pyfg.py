@@ -28,7 +28,7 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.errors import InputError
-from certpgo.graph import Estimate, Instance, PoseGraph
+from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.edges import symmetric
 from certpgo.graph.information import Information
 from certpgo.graph.keys import NO_TIME, Keys, in_seconds
@@ -119,7 +119,7 @@ def _write_graph(path: Path, instance: Instance) -> None:
     at = values.translations
     at = np.zeros((n, d)) if at is None else at
     lines = _vertices(names, _times(instance.times_ns, n), values.rotations, at, points)
-    poses = pose_texts(graph.rotation.rotations, t)
+    poses = pose_texts(graph.rotations, t)
     covariances = _covariances(instance, graph)
     turned = graph.measures_rotation
     kinds: tuple[tuple[Kind, BoolArray], ...] = (
@@ -183,11 +183,11 @@ def _names(names: Sequence[str], ids: IntArray, points: BoolArray) -> list[str]:
     return list(names)
 
 
-def _covariances(instance: Instance, graph: PoseGraph) -> list[str]:
+def _covariances(instance: Instance, graph: Graph) -> list[str]:
     """The upper triangles of the covariances of all edges, row by row."""
     if graph.information is not None:
         return _full(instance, graph.information.about_tangents())
-    weights = zip(graph.rotation.kappa.tolist(), graph.tau.tolist(), strict=True)
+    weights = zip(graph.kappa.tolist(), graph.tau.tolist(), strict=True)
     return [_isotropic(graph.d, *pair) for pair in weights]
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.errors import FormatError, InputError
-from certpgo.graph import Instance, PoseGraph, RotationGraph
+from certpgo.graph import Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.phrases import counted
 from certpgo.io.chunks import first_row, read_rows, whole
 from certpgo.io.format import Format, ReadOptions
@@ -75,12 +75,12 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
         source=str(path),
         options={"weights_are": "disparities"},
         notices=tuple(notices),
-        apart=graph.points,
+        apart=graph.is_point,
         moved_by=moved_by,
     )
 
 
-def _graph(pairs: IntArray, where: FloatArray, tau: FloatArray) -> tuple[PoseGraph, IntArray, int]:
+def _graph(pairs: IntArray, where: FloatArray, tau: FloatArray) -> tuple[Graph, IntArray, int]:
     """The graph, the ids of its nodes, and what was added to the numbers of points."""
     cameras = np.unique(pairs[:, 0])
     moved_by = int(cameras[-1]) + 1

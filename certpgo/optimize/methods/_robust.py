@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from certpgo.graph import Estimate, PoseGraph
+from certpgo.graph import Estimate, Graph
 from certpgo.graph.priors import free_rotations, levers
 from certpgo.graph.trees import minimum_spanning_tree
 from certpgo.linalg.arrays import BoolArray, FloatArray
@@ -42,7 +42,7 @@ def connected(problem: Problem, weights: FloatArray, costs: FloatArray) -> Float
     return weights
 
 
-def _hold(graph: PoseGraph, weights: FloatArray, costs: FloatArray) -> None:
+def _hold(graph: Graph, weights: FloatArray, costs: FloatArray) -> None:
     """Restore measurements of lowest cost until each rotation is determined by one."""
     for node in np.flatnonzero(free_rotations(graph, weights > 0.0)):
         holding = np.zeros(len(weights), dtype=bool)

@@ -21,7 +21,7 @@ from typing import ClassVar
 import numpy as np
 
 from certpgo.errors import GraphError
-from certpgo.graph import Estimate, RotationGraph
+from certpgo.graph import Estimate, Graph
 from certpgo.graph.capabilities import require_capable
 from certpgo.graph.cycles import walk
 from certpgo.graph.trees import compose
@@ -79,7 +79,7 @@ class CycleClosedForm:
         )
 
 
-def stationary_point(graph: RotationGraph, winding: int = 0) -> Estimate:
+def stationary_point(graph: Graph, winding: int = 0) -> Estimate:
     """The stationary point whose residuals turn ``winding`` extra times about the closing axis.
 
     Winding 0 is the global optimum. At the others kappa sin(angle) is the same on each edge, too,

@@ -82,7 +82,7 @@ def symmetrized_translations(problem: PoseProblem, rotations: FloatArray) -> Flo
     i, j = graph.edges.T
     t = graph.translations[:, :, None]
     forward = rotations[i] @ t
-    backward = rotations[j] @ (np.swapaxes(graph.rotation.rotations, 1, 2) @ t)
+    backward = rotations[j] @ (np.swapaxes(graph.rotations, 1, 2) @ t)
     step = graph.tau[:, None] * 0.5 * (forward + backward)[:, :, 0]
     return problem.solve_translations(
         scatter_sum(j, step, problem.n) - scatter_sum(i, step, problem.n)

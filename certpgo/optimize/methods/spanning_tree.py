@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from certpgo.graph import Estimate, RotationGraph
+from certpgo.graph import Estimate, Graph
 from certpgo.graph.trees import compose, spanning_tree
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import Problem
@@ -53,7 +53,7 @@ class SpanningTree(Settings):
             estimate = compose(problem.graph, spanning_tree(problem.graph, lengths))
         return Solution(estimate, problem.cost(estimate), Status.CLOSED_FORM, seconds=watch.seconds)
 
-    def _lengths(self, graph: RotationGraph) -> FloatArray | None:
+    def _lengths(self, graph: Graph) -> FloatArray | None:
         if self.tree == "breadth_first":
             return None
         if self.tree == "odometry":

@@ -277,7 +277,7 @@ def _measured(
 
 def _rotations(
     edges: IntArray, true: FloatArray, noise: float, decades: float, rng: np.random.Generator
-) -> RotationGraph:
+) -> Graph:
     (n, d, _), m = true.shape, len(edges)
     i, j = edges.T
     turns = so.exp(noise * rng.standard_normal((m, so.tangent_dim(d))))

@@ -82,7 +82,7 @@ def long_bridges(quick: bool) -> Iterator[ZooPoint]:
         graph = problem.graph
         steps = np.zeros((graph.num_edges, d))
         steps[n, 0] = length  # the bridge hangs on the first cycle
-        long = PoseProblem(PoseGraph(graph.rotation, steps, graph.tau))
+        long = PoseProblem(PoseGraph(graph.rotations_alone, steps, graph.tau))
         truth = truth_by_form(long, long.complete(best.rotations), pair.optimum)
         for name, point in (("at the optimum", best), ("wound up", other)):
             yield ZooPoint(

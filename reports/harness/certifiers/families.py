@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.errors import InputNotice
-from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.graph import Estimate, Graph, PoseGraph, RotationGraph
 from certpgo.graph.components import rotations_alone
 from certpgo.io import datasets, read, read_estimate
 from certpgo.io.datasets import synthetic
@@ -197,7 +197,7 @@ def _written(quick: bool) -> Iterator[ZooPoint]:
                 path.write_text("".join(_lines(ring, rotations, norm)), encoding="utf-8")
                 graph = rotations_alone(read(path)).graph
                 point = read_estimate(path)
-            problem = RotationProblem(graph)  # type: ignore[arg-type]
+            problem = RotationProblem(graph)
             optimum = float(problem.graph.kappa[0]) * ring.optimum
             truth = truth_by_form(problem, Estimate(ring.best), optimum)
             yield ZooPoint(f"{kind} n={n} norm {norm:g}", problem, Estimate(point.rotations), truth)
@@ -256,7 +256,7 @@ def _garage(quick: bool) -> Iterator[ZooPoint]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputNotice)
         graph = rotations_alone(datasets.load(GARAGE, download=False)).graph
-    problem = RotationProblem(graph)  # type: ignore[arg-type]
+    problem = RotationProblem(graph)
     best = solve(graph).estimate
     # Too large for the oracle: the better point refutes, and that the optimum is one stays open.
     truth = truth_in_hand(problem, best)
@@ -305,13 +305,13 @@ def _cycle_optimum(problem: RotationProblem) -> tuple[Estimate, float]:
     return best, 8.0 * n * math.sin(angle / (2.0 * n)) ** 2
 
 
-def _random_complete(n: int, d: int, rng: np.random.Generator) -> RotationGraph:
+def _random_complete(n: int, d: int, rng: np.random.Generator) -> Graph:
     edges = np.argwhere(np.tri(n, k=-1).T)
     return RotationGraph(n, edges, so.random(rng, len(edges), d), np.ones(len(edges)))
 
 
 def _cycle_problem(n: int, sigma: float, rng: np.random.Generator, d: int) -> RotationProblem:
-    return RotationProblem(synthetic.cycle(n, sigma, rng, d).graph)  # type: ignore[arg-type]
+    return RotationProblem(synthetic.cycle(n, sigma, rng, d).graph)
 
 
 def _best(ring: Made, name: str) -> ZooPoint:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.graph import Estimate, Graph, PoseGraph, RotationGraph
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
@@ -22,7 +22,7 @@ from certpgo.objective.problem import PoseProblem, RotationProblem
 class Made:
     """A graph, rotations (n, d, d) of its optimum and of another point, and its F*."""
 
-    graph: RotationGraph
+    graph: Graph
     best: FloatArray
     other: FloatArray
     optimum: float
@@ -54,7 +54,7 @@ def wound(n: int, theta: float, winding: int, d: int = 3) -> Made:
     instance, other = winding_cycle(n, theta, winding, d)
     _, best = winding_cycle(n, theta, 0, d)
     optimum = 8.0 * n * math.sin(theta / (2.0 * n)) ** 2
-    return Made(instance.graph, best.rotations, other.rotations, optimum)  # type: ignore[arg-type]
+    return Made(instance.graph, best.rotations, other.rotations, optimum)
 
 
 def wound_weighted(kappa: FloatArray, theta: float, winding: int, d: int) -> Made | None:

@@ -58,7 +58,7 @@ def _own_cost(problem: InformationProblem, estimate: Estimate) -> tuple[float, f
         step = R[i].transpose() * (_column(t[j]) - _column(t[i]))  # type: ignore[index]
         back = measured[e].transpose()
         y = back * (step - _column(problem.graph.translations[e]))
-        if problem.graph.rotation.kappa[e]:
+        if problem.graph.kappa[e]:
             r = residual(y, back * R[i].transpose() * R[j])
         else:  # a position alone
             zeros = [0] * (len(Omega[e]) - problem.d)

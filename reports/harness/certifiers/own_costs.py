@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from certpgo.errors import InputNotice
-from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.graph import Estimate, Graph, PoseGraph, RotationGraph
 from certpgo.graph.information import Information
 from certpgo.graph.trees import compose, spanning_tree
 from certpgo.io import datasets
@@ -109,7 +109,7 @@ def read(quick: bool) -> Iterator[ZooPoint]:
 
 
 def _problem(
-    cost: str, rotation: RotationGraph, t: FloatArray, information: FloatArray
+    cost: str, rotation: Graph, t: FloatArray, information: FloatArray
 ) -> InformationProblem:
     d = rotation.d
     inverse = [

@@ -50,7 +50,7 @@ def _set(name: str) -> Iterator[Timers]:
 
 @contextmanager
 def _assembly(n: int, m: int) -> Iterator[Timers]:
-    graph = random_graph(n, m).rotation
+    graph = random_graph(n, m).rotations_alone
 
     def loop() -> None:
         blocks: dict[tuple[int, int], np.ndarray] = {}

@@ -140,7 +140,7 @@ def _phases(
         PRODUCT: lambda: newton.multiply(entries, right),
         ROUNDING: lambda: dual.row_sums(of_dual, weights),
     }
-    of_edges = float(_bytes(graph.edges, graph.rotation.rotations, graph.translations))
+    of_edges = float(_bytes(graph.edges, graph.rotations, graph.translations))
     of_nodes = float(_bytes(estimate.rotations, estimate.translations))
     of_pattern = float(_bytes(indptr, indices))
     flops = flops_of(newton)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.graph import Graph, PoseGraph, RotationGraph
 from certpgo.io import datasets, write
 from certpgo.linalg import rotations as so
 from reports.harness.speed.measuring import Comparison, Group, Lap, Timer, Timers
@@ -87,7 +87,7 @@ def _printed(script: str, path: Path, *arguments: int) -> Timer:
     return lap
 
 
-def random_graph(n: int, m: int, d: int = 3) -> PoseGraph:
+def random_graph(n: int, m: int, d: int = 3) -> Graph:
     """A chain of n poses with random further edges, m in all."""
     rng = np.random.default_rng(0)
     i = np.r_[np.arange(n - 1), rng.integers(0, n, m - n + 1)]

@@ -12,7 +12,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import certpgo
-from certpgo import Instance, PoseGraph, Ranges, RotationGraph
+from certpgo import Graph, Instance, Ranges
+from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.graph.information import Information
 
 Array = Any
@@ -113,7 +114,7 @@ class Measurements:
         )
 
     @property
-    def graph(self) -> PoseGraph:
+    def graph(self) -> Graph:
         """With the isotropic weights."""
         rotation = RotationGraph(self.n, self.edges, self.turns, self.kappa)
         points = self.points if self.points.any() else None

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from certpgo import CertPGOError, Instance, PoseGraph, checker
+from certpgo import CertPGOError, Instance, checker
 from reports.studies.bookkeeping.drawing import draw, read_bytes
 from reports.studies.bookkeeping.judging import Findings
 from reports.studies.fuzz_readers import MUTATIONS
@@ -101,8 +101,8 @@ def compare(
 ) -> None:
     """Compare what was read with what the checker reads for a proof about it."""
     graph = instance.graph
-    poses = isinstance(graph, PoseGraph)
-    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    poses = graph.has_positions
+    rotation = graph.rotations_alone if graph.has_positions else graph
     if cost is not None and (instance.graph.information is None or not poses):
         return
     claim = {
@@ -111,7 +111,7 @@ def compare(
         "rotation_information": options.get("rotation_information", "tangent"),
         "kappa": options.get("kappa"),
         "tau": options.get("tau"),
-        "landmarks": poses and graph.points is not None,
+        "landmarks": poses and bool(graph.is_point.any()),
         "priors": instance.world is not None,
         "origin": None if instance.origin is None else instance.origin.tolist(),
     }
@@ -129,11 +129,11 @@ def compare(
     if (other.n, pairs.tolist()) != (graph.num_nodes, graph.edges.tolist()):
         found.false.append(f"{name}: {other.n} nodes, edges {pairs.tolist()}")
         return
-    seen = graph.points if isinstance(graph, PoseGraph) else None
+    seen = graph.is_point if graph.has_positions else None
     seen = np.zeros(other.n, bool) if seen is None else seen
     theirs = np.zeros(other.n, bool) if other.points is None else other.points
     found.require((seen == theirs).all(), f"{name}: other points")
-    if isinstance(graph, PoseGraph):
+    if graph.has_positions:
         found.require((other.t == graph.translations).all(), f"{name}: other translations")
         if cost is None:
             found.require((other.tau == graph.tau).all(), f"{name}: other tau")
