@@ -18,7 +18,6 @@ from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, notice, paragraph, table, working
 from certpgo.cli._truth import KnownPoses, TruthFile, TruthOffset
 from certpgo.errors import CertPGOError, InputError, how_to_install
-from certpgo.graph import Graph
 
 if TYPE_CHECKING:
     from certpgo.graph import Graph, Instance

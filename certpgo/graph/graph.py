@@ -25,9 +25,9 @@ from certpgo.graph.edges import (
     induced,
     simple_edges,
 )
+from certpgo.graph.graph_data import GraphData
 from certpgo.graph.information import Information
 from certpgo.graph.kinds import Measurements, Node, places_world
-from certpgo.graph.measured import Measured
 from certpgo.graph.observations import Observations
 from certpgo.graph.phrases import (
     components_in_words,
@@ -53,10 +53,43 @@ _OF_ALL = ("nodes", "blocks", "is_signed")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Graph(Speaking, Measured):
-    """A graph of measurements; see `certpgo.graph.measured.Measured` for its attributes.
+class Graph(Speaking, GraphData):
+    """Relative rotations, poses or similarities between nodes, and what else is measured.
 
     `certpgo.RotationGraph`, `certpgo.PoseGraph` and `certpgo.SimilarityGraph` make one.
+
+    Attributes
+    ----------
+    nodes : (n,) what each node is, a `certpgo.graph.kinds.Node`: all are rotations alone, or none
+    edges : (m, 2) node pairs (i, j); parallel edges are allowed, their terms add
+    rotations : (m, d, d) measured R_ij ~ R_i^T R_j, d = 2 or 3; a matrix of few digits is replaced
+        by the nearest rotation
+    kappa : (m,) rotational concentrations, between 2^-400 and 2^400; or 0 for an edge that measures
+        the translation alone
+    translations : (m, d) measured t_ij ~ R_i^T (t_j - t_i), metres; in the unit of a node of
+        unknown scale
+    tau : (m,) translational concentrations, 1/m^2, between 2^-400 and 2^400; or 0 for an edge that
+        measures the rotation alone
+    couplings : (m, d, d) matrices N of general edges, whose terms are tr(K) + tr(K') - 2 <N, Q>,
+        Q = R_i^T R_j, with K and K' the symmetric polar factors of N; None for N = kappa R_ij,
+        where that is kappa ||R_j - R_i R_ij||_F^2. See `with_matrix_weights`
+    arms : (m, d) points a of general edges, in the frame of pose j, whose terms are
+        tau |t_j + R_j a - t_i - R_i t_ij|^2; metres. None for zeros
+    scales : (m,) measured s_ij ~ s_j / s_i, positive; by default ones
+    assumed : (m,) which edges are no measurements, but put a world somewhere whose position nothing
+        measures, or hold nodes in place; None for none
+    absolute : (m,) which edges measure from a world, see `certpgo.with_priors`; None for none
+    information : full information matrices, by which other programs weigh residuals; None without
+        any, or with other weights. F has kappa and tau alone; a cost is a choice, see `solve`
+    blocks : what else is measured between the nodes, such as `certpgo.Ranges`; one of a kind
+    is_signed : whether tau may be negative, and edges may measure nothing, as in surrogates
+
+    Raises
+    ------
+    GraphError
+        An index out of range, a self-loop, a matrix not a rotation, a weight out of range, an array
+        of another shape; an edge that measures nothing, or one that leaves a point or measures its
+        rotation; weights that are not isotropic beside scales.
     """
 
     @cached_property
@@ -137,7 +170,7 @@ class Graph(Speaking, Measured):
             changed["tau"] = broadcast(tau, self.num_edges)
         return replace(self, **changed, information=None)
 
-    def with_matrix_weights(self, W: FloatArray) -> Graph:
+    def with_matrix_weights(self, W: FloatArray) -> Self:
         """The same measurements with terms tr(E W E^T).
 
         Parameters
@@ -152,8 +185,9 @@ class Graph(Speaking, Measured):
         InputError
             There are scales.
         """
-        of = matrix_weights.of_poses if self.has_positions else matrix_weights.of_rotations
-        return of(self, W)
+        if self.has_positions:
+            return matrix_weights.of_poses(self, W)
+        return matrix_weights.of_rotations(self, W)
 
     def with_unknown_scales(self, free: BoolArray) -> Self:
         """The same measurements where these poses (n,) have an unknown scale, and no others."""

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TypeVar
 
 import numpy as np
 
 from certpgo.errors import GraphError, InputError
 from certpgo.graph.edges import check_weights, edge_name, symmetric
+from certpgo.graph.graph_data import GraphData
 from certpgo.linalg.arrays import FloatArray
 
-if TYPE_CHECKING:
-    from certpgo.graph.graph import Graph
+AnyGraph = TypeVar("AnyGraph", bound=GraphData)
 
 
-def of_rotations(graph: Graph, K: FloatArray) -> Graph:
+def of_rotations(graph: AnyGraph, K: FloatArray) -> AnyGraph:
     """The same measurements, whose rotations have terms tr(E K E^T), E = R_j - R_i R_ij.
 
     Weights act on the right, in the frame of node j. With tangent information O_R, that is
@@ -41,7 +41,7 @@ def of_rotations(graph: Graph, K: FloatArray) -> Graph:
     return replace(graph, kappa=kappa, couplings=graph.rotations @ K, information=None)
 
 
-def of_poses(graph: Graph, W: FloatArray) -> Graph:
+def of_poses(graph: AnyGraph, W: FloatArray) -> AnyGraph:
     """The same measurements with terms tr(E W E^T), E = X_j - X_i [[1, 0], [t_ij, R_ij]].
 
     X = [t R] interleaved: the translation comes first. A positive semidefinite W is the second

@@ -44,7 +44,7 @@ def with_priors(
     GPS, have kappa = 0; attitudes alone have tau = 0.
 
     Where no position is measured, the world is put at the first node, by one more edge that is
-    `PoseGraph.assumed`, and no measurement.
+    `Graph.assumed`, and no measurement.
 
     Parameters
     ----------

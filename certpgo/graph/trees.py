@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import csgraph, csr_array
 
 from certpgo.graph import Estimate
-from certpgo.graph.graph import Graph
+from certpgo.graph.graph_data import GraphData
 from certpgo.linalg import compiled
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
@@ -17,7 +17,7 @@ from certpgo.linalg.blocks import adjacency
 
 
 def spanning_tree(
-    graph: Graph,
+    graph: GraphData,
     lengths: FloatArray | None = None,
     *,
     root: int | Literal["center"] = 0,
@@ -39,23 +39,23 @@ def spanning_tree(
     return _breadth_first(tree, start)[1]
 
 
-def tree_initialization(graph: Graph) -> Estimate:
+def tree_initialization(graph: GraphData) -> Estimate:
     """Poses composed along the breadth-first tree of a central node."""
     return compose(graph, spanning_tree(graph, root="center"))
 
 
-def minimum_spanning_tree(graph: Graph, lengths: FloatArray) -> csr_array:
+def minimum_spanning_tree(graph: GraphData, lengths: FloatArray) -> csr_array:
     """(n, n) lengths of the edges of a minimum spanning tree, for positive lengths (m,)."""
     return csgraph.minimum_spanning_tree(_simple(graph, lengths))
 
 
-def _neighbours(graph: Graph) -> csr_array:
+def _neighbours(graph: GraphData) -> csr_array:
     """(n, n) adjacency, above the diagonal."""
     low, high = np.sort(graph.edges, axis=1).T
     return adjacency(graph.num_nodes, low, high, np.ones(graph.num_edges))
 
 
-def _simple(graph: Graph, lengths: FloatArray) -> csr_array:
+def _simple(graph: GraphData, lengths: FloatArray) -> csr_array:
     """(n, n) edge lengths, the shortest of parallel edges: csgraph would add them up."""
     low, high = np.sort(graph.edges, axis=1).T
     order = np.lexsort((lengths, high, low))
@@ -79,7 +79,7 @@ def _breadth_first(graph: csr_array, root: int) -> tuple[IntArray, IntArray]:
     return np.asarray(order, dtype=np.intp), np.asarray(parents, dtype=np.intp)
 
 
-def compose(graph: Graph, parents: IntArray) -> Estimate:
+def compose(graph: GraphData, parents: IntArray) -> Estimate:
     """Absolute poses from the measurements on tree edges (child, parent).
 
     Parameters
@@ -97,7 +97,7 @@ def compose(graph: Graph, parents: IntArray) -> Estimate:
     return Estimate(so.project(R), t)
 
 
-def with_leaves_placed(graph: Graph, estimate: Estimate) -> Estimate:
+def with_leaves_placed(graph: GraphData, estimate: Estimate) -> Estimate:
     """The estimate with nodes of a single edge where that measures them, so that it costs nothing.
 
     Nodes that a file holds are such leaves, see `certpgo.graph.held`.
@@ -125,7 +125,7 @@ def with_leaves_placed(graph: Graph, estimate: Estimate) -> Estimate:
     return replace(estimate, rotations=R, translations=t)
 
 
-def _composed(graph: Graph, parents: IntArray) -> Estimate:
+def _composed(graph: GraphData, parents: IntArray) -> Estimate:
     n, d = graph.num_nodes, graph.d
     children = np.flatnonzero(parents >= 0)
     edge, forward = _edges_between(graph, parents[children], children)
@@ -156,7 +156,7 @@ def _jump(parents: IntArray, R: FloatArray, t: FloatArray | None) -> None:
 
 
 def _edges_between(
-    graph: Graph, parents: IntArray, children: IntArray
+    graph: GraphData, parents: IntArray, children: IntArray
 ) -> tuple[IntArray, BoolArray]:
     """For each parent and child an edge between them, and whether it points to the child."""
     n, (i, j) = graph.num_nodes, graph.edges.T

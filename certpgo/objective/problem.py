@@ -57,7 +57,7 @@ class PoseProblem(Quadratic):
         The graph is disconnected, or a node is left free by edges that measure only a rotation or
         a translation.
     InputError
-        It is not a PoseGraph.
+        Nodes have no positions: take `certpgo.RotationProblem`.
 
     Examples
     --------

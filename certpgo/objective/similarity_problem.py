@@ -53,7 +53,7 @@ class SimilarityProblem(PoseProblem):
     GraphError
         The graph is disconnected, or a node is left free.
     InputError
-        It is not a SimilarityGraph.
+        Nodes have no positions.
     """
 
     graph: Graph

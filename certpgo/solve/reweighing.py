@@ -28,7 +28,7 @@ class Reweighed(Brief):
     Attributes
     ----------
     answer : the certified answer for ``graph``, whose scales are near 1
-    graph : the measurements in the units of the estimate, see `SimilarityGraph.in_units_of`: the
+    graph : the measurements in the units of the estimate, see `Graph.in_units_of`: the
         cost of the answer is F of this graph
     estimate : the answer with the scales of the source's units
     rounds : how often weights were set

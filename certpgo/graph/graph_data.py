@@ -35,41 +35,10 @@ from certpgo.linalg.arrays import (
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Measured(Pairs):
+class GraphData(Pairs):
     """What is measured between nodes: relative rotations, poses or similarities, and what else.
 
-    Attributes
-    ----------
-    nodes : (n,) what each node is, a `certpgo.graph.kinds.Node`: all are rotations alone, or none
-    edges : (m, 2) node pairs (i, j); parallel edges are allowed, their terms add
-    rotations : (m, d, d) measured R_ij ~ R_i^T R_j, d = 2 or 3; a matrix of few digits is replaced
-        by the nearest rotation
-    kappa : (m,) rotational concentrations, between 2^-400 and 2^400; or 0 for an edge that measures
-        the translation alone
-    translations : (m, d) measured t_ij ~ R_i^T (t_j - t_i), metres; in the unit of a node of
-        unknown scale
-    tau : (m,) translational concentrations, 1/m^2, between 2^-400 and 2^400; or 0 for an edge that
-        measures the rotation alone
-    couplings : (m, d, d) matrices N of general edges, whose terms are tr(K) + tr(K') - 2 <N, Q>,
-        Q = R_i^T R_j, with K and K' the symmetric polar factors of N; None for N = kappa R_ij,
-        where that is kappa ||R_j - R_i R_ij||_F^2. See `with_matrix_weights`
-    arms : (m, d) points a of general edges, in the frame of pose j, whose terms are
-        tau |t_j + R_j a - t_i - R_i t_ij|^2; metres. None for zeros
-    scales : (m,) measured s_ij ~ s_j / s_i, positive; by default ones
-    assumed : (m,) which edges are no measurements, but put a world somewhere whose position nothing
-        measures, or hold nodes in place; None for none
-    absolute : (m,) which edges measure from a world, see `certpgo.with_priors`; None for none
-    information : full information matrices, by which other programs weigh residuals; None without
-        any, or with other weights. F has kappa and tau alone; a cost is a choice, see `solve`
-    blocks : what else is measured between the nodes, such as `certpgo.Ranges`; one of a kind
-    is_signed : whether tau may be negative, and edges may measure nothing, as in surrogates
-
-    Raises
-    ------
-    GraphError
-        An index out of range, a self-loop, a matrix not a rotation, a weight out of range, an array
-        of another shape; an edge that measures nothing, or one that leaves a point or measures its
-        rotation; weights that are not isotropic beside scales.
+    Its attributes are those of `certpgo.Graph`.
     """
 
     nodes: IntArray
