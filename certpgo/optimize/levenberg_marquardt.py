@@ -7,16 +7,18 @@ serves later steps as long as they converge fast.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, Protocol
 
 import numpy as np
 
 from certpgo.graph import Estimate
 from certpgo.linalg.blocks import add_to_diagonal
+from certpgo.linalg.factor import LinearSolver
 from certpgo.objective.quadratic_model import QuadraticModel
+from certpgo.optimize.descent_loop import Gain, Proposal, minimise
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.progress import Progress
-from certpgo.optimize.solution import Solution, Status
+from certpgo.optimize.solution import Solution
 
 #: Damping above which the method stops, relative to the scale.
 LARGEST_DAMPING = 1e9
@@ -43,20 +45,6 @@ class Modelled(Protocol):
         """The nearest estimate to the end of a descent."""
 
 
-AnyModel = TypeVar("AnyModel", bound=QuadraticModel)
-
-
-class _Step(NamedTuple):
-    """The length of the last step, its actual over predicted decrease, whether it was accepted."""
-
-    length: float
-    gain: float | None
-    accepted: bool
-
-
-_FIRST, _REJECTED = _Step(0.0, None, True), _Step(0.0, None, False)
-
-
 def descend(
     problem: Modelled,
     start: Estimate,
@@ -81,61 +69,56 @@ def descend(
     """
     problem.check(start)
     progress = Progress(monitor, tolerance, max_iterations, watch or Stopwatch())
-    end = minimise(problem.linearized(start), progress)
+    here = problem.linearized(start)
+    end = minimise(here, DampedSteps(here), progress)
     return progress.solution(problem.estimate_of(end.point), end.cost)
 
 
-def minimise(here: AnyModel, progress: Progress) -> AnyModel:
-    """The last model of a descent from that of its start; ``progress`` has how it ended."""
-    damping, exact, factor, last = 0.0, False, None, _FIRST
-    with progress.watch.phase("descend"):
-        scale = here.scale(here.gauss_newton)
-        stationarity = here.stationarity(scale)
-    while progress.advance(
-        here.cost, stationarity, last.length, gain=last.gain, accepted=last.accepted
-    ):
-        if damping > LARGEST_DAMPING:
-            progress.status = Status.STALLED
-            break
-        reused = factor is not None
-        with progress.watch.phase("descend"):
-            if factor is None:
-                H = here.hessian if exact else here.gauss_newton
-                scale = here.scale(H)
-                damped = damping * scale
-                factor = here.factor(add_to_diagonal(H, damped + here.gauge * scale))
-            if factor is None:
-                damping, exact, last = here.raised(damping), False, _REJECTED
-                continue
-            step = -factor.solve(here.gradient)
-            if not np.isfinite(step).all():
-                factor, last = None, _REJECTED
-                damping = damping if reused else here.raised(damping)
-                continue
-            there = here.moved(step)
-        predicted = float(step @ (damped * step - here.gradient))
-        # Where the decrease is below rounding of the cost, the gradient may still show progress.
-        gain = None
-        if not predicted <= here.rounding:
-            gain = float((here.cost - there.cost) / predicted)
-            if not gain > MIN_GAIN:
-                factor, last = None, _REJECTED
-                damping = damping if reused else here.raised(damping)
-                continue
-        with progress.watch.phase("descend"):
-            ahead = there.stationarity(scale)
-        risen = not there.cost <= here.cost + 2.0 * here.rounding
-        if gain is None and (risen or not ahead < stationarity):
-            if reused:
-                factor, last = None, _REJECTED
-                continue
-            progress.status = Status.STALLED
-            break
-        if damping > 0.0 or not ahead < FAST * stationarity:
-            factor = None
-        if gain is not None and gain > GOOD_GAIN:
-            damping = damping / 10.0 if damping > LEAST_DAMPING else 0.0
-        exact = exact or here.cost - there.cost < SLOW * here.cost
-        last = _Step(float(np.linalg.norm(step)), gain, True)
-        here, stationarity = there, ahead
-    return here
+class DampedSteps:
+    """Steps (H + damping diag(scale)) x = -g, whose factor serves as long as they converge fast."""
+
+    phase, least_gain, counts_failures = "descend", MIN_GAIN, True
+
+    def __init__(self, start: QuadraticModel) -> None:
+        self._damping, self._exact = 0.0, False
+        self._factor: LinearSolver | None = None
+        self._scale = start.scale(start.gauss_newton)
+        self._damped = np.zeros_like(self._scale)
+
+    def stationarity(self, here: QuadraticModel) -> float:
+        """The largest gradient, in units of the curvature where the last factor is from."""
+        return here.stationarity(self._scale)
+
+    def has_converged(self, here: QuadraticModel, stationarity: float) -> None:
+        """The tolerance decides."""
+
+    def propose(self, here: QuadraticModel) -> Proposal | None:
+        """A step by the factor, or a new one; None if the damping is too large."""
+        if self._damping > LARGEST_DAMPING:
+            return None
+        reused = self._factor is not None
+        if self._factor is None:
+            H = here.hessian if self._exact else here.gauss_newton
+            self._scale = here.scale(H)
+            self._damped = self._damping * self._scale
+            self._factor = here.factor(add_to_diagonal(H, self._damped + here.gauge * self._scale))
+        if self._factor is None:
+            self._exact = False
+            return Proposal(None)
+        step = -self._factor.solve(here.gradient)
+        return Proposal(step, float(step @ (self._damped * step - here.gradient)), reused)
+
+    def accepted(self, here: QuadraticModel, there: QuadraticModel, gain: Gain) -> None:
+        """Keep the factor after a good step, and reduce the damping."""
+        if self._damping > 0.0 or not gain.after < FAST * gain.before:
+            self._factor = None
+        if gain.ratio is not None and gain.ratio > GOOD_GAIN:
+            self._damping = self._damping / 10.0 if self._damping > LEAST_DAMPING else 0.0
+        self._exact = self._exact or here.cost - there.cost < SLOW * here.cost
+
+    def rejected(self, here: QuadraticModel, proposal: Proposal) -> bool:
+        """Raise the damping, unless an old factor may be the reason."""
+        self._factor = None
+        if not proposal.reused:
+            self._damping = here.raised(self._damping)
+        return True

@@ -15,12 +15,13 @@ from certpgo.graph.display import Brief
 from certpgo.graph.relaxed_point import Lift, Point, lifted
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal
-from certpgo.linalg.cg import End, conjugate_gradients
+from certpgo.linalg.cg import End, Truncated, conjugate_gradients
 from certpgo.linalg.factor import Factor
 from certpgo.linalg.rotations import orthonormal, tangent_basis
 from certpgo.objective import operators
 from certpgo.objective.problem import Problem
 from certpgo.objective.quadratic_model import ROUNDING
+from certpgo.optimize.descent_loop import Gain, Proposal, minimise
 from certpgo.optimize.monitor import Iteration, Monitor, Stopwatch, silent
 from certpgo.optimize.progress import Progress
 from certpgo.optimize.riemannian_newton import DEFAULT, forcing_term
@@ -79,60 +80,67 @@ def descend(
     watch : stopwatch that already timed the initialization
     """
     watch = watch or Stopwatch()
-    counts: Counter[str] = Counter()
     progress = Progress(monitor, tolerance, max_iterations, watch)
     with watch.phase("low rank"):
         start = problem.with_optimal_translations(lifted(initial, rank))
         if direction is not None:
             start = leave(problem, start, direction)
-        current = _Tangent(problem, start)
-    metric: Factor | None = None
-    radius, step_norm, gained = math.sqrt(abs(current.cost)), 0.0, 1.0
-    gain: float | None = None
-    accepted = True
-    while progress.advance(
-        current.cost, current.stationarity, step_norm, gain=gain, accepted=accepted
-    ):
-        with watch.phase("low rank"):
-            if metric is None:
-                metric = current.metric()
-                counts["factorizations"] += 1
-            solved = conjugate_gradients(
-                current.hessian.__matmul__,
-                -current.gradient,
-                metric.solve,
-                tol=forcing_term(gained, loosest, tightest),
-                max_iterations=MAX_PRODUCTS,
-                radius=radius,
-            )
-            counts["products"] += solved.products
-            predicted = float(solved.x @ (solved.residual - current.gradient))
-            candidate = _Tangent(problem, current.retract(solved.x))
-        if predicted <= ROUNDING * current.cost:
-            # The decrease is below rounding of F; the gradient still shows progress.
-            risen = candidate.cost > (1.0 + 2.0 * ROUNDING) * current.cost
-            if risen or not candidate.stationarity < current.stationarity:
-                progress.status = Status.STALLED
-                break
-            gain, ratio = None, 1.0
-        else:
-            gain = ratio = (current.cost - candidate.cost) / predicted
+        here = _Tangent(problem, start)
+    steps = _TruncatedNewton(here, loosest, tightest)
+    end = minimise(here, steps, progress)
+    return Descent(end.point, end.cost, progress.status, tuple(progress.trace), dict(steps.counts))
+
+
+class _TruncatedNewton:
+    """Steps by conjugate gradients within a trust region, in the metric of an earlier point."""
+
+    phase, least_gain, counts_failures = "low rank", ACCEPTED, True
+    _solved: Truncated
+
+    def __init__(self, start: _Tangent, loosest: float, tightest: float) -> None:
+        self.counts: Counter[str] = Counter()
+        self._forcing = loosest, tightest
+        self._metric: Factor | None = None
+        self._radius, self._gained = math.sqrt(abs(start.cost)), 1.0
+
+    def stationarity(self, here: _Tangent) -> float:
+        """The largest gradient over the curvature, radians."""
+        return here.stationarity
+
+    def has_converged(self, here: _Tangent, stationarity: float) -> None:
+        """The tolerance decides."""
+
+    def propose(self, here: _Tangent) -> Proposal:
+        """A step within the trust region."""
+        if self._metric is None:
+            self._metric = here.metric()
+            self.counts["factorizations"] += 1
+        self._solved = solved = conjugate_gradients(
+            here.hessian.__matmul__,
+            -here.gradient,
+            self._metric.solve,
+            tol=forcing_term(self._gained, *self._forcing),
+            max_iterations=MAX_PRODUCTS,
+            radius=self._radius,
+        )
+        self.counts["products"] += solved.products
+        return Proposal(solved.x, float(solved.x @ (solved.residual - here.gradient)))
+
+    def accepted(self, here: _Tangent, there: _Tangent, gain: Gain) -> None:
+        """Fit the trust region, and keep a metric that serves well."""
+        ratio = 1.0 if gain.ratio is None else gain.ratio
         if not ratio >= POOR:
-            radius *= 0.25
-        elif ratio > GOOD and solved.end in (End.BOUNDARY, End.NEGATIVE_CURVATURE):
-            radius *= 2.0
-        accepted = ratio > ACCEPTED
-        if accepted:
-            gained = max(current.cost - candidate.cost, 0.0) / current.cost
-            current, step_norm = candidate, float(np.linalg.norm(solved.x))
-            if solved.products > FEW_PRODUCTS:
-                metric = None
-        elif radius**2 < ROUNDING * current.cost:
-            progress.status = Status.STALLED
-            break
-    return Descent(
-        current.point, current.cost, progress.status, tuple(progress.trace), dict(counts)
-    )
+            self._radius *= 0.25
+        elif ratio > GOOD and self._solved.end in (End.BOUNDARY, End.NEGATIVE_CURVATURE):
+            self._radius *= 2.0
+        self._gained = max(here.cost - there.cost, 0.0) / here.cost
+        if self._solved.products > FEW_PRODUCTS:
+            self._metric = None
+
+    def rejected(self, here: _Tangent, proposal: Proposal) -> bool:
+        """Shrink the trust region, until its steps are below rounding."""
+        self._radius *= 0.25
+        return not self._radius**2 < here.rounding
 
 
 class _Tangent:
@@ -146,6 +154,7 @@ class _Tangent:
         self._problem = problem
         self.point = point
         self.cost = problem.cost(point)
+        self.rounding = ROUNDING * self.cost
         Y = point.rotations
         G = problem.gradient(point)
         self._multipliers = operators.multipliers(G[:, :, -problem.d :], Y)
@@ -176,11 +185,11 @@ class _Tangent:
         blocks = operators.lifted_hessian(self._problem.graph, self._basis, multipliers)
         return self._problem.pattern.assemble(*blocks, self._basis.shape[2])
 
-    def retract(self, x: FloatArray) -> Lift:
-        """The nearest point of the manifold, with optimal translations."""
+    def moved(self, x: FloatArray) -> _Tangent:
+        """The nearest point of the manifold after a step, with optimal translations."""
         q = self._basis.shape[1]
         V = np.einsum("nq,nqrd->nrd", self._layout.unpack(x)[:, -q:], self._basis)
-        return _moved(self._problem, self.point, V)
+        return _Tangent(self._problem, _moved(self._problem, self.point, V))
 
 
 def leave(problem: Problem, point: Lift, direction: FloatArray) -> Lift:

@@ -15,6 +15,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,15 +24,15 @@ from certpgo.graph import Estimate
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.cg import End
-from certpgo.objective.base import FirstOrder
 from certpgo.objective.problem import Problem
 from certpgo.objective.quadratic_model import ROUNDING
 from certpgo.optimize.chord_method import Chord
+from certpgo.optimize.descent_loop import Gain, Proposal, minimise
 from certpgo.optimize.factors import Factors
 from certpgo.optimize.iterative import Iterative
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.progress import Progress
-from certpgo.optimize.solution import Solution, Status
+from certpgo.optimize.solution import Solution
 
 #: Chords that take no longer than a step with a new factor, in small graphs.
 CHORDS = 5
@@ -120,31 +121,11 @@ def newton(
     watch : stopwatch that already timed the initialization
     """
     problem.check(initial)
-    watch = watch or Stopwatch()
-    descent = _Descent(problem, settings)
-    state = _State(initial, problem.first_order(initial), exact=near)
-    progress = Progress(monitor, settings.tolerance, settings.max_iterations, watch)
-    while progress.advance(
-        state.cost,
-        state.stationarity,
-        state.step_norm,
-        gain=state.gain,
-        converged=_has_converged(state, settings),
-    ):
-        with watch.phase("newton"):
-            following = descent.advance(state)
-        if following is None:
-            progress.status = Status.STALLED
-            break
-        state = following
-    estimate = Estimate(state.point.rotations, state.point.translations)
-    return progress.solution(estimate, state.cost, counts=dict(descent.factors.counts))
-
-
-def _has_converged(state: _State, settings: NewtonSettings) -> bool:
-    if state.stationarity <= settings.tolerance:
-        return True
-    return state.chord is not None and state.chord.predicted <= settings.enough * state.cost
+    progress = Progress(monitor, settings.tolerance, settings.max_iterations, watch or Stopwatch())
+    steps = _NewtonSteps(problem, settings, exact=near)
+    end = minimise(_Model(problem, initial, steps.metric), steps, progress)
+    estimate = Estimate(end.point.rotations, end.point.translations)
+    return progress.solution(estimate, end.cost, counts=dict(steps.factors.counts))
 
 
 def forcing_term(
@@ -157,165 +138,155 @@ def forcing_term(
     return min(loosest, max(tightest, math.sqrt(max(progress, 0.0))))
 
 
-@dataclass(frozen=True, eq=False)
-class _State:
-    """An iterate, and what the next step can use."""
-
-    point: Estimate
-    first: FirstOrder
-    step_norm: float = 0.0
-    gain: float | None = None  # actual over predicted decrease of the last step
-    exact: bool = False  # whether the last step used the exact Hessian
-    progress: float = np.inf  # fraction by which it reduced F
-    damping: float = 0.0
-    chord: Chord | None = None  # the next step, if the last factor is still good
-
-    @property
-    def cost(self) -> float:
-        return self.first.cost
-
-    @property
-    def stationarity(self) -> float:
-        return self.first.stationarity
-
-
 class _Model:
-    """The quadratic model F(point) + 2 g x + x H x."""
+    """F and its quadratic model F + 2 g x + x H x at a point, of which translations are optimal."""
 
-    def __init__(self, problem: Problem, state: _State, metric: FloatArray) -> None:
-        self._problem, self._state, self._metric = problem, state, metric
-        self.g = problem.tangent_layout.pack(state.first.tangent)
+    def __init__(self, problem: Problem, point: Estimate, metric: FloatArray) -> None:
+        self._problem, self._metric, self.point = problem, metric, point
+        self.first = problem.first_order(point)
+        self.cost, self.stationarity = self.first.cost, self.first.stationarity
+        self.rounding = ROUNDING * self.cost
+
+    @cached_property
+    def gradient(self) -> FloatArray:
+        """(N,) half the gradient of F."""
+        return self._problem.tangent_layout.pack(self.first.tangent)
 
     @cached_property
     def hessian(self) -> CSC:
         """The exact Riemannian Hessian of F/2."""
-        return self._matrix(self._state.first.multipliers)
+        return self._matrix(self.first.multipliers)
 
     @cached_property
     def gauss_newton(self) -> CSC:
         """The Gauss-Newton matrix: definite up to the gauge."""
-        return self._matrix(np.zeros_like(self._state.first.multipliers))
+        return self._matrix(np.zeros_like(self.first.multipliers))
 
     def _matrix(self, multipliers: FloatArray) -> CSC:
-        diagonal, upper = self._problem.hessian(self._state.point, multipliers)
+        diagonal, upper = self._problem.hessian(self.point, multipliers)
         anchor = self._problem.anchor
         diagonal[anchor] += np.diag(self._metric[anchor])  # fixes the gauge
         return self._problem.pattern.assemble(diagonal, upper, self._problem.d)
 
+    def moved(self, x: FloatArray) -> _Model:
+        """The model after a body-frame step."""
+        return _Model(self._problem, _retract(self._problem, self.point, x), self._metric)
 
-@dataclass(frozen=True, eq=False)
-class _Proposal:
-    """A step (N,), its predicted decrease of F, and how it was computed."""
 
-    step: FloatArray
-    predicted: float
+class _How(NamedTuple):
+    """How a step was computed."""
+
     exact: bool
-    damping: float
-    reused: bool = False  # whether with the factor of an earlier step
+    damping: float = 0.0
     chord: Chord | None = None  # what it is, if it is one
 
 
-class _Descent:
-    """Steps from one point to the next, and the factors that they share."""
+class _NewtonSteps:
+    """Steps with the old factor if it is still good, then with new ones, ever more damped."""
 
-    def __init__(self, problem: Problem, settings: NewtonSettings) -> None:
+    phase, counts_failures = "newton", False
+
+    def __init__(self, problem: Problem, settings: NewtonSettings, *, exact: bool) -> None:
         self.problem, self.settings = problem, settings
+        self.least_gain = settings.min_gain
         self.metric = _metric(problem)
         self.factors = Factors(problem, settings.max_products, settings.single_from)
+        self._exact = exact  # whether the last step used the exact Hessian
+        self._progress = math.inf  # fraction by which it reduced F
+        self._damping = 0.0
+        self._chord: Chord | None = None  # the next step, if the last factor is still good
+        self._how = _How(exact)
+        self._proposals: Iterator[tuple[Proposal, _How]] | None = None
 
-    def advance(self, state: _State) -> _State | None:
-        """The next point; None if no step improves this one."""
-        settings = self.settings
-        for proposal in self.proposals(state):
-            if not np.isfinite(proposal.step).all():
-                continue
-            candidate = _retract(self.problem, state.point, proposal.step)
-            first = self.problem.first_order(candidate)
-            fallen = state.cost - first.cost
-            gain = fallen / proposal.predicted if proposal.predicted > 0.0 else 0.0
-            # The decrease is below rounding of F; the gradient still shows progress.
-            invisible = proposal.predicted <= ROUNDING * state.cost
-            if not invisible and not gain > settings.min_gain:
-                continue
-            damping = proposal.damping / 10.0 if gain > settings.good_gain else proposal.damping
-            risen = not first.cost <= (1.0 + 2.0 * ROUNDING) * state.cost
-            if invisible and (risen or not first.stationarity < state.stationarity):
-                if proposal.reused:
-                    continue
-                return None
-            if proposal.damping > 0.0:
-                self.factors.drop()  # it is not of a Hessian
-            return _State(
-                candidate,
-                first,
-                step_norm=float(np.linalg.norm(proposal.step)),
-                gain=None if invisible else gain,
-                exact=proposal.exact,
-                progress=fallen / state.cost if state.cost > 0.0 else 0.0,
-                damping=damping if damping >= settings.smallest_damping and not invisible else 0.0,
-                chord=self.chord(first, proposal, None if invisible else fallen),
-            )
-        return None
+    def stationarity(self, here: _Model) -> float:
+        """See `FirstOrder`."""
+        return here.stationarity
 
-    def chord(self, first: FirstOrder, last: _Proposal, fallen: float | None) -> Chord | None:
+    def has_converged(self, here: _Model, stationarity: float) -> bool:
+        """Whether it is stationary, or the last factor promises too little."""
+        chord, settings = self._chord, self.settings
+        if stationarity <= settings.tolerance:
+            return True
+        return chord is not None and chord.predicted <= settings.enough * here.cost
+
+    def propose(self, here: _Model) -> Proposal | None:
+        """The next step from a point."""
+        if self._proposals is None:
+            self._proposals = self.proposals(here)
+        proposal, self._how = next(self._proposals, (None, self._how))
+        return proposal
+
+    def accepted(self, here: _Model, there: _Model, gain: Gain) -> None:
+        """Reduce the damping after a good step, and see what its factor suggests next."""
+        (self._exact, damping, _), settings = self._how, self.settings
+        if damping > 0.0:
+            self.factors.drop()  # it is not of a Hessian
+        if gain.ratio is not None and gain.ratio > settings.good_gain:
+            damping /= 10.0
+        kept = gain.ratio is not None and damping >= settings.smallest_damping
+        self._damping = damping if kept else 0.0
+        fallen = here.cost - there.cost
+        self._progress = fallen / here.cost if here.cost > 0.0 else 0.0
+        visible = None if gain.ratio is None else fallen
+        self._chord = self.chord(there, gain.proposal.predicted, visible)
+        self._proposals = None
+
+    def rejected(self, here: _Model, proposal: Proposal) -> bool:
+        """Nothing: the next proposal is more careful."""
+        return True
+
+    def chord(self, there: _Model, last: float, fallen: float | None) -> Chord | None:
         """The step that the last factor suggests, after one of an exact Hessian.
 
-        F has fallen by ``fallen``; None if that is within rounding.
+        F was to fall by ``last`` and has fallen by ``fallen``; None if that is within rounding.
         """
-        if self.factors.last is None or not last.exact:
+        exact, _, before = self._how
+        if self.factors.last is None or not exact:
             return None
-        g = self.problem.tangent_layout.pack(first.tangent)
-        direction = -self.factors.last.solve(g)
-        decrease, curvature = float(-g @ direction), 1.0
-        if last.chord is not None and fallen is not None:
-            curvature = last.chord.curvature_for(fallen)
-        return Chord(direction, decrease, last.predicted, curvature) if decrease > 0.0 else None
+        direction = -self.factors.last.solve(there.gradient)
+        decrease, curvature = float(-there.gradient @ direction), 1.0
+        if before is not None and fallen is not None:
+            curvature = before.curvature_for(fallen)
+        return Chord(direction, decrease, last, curvature) if decrease > 0.0 else None
 
-    def proposals(self, state: _State) -> Iterator[_Proposal]:
+    def proposals(self, here: _Model) -> Iterator[tuple[Proposal, _How]]:
         """Steps with the old factor if it is still good, then with new ones, ever more damped."""
-        settings, factors = self.settings, self.factors
-        model = _Model(self.problem, state, self.metric)
-        g, metric = model.g, self.problem.tangent_layout.pack(self.metric)
-        slow, near = state.progress < settings.slow_decrease, state.stationarity < settings.near
-        exact = state.exact or slow or near
-        tol = forcing_term(_model_error(state, settings), settings.loosest, settings.tightest)
-        chord, negligible = state.chord, _negligible(state, settings)
+        settings, factors, chord = self.settings, self.factors, self._chord
+        g, metric = here.gradient, self.problem.tangent_layout.pack(self.metric)
+        slow, near = self._progress < settings.slow_decrease, here.stationarity < settings.near
+        exact = self._exact or slow or near
+        negligible = max(settings.enough, ROUNDING) * here.cost  # a decrease that may be left
+        tol = forcing_term(self._model_error(negligible), settings.loosest, settings.tightest)
         if chord is not None and chord.count(negligible) <= max(CHORDS, factors.most / 2):
-            yield _Proposal(chord.step, chord.predicted, True, 0.0, reused=True, chord=chord)
+            yield Proposal(chord.step, chord.predicted, reused=True), _How(True, chord=chord)
         large = self.problem.n >= settings.large
         # Where its predictions do not fall, a gradient that is small in its norm means little.
         falling = chord is None or chord.rate < 1.0
-        if (state.exact or large) and falling and factors.serve(tol):
-            solved = factors.old(model.hessian if exact else model.gauss_newton, g, tol)
+        if (self._exact or large) and falling and factors.serve(tol):
+            solved = factors.old(here.hessian if exact else here.gauss_newton, g, tol)
             if solved.end is End.CONVERGED:
                 predicted = float(solved.x @ (solved.residual - g))
-                yield _Proposal(solved.x, predicted, exact, 0.0, reused=True)
+                yield Proposal(solved.x, predicted, reused=True), _How(exact)
             elif solved.end is End.NEGATIVE_CURVATURE:
-                exact = exact and state.progress < settings.stagnation
-        damping = state.damping
+                exact = exact and self._progress < settings.stagnation
+        damping = self._damping
         while damping <= settings.largest_damping:
-            H = model.hessian if exact else model.gauss_newton
+            H = here.hessian if exact else here.gauss_newton
             factors.drop()
-            proposal = factors.new(H, g, damping * metric, tol)
-            if proposal is not None:
-                yield _Proposal(*proposal, exact, damping)
-            elif exact and state.progress >= settings.stagnation:
+            found = factors.new(H, g, damping * metric, tol)
+            if found is not None:
+                yield Proposal(*found), _How(exact, damping)
+            elif exact and self._progress >= settings.stagnation:
                 exact = False
                 continue
-            least = settings.first_damping if proposal is None else settings.second_damping
+            least = settings.first_damping if found is None else settings.second_damping
             damping = max(10.0 * damping, least)
 
-
-def _model_error(state: _State, settings: NewtonSettings) -> float:
-    """The fraction of a step's gain that the quadratic model misses, or that need not be found."""
-    if state.chord is None:
-        return state.progress
-    return max(4.0 * state.chord.rate, _negligible(state, settings) / state.chord.decrease)
-
-
-def _negligible(state: _State, settings: NewtonSettings) -> float:
-    """A decrease of F that may be left."""
-    return max(settings.enough, ROUNDING) * state.cost
+    def _model_error(self, negligible: float) -> float:
+        """The share of a step's gain that the quadratic model misses, or that need not be found."""
+        if self._chord is None:
+            return self._progress
+        return max(4.0 * self._chord.rate, negligible / self._chord.decrease)
 
 
 def _metric(problem: Problem) -> FloatArray:

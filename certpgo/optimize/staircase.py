@@ -23,7 +23,8 @@ from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.optimize import low_rank_descent as low_rank
 from certpgo.optimize.curvature import negative_curvature, resolution
-from certpgo.optimize.levenberg_marquardt import minimise
+from certpgo.optimize.descent_loop import minimise
+from certpgo.optimize.levenberg_marquardt import DampedSteps
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.progress import Progress, Stop
 from certpgo.optimize.solution import Level, Status
@@ -132,7 +133,8 @@ def _minimised(
         )
         return Stair(found.point, found.cost, found.status)
     progress = Progress(monitor, STATIONARY, MOST, stop.watch)
-    end = minimise(cast("Climbing", problem).linearized(start), progress)
+    here = cast("Climbing", problem).linearized(start)
+    end = minimise(here, DampedSteps(here), progress)
     return Stair(end.point, end.cost, stop.request or progress.status)
 
 

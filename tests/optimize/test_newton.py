@@ -16,9 +16,10 @@ from certpgo.linalg import compiled, factor, multifrontal
 from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, RotationProblem
 from certpgo.optimize import spectral
+from certpgo.optimize.descent_loop import Gain
 from certpgo.optimize.initialization import start_of
 from certpgo.optimize.monitor import Iteration, Stopwatch, TableMonitor, silent
-from certpgo.optimize.riemannian_newton import NewtonSettings, _Descent, _State, newton
+from certpgo.optimize.riemannian_newton import NewtonSettings, _Model, _NewtonSteps, newton
 from certpgo.optimize.solution import Status
 
 #: DESIGN section 5: SE-Sync's weights, poses and rotations alone.
@@ -94,12 +95,16 @@ def test_an_old_factor_does_not_lead_in_tiny_steps():
 @pytest.mark.parametrize("damping", [0.0, 1e-9])
 def test_a_factor_of_a_damped_hessian_serves_no_other_step(damping):
     graph, R, _ = pose_graph(rng_of(0), 8, 3)
-    descent = _Descent(PoseProblem(graph), NewtonSettings())
-    point = descent.problem.complete(R)
-    state = _State(point, descent.problem.first_order(point), exact=True, damping=damping)
-    following = descent.advance(state)
-    assert following.damping == 0.0  # less than the smallest
-    assert (following.chord is None) == (damping > 0.0)
+    problem = PoseProblem(graph)
+    steps = _NewtonSteps(problem, NewtonSettings(), exact=True)
+    steps._damping = damping
+    here = _Model(problem, problem.complete(R), steps.metric)
+    proposal = steps.propose(here)
+    there = here.moved(proposal.step)
+    ratio = (here.cost - there.cost) / proposal.predicted
+    steps.accepted(here, there, Gain(proposal, ratio, here.stationarity, there.stationarity))
+    assert steps._damping == 0.0  # less than the smallest
+    assert (steps._chord is None) == (damping > 0.0)
 
 
 def test_noise_free_graph_reaches_zero():
