@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from numbers import Integral
 
 import numpy as np
@@ -176,30 +177,9 @@ def SimilarityGraph(  # noqa: N802
     >>> answer.verdict.value, answer.estimate.scales.round(6).tolist()
     ('CERTIFIED', [1.0, 2.0, 4.0])
     """
-    _require_rotations(rotation)
-    n = rotation.num_nodes
-    is_point = np.zeros(n, dtype=bool)
-    if points is not None:
-        is_point = _flags_of_nodes("points", points, n)
-    unscaled = ~is_point if free is None else np.asarray(free, dtype=bool)
-    if unscaled.shape != (n,):
-        raise GraphError(f"free must be {n} flags, one per node")
-    if (unscaled & is_point).any():
-        raise GraphError(f"node {int(np.argmax(unscaled & is_point))}: a point has no scale")
-    graph = Graph(
-        np.where(is_point, Node.POINT, np.where(unscaled, Node.SCALED, Node.POSE)),
-        rotation.edges,
-        rotation.rotations,
-        rotation.kappa,
-        translations,
-        tau,
-        rotation.couplings,
-        None,
-        scales,
-        assumed,
-        absolute,
-    )
-    return rotation.sharing(graph, "components")
+    graph = PoseGraph(rotation, translations, tau, None, points, assumed, absolute)
+    free = ~graph.is_point if free is None else free
+    return replace(graph.with_unknown_scales(free), scales=scales)
 
 
 def _require_rotations(rotation: Graph) -> None:

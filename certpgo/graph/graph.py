@@ -190,7 +190,19 @@ class Graph(Speaking, GraphData):
         return matrix_weights.of_rotations(self, W)
 
     def with_unknown_scales(self, free: BoolArray) -> Self:
-        """The same measurements where these poses (n,) have an unknown scale, and no others."""
+        """The same measurements where these poses (n,) have an unknown scale, and no others.
+
+        Raises
+        ------
+        GraphError
+            There are more or fewer flags, or one is of a point.
+        """
+        free = np.asarray(free, dtype=bool)
+        if free.shape != (self.num_nodes,):
+            raise GraphError(f"free must be {self.num_nodes} flags, one per node")
+        if (free & self.is_point).any():
+            node = int(np.argmax(free & self.is_point))
+            raise GraphError(f"node {node}: a point has no scale")
         nodes = np.where(self.is_point, Node.POINT, np.where(free, Node.SCALED, Node.POSE))
         return replace(self, nodes=nodes)
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from certpgo.errors import GraphError, InputError, SpecError
+from certpgo.graph import RotationGraph
 from certpgo.graph.components import component, rotations_alone
 from certpgo.io.datasets import edges, thesis
 from certpgo.linalg import rotations as so
@@ -62,7 +63,7 @@ def test_outliers_stay_with_their_edges_in_a_component():
     np.testing.assert_array_equal(part.outliers, instance.outliers)
     graph = instance.graph
     cut = np.asarray((graph.edges < 12).all(axis=1) | (graph.edges >= 12).all(axis=1))
-    apart = type(graph)(30, graph.edges[cut], graph.rotations[cut], graph.kappa[cut])
+    apart = RotationGraph(30, graph.edges[cut], graph.rotations[cut], graph.kappa[cut])
     split = type(instance)("x", apart, np.arange(30), outliers=instance.outliers[cut])
     labels = range(len(apart.component_sizes))
     parts = [component(split, k) for k in labels if apart.component_sizes[k] > 1]

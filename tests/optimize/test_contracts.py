@@ -7,7 +7,7 @@ import pytest
 
 from certpgo import certify, registry
 from certpgo.errors import CertPGOError, GraphError, MissingDependency, SpecError
-from certpgo.graph import Estimate
+from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.io.datasets import synthetic
 from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, problem_of
@@ -26,8 +26,8 @@ def planar_poses():
     turns = np.moveaxis(
         np.array([[np.cos(angles), -np.sin(angles)], [np.sin(angles), np.cos(angles)]]), 2, 0
     )
-    flat = type(graph)(graph.num_nodes, graph.edges, turns, graph.kappa)
-    return type(space)(flat, space.translations[:, :2], space.tau)
+    flat = RotationGraph(graph.num_nodes, graph.edges, turns, graph.kappa)
+    return PoseGraph(flat, space.translations[:, :2], space.tau)
 
 
 MICRO = {

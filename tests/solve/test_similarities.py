@@ -254,14 +254,18 @@ def test_graphs_that_mean_nothing_are_refused():
     graph, _ = random_maps(np.random.default_rng(1), 3, points=1)
     everything = ~graph.is_point
     for changed, said in (
-        ({"free": everything[1:]}, "flags, one per node"),
-        ({"free": np.ones(len(everything), bool)}, "a point has no scale"),
         ({"scales": -graph.scales}, "a scale is a positive number"),
         ({"scales": graph.scales[1:]}, "scales must be"),
         ({"scales": np.full(graph.num_edges, np.nan)}, "a scale is a positive number"),
     ):
         with pytest.raises(GraphError, match=said):
             replace(graph, **changed)
+    for free, said in (
+        (everything[1:], "flags, one per node"),
+        (np.ones(len(everything), bool), "a point has no scale"),
+    ):
+        with pytest.raises(GraphError, match=said):
+            graph.with_unknown_scales(free)
     with pytest.raises(InputError, match="similarities"):
         PoseProblem(graph)
     with pytest.raises(GraphError, match="a scale is a positive number, not 0"):
