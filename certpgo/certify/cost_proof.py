@@ -27,7 +27,7 @@ def claimed(graph: checker.Graph, below: Surrogate) -> checker.EdgeBounds:
     NumericalError
         There are none for some measurement.
     """
-    minorants, graph = cast("Minorants", below.minorants), below.problem.graph
+    minorants, kappa = cast("Minorants", below.minorants), below.problem.graph.kappa
     kept = minorants.exist
     found = minorants.subset(kept)
     m, d = graph.t.shape
@@ -38,13 +38,13 @@ def claimed(graph: checker.Graph, below: Surrogate) -> checker.EdgeBounds:
         out[kept] = values
         return out
 
-    centre = 2.0 * d * graph.kappa
+    centre = 2.0 * d * kappa
     nothing = NOTHING * float(np.abs(graph.information).max())
     constants = np.where(kept, of_all(np.nextafter(found.constant - centre, -np.inf)), nothing)
     given = checker.EdgeBounds(
         tau=of_all(found.tau),
         arms=of_all(found.b),
-        kappa=of_all(graph.kappa),
+        kappa=of_all(kappa),
         couplings=of_all(found.N),
         touching=of_all(touching),
         constants=constants,

@@ -1,6 +1,7 @@
 """EIG-SE(3): eigenvectors and singular vectors of the block matrix, against dense ones."""
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 
 from certpgo import registry
 from certpgo.errors import SpecError
-from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.graph import PoseGraph
 from certpgo.io.datasets import synthetic
 from certpgo.objective.problem import RotationProblem, problem_of
 from certpgo.optimize.solution import Status
@@ -160,32 +161,21 @@ def test_neither_names_nor_directions_of_edges_matter(kind, vectors, seed, d):
 
 
 def relabelled(graph, names):
-    rotation = getattr(graph, "rotation", graph)
-    renamed = RotationGraph(
-        rotation.num_nodes, names[rotation.edges], rotation.rotations, rotation.kappa
-    )
-    if rotation is graph:
-        return renamed
-    return PoseGraph(renamed, graph.translations, graph.tau)
+    return replace(graph, edges=names[graph.edges])
 
 
 def reversed_where(graph, flip):
-    rotation = getattr(graph, "rotation", graph)
-    edges, R = rotation.edges.copy(), rotation.rotations.copy()
+    edges, R, t = (a.copy() for a in (graph.edges, graph.rotations, graph.translations))
     edges[flip] = edges[flip][:, ::-1]
     R[flip] = np.swapaxes(R[flip], 1, 2)
-    turned = RotationGraph(rotation.num_nodes, edges, R, rotation.kappa)
-    if rotation is graph:
-        return turned
-    t = graph.translations.copy()
-    t[flip] = -np.einsum("mab,mb->ma", R[flip], t[flip])
-    return PoseGraph(turned, t, graph.tau)
+    if graph.has_positions:
+        t[flip] = -np.einsum("mab,mb->ma", R[flip], t[flip])
+    return replace(graph, edges=edges, rotations=R, translations=t)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_graph_weights_are_kappa_alone_up_to_their_unit(kind):
     graph = graph_of(kind, 6, 12, 3, noise=0.1)
-    rotation = getattr(graph, "rotation", graph)
 
     def weighted(kappa):
         if kind == "rotations":
@@ -196,10 +186,10 @@ def test_graph_weights_are_kappa_alone_up_to_their_unit(kind):
     costs = [
         problem.cost(solver(weights=weights).solve(problem_of(weighted(kappa))).estimate)
         for weights, kappa in (
-            ("graph", rotation.kappa),
-            ("graph", 4.0 * rotation.kappa),
-            ("graph", np.ones(rotation.num_edges)),
-            ("unit", rotation.kappa),
+            ("graph", graph.kappa),
+            ("graph", 4.0 * graph.kappa),
+            ("graph", np.ones(graph.num_edges)),
+            ("unit", graph.kappa),
         )
     ]
     assert costs[0] == pytest.approx(costs[1], rel=1e-9)

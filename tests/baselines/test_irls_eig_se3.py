@@ -1,6 +1,7 @@
 """Iteratively reweighted EIG-SE(3)."""
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 
 from certpgo import io, registry
 from certpgo.errors import SpecError
-from certpgo.graph import Estimate, PoseGraph
+from certpgo.graph import Estimate
 from certpgo.linalg import rotations as so
 from certpgo.objective.problem import problem_of
 from certpgo.optimize.solution import Status
@@ -33,17 +34,13 @@ def graph_of(kind, seed, n, d, **options):
 
 def with_outliers(graph, share, rng):
     """The graph with a share of its measurements replaced by random ones."""
-    rotation = getattr(graph, "rotation", graph)
-    m, d = rotation.num_edges, rotation.d
+    m, d = graph.num_edges, graph.d
     bad = rng.permutation(m)[: round(share * m)]
-    R = rotation.rotations.copy()
+    R, t = graph.rotations.copy(), graph.translations.copy()
     R[bad] = so.random(rng, len(bad), d)
-    spoilt = type(rotation)(rotation.num_nodes, rotation.edges, R, rotation.kappa)
-    if rotation is graph:
-        return spoilt
-    t = graph.translations.copy()
-    t[bad] = 3.0 * rng.standard_normal((len(bad), d))
-    return PoseGraph(spoilt, t, graph.tau)
+    if graph.has_positions:
+        t[bad] = 3.0 * rng.standard_normal((len(bad), d))
+    return replace(graph, rotations=R, translations=t)
 
 
 def test_cauchy_weights_of_known_residuals():

@@ -46,7 +46,7 @@ def test_stored_matrices_that_are_too_small_do_not_hide_cost(d, which, size):
     if which in ("estimate", "both"):
         x, at = (storing(made, R * (1.0 - size)) for made in (x, at))
     if which in ("measured", "both"):
-        storing(rotation, turn[None] * (1.0 - size))
+        rotation, graph = (storing(made, turn[None] * (1.0 - size)) for made in (rotation, graph))
     cost, pulled = 3.0 * 8.0, 0.25 * 25.0 * d
     plain = cost_upper(RotationProblem(rotation), x)
     assert cost < plain <= cost * (1 + 4 * d * size + 1000 * U)

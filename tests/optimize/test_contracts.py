@@ -40,10 +40,7 @@ MICRO = {
 
 
 def arrays(graph):
-    rotation = getattr(graph, "rotation", graph)
-    yield from (rotation.edges, rotation.rotations, rotation.kappa)
-    if rotation is not graph:
-        yield from (graph.translations, graph.tau)
+    yield from (graph.edges, graph.rotations, graph.kappa, graph.translations, graph.tau)
 
 
 def applicable(name, problem):
