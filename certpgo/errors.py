@@ -6,9 +6,12 @@ import difflib
 import os
 import re
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from numbers import Real
 from pathlib import Path
 from types import MappingProxyType, UnionType
+from typing import Any
 
 #: Number of known names up to which all are listed.
 FEW = 8
@@ -17,6 +20,32 @@ CLOSE = 0.65
 #: Letters from which on the beginning of a name stands for it.
 BEGINNING = 3
 _NONE: Mapping[str, int] = MappingProxyType({})
+_TOLERANCES = "tolerances must lie within 0 ... 1: rtol={rtol}, atol={atol}"
+#: Arguments that are numbers, by name: what they are, which are taken, and what is said of others.
+NUMBERS: Mapping[str, tuple[str, Callable[[Any], bool], str]] = {
+    "rtol": ("a number as tolerance", lambda x: 0.0 <= x < 1.0, _TOLERANCES),
+    "atol": ("a number as tolerance", lambda x: 0.0 <= x < 1.0, _TOLERANCES),
+    "time_limit": (
+        "seconds as time limit",
+        lambda x: x >= 0.0,
+        "the time limit must not be negative: {time_limit}",
+    ),
+    "max_rank": (
+        "a number as maximal rank",
+        lambda x: x >= 1,
+        "the maximal rank must be at least 1, not {max_rank}",
+    ),
+    "quantile": (
+        "a number as quantile",
+        lambda x: 0.0 < x < 1.0,
+        "a quantile lies between 0 and 1, not at {quantile}",
+    ),
+    "level": (
+        "a number as level",
+        lambda x: 0.0 < x < 1.0,
+        "a level lies between 0 and 1, not at {level}",
+    ),
+}
 
 
 def nearest(name: str, names: Iterable[str]) -> list[str]:
@@ -44,6 +73,22 @@ def require(given: object, kinds: type | tuple[type, ...] | UnionType, expected:
 def require_path(given: object, of: str) -> None:
     """Refuse what is no path by an InputError."""
     require(given, str | os.PathLike, f"the path of {of}")
+
+
+def require_numbers(**given: object) -> None:
+    """Refuse arguments, but for None, that are no numbers or not in the range of `NUMBERS`."""
+    for name, value in given.items():
+        expected, is_taken, said = NUMBERS[name]
+        if value is not None:
+            require(value, Real, expected)
+            if not is_taken(value):
+                raise InputError(said.format(**given))
+
+
+def refuse(said: str, source: str = "") -> None:
+    """Refuse for a reason, if there is one, by an InputError that names where it is from."""
+    if said:
+        raise InputError(f"{source}: {said}" if source else said)
 
 
 def how_to_install(extra: str, package: str = "") -> str:
@@ -122,6 +167,17 @@ class FormatError(InputError):
         self.path, self.line, self.expected = Path(path), line, expected
         place = f"{path}:{line}" if line is not None else f"{path}"
         super().__init__(f"{place}: {expected}")
+
+
+@contextmanager
+def in_file(path: str | Path, line: int | None = None) -> Iterator[None]:
+    """Let errors about what a file contains name it, and the line."""
+    try:
+        yield
+    except FormatError:
+        raise
+    except InputError as error:
+        raise FormatError(path, line, str(error)) from None
 
 
 class NoEdges(FormatError):  # noqa: N818 - the condition is the name

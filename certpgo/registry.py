@@ -22,6 +22,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any, Literal, Union, cast, get_args, get_origin, get_type_hints
 
 from certpgo.errors import MissingDependency, SpecError, UnusableFile, require
+from certpgo.graph import Graph
 
 if TYPE_CHECKING:
     from certpgo.graph import Graph
@@ -92,13 +93,14 @@ def get_solver(name: str) -> type[Solver]:
     return cast("type[Solver]", solver)
 
 
-def build(name: str, settings: Mapping[str, Any]) -> Solver:
-    """The method called ``name`` with these settings.
+def build(name: str, settings: Mapping[str, Any], *graphs: Graph) -> Solver:
+    """The method called ``name`` with these settings, for graphs of kinds that it takes.
 
     Raises
     ------
     SpecError
-        The method or a setting is unknown, or a setting has neither value nor default.
+        The method or a setting is unknown, or a setting has neither value nor default, or the
+        method takes poses only, or rotations only.
     InputError
         The method rejects a setting's value.
     """
@@ -110,21 +112,12 @@ def build(name: str, settings: Mapping[str, Any]) -> Solver:
     for key in known.keys() - defaults(solver).keys() - settings.keys():
         problem = f"{name}'s setting {key} has no default: --set {key}=VALUE sets it"
         raise UnusableFile(inspect.getfile(solver), problem)
-    return solver(**settings)
-
-
-def refuse_unsuited(name: str, solver: Solver | type[Solver], graph: Graph) -> None:
-    """Refuse a graph of a kind that the method does not take.
-
-    Raises
-    ------
-    SpecError
-        The method takes poses only, or rotations only.
-    """
-    if graph.kind == "poses" and not solver.poses:
+    kinds = {graph.kind for graph in graphs}
+    if "poses" in kinds and not solver.poses:
         raise SpecError(f"{name} takes rotation graphs only; this graph measures poses")
-    if graph.kind == "rotations" and not solver.rotations:
+    if "rotations" in kinds and not solver.rotations:
         raise SpecError(f"{name} takes pose graphs only; this graph measures rotations")
+    return solver(**settings)
 
 
 def setting_fields(solver: type[Solver]) -> dict[str, Field[Any]]:

@@ -12,9 +12,9 @@ from certpgo.certify.certificate import Tier, tier_called
 from certpgo.certify.local_minimum import LocalMinimum
 from certpgo.certify.proof import exact_cost, exact_graph
 from certpgo.certify.stiff_edges import eased
-from certpgo.certify.tolerances import FLOOR, allowed, refuse_tolerances, refuse_unprovable
+from certpgo.certify.tolerances import FLOOR, allowed
 from certpgo.certify.units import unit_of
-from certpgo.errors import GraphError, InputError, kind_of
+from certpgo.errors import GraphError, InputError, kind_of, refuse, require_numbers
 from certpgo.graph import Estimate
 from certpgo.objective.exact_fit import fits_exactly
 from certpgo.objective.objective import Objective
@@ -68,10 +68,10 @@ class NormalizedProblem(Generic[AnyObjective]):
             said = "a PoseProblem(graph) or RotationProblem(graph) is judged, not"
             raise InputError(f"{said} {kind_of(problem)}")
         tier = tier_called(tier)
-        refuse_tolerances(rtol, atol)
-        problem.refuse_indefinite()
+        require_numbers(rtol=rtol, atol=atol)
+        refuse(problem.unbounded)
         if tier is Tier.PROOF:
-            refuse_unprovable(problem)
+            refuse(problem.unprovable)
         unit = unit_of(problem)
         try:
             scaled = problem.scaled(1.0 / unit)

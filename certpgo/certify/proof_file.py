@@ -46,35 +46,6 @@ FORMATS = {False: ("g2o", "1dsfm"), True: ("sim3", "npz")}
 CALLED = {False: "a g2o or 1DSfM file", True: "a g2o or .npz file"}
 
 
-def refuse_unreadable(source: Path, instance: Instance, cost: str) -> None:
-    """Refuse, before any work, what a proof cannot be about.
-
-    Parameters
-    ----------
-    source : the file that the instance was read from
-    cost : the name of the cost that the proof is to be about
-
-    Raises
-    ------
-    InputError
-        The checker cannot read the file, or rotations alone have priors.
-    """
-    refuse_priors_of_rotations(instance)
-    graph, chosen = instance.graph, {"fixed", "also", "weights_are"} & {*instance.options}
-    unusual = bool(graph.blocks) or graph.is_partial
-    unusual |= graph.information is not None and bool(graph.information.is_partial.any())
-    # Other files are read by both alike, and only once that is needed.
-    if unusual or chosen or _map_of(instance):
-        claim_and_graph(source, instance, None if cost == costs.CHORDAL else cost)
-
-
-def refuse_priors_of_rotations(instance: Instance) -> None:
-    """Refuse rotations alone with priors by an InputError."""
-    if not instance.graph.has_positions and _map_of(instance):
-        said = "a proof about rotations alone is of a graph without priors (--no-priors)"
-        raise InputError(f"{instance.source}: {said}")
-
-
 class RefusedProof(NumericalError, checker.Refused):  # noqa: N818 - the condition is the name
     """A proof is not valid for its file."""
 
@@ -121,13 +92,19 @@ def check(graph_path: str | Path, proof_path: str | Path) -> checker.Answer:
         raise UnreadableProof(str(reason)) from None
 
 
-def provable(source: str | Path, instance: Instance) -> Path:
-    """The path of a file from which the checker can read the instance.
+def provable(source: str | Path, instance: Instance, cost: str | None = None) -> Path:
+    """The path of a file from which the checker can read the instance, before any work.
+
+    Parameters
+    ----------
+    source : the file that the instance was read from
+    cost : the name of the cost that the proof is to be about; by default it is not tried
 
     Raises
     ------
     InputError
-        The checker cannot read its format, or knows nothing of what is measured.
+        The checker cannot read the file, or knows nothing of what is measured, or rotations alone
+        have priors.
     """
     path = Path(source)
     for block in instance.graph.blocks:
@@ -138,6 +115,12 @@ def provable(source: str | Path, instance: Instance) -> Path:
         raise InputError(f"{said}; convert it first (certpgo convert)")
     if not path.is_dir() and is_compressed(path):
         raise InputError(f"{path}: a proof is about a plain file: decompress it first (gunzip)")
+    graph, chosen = instance.graph, {"fixed", "also", "weights_are"} & {*instance.options}
+    unusual = graph.is_partial or bool(chosen or _map_of(instance))
+    unusual |= graph.information is not None and bool(graph.information.is_partial.any())
+    # Other files are read by both alike, and only once that is needed.
+    if cost is not None and unusual:
+        claim_and_graph(path, instance, None if cost == costs.CHORDAL else cost)
     return path
 
 
@@ -146,7 +129,7 @@ def claim_of(source: Path, instance: Instance, cost: str | None = None) -> dict[
 
     Parameters
     ----------
-    source, cost : as of `refuse_unreadable`; None for F
+    source, cost : as of `provable`; None for F
 
     Raises
     ------
@@ -161,6 +144,9 @@ def claim_and_graph(
 ) -> tuple[dict[str, Any], checker.Graph]:
     """The subject of the proof (hashes, kind, reading options), and the graph the checker reads."""
     similar = instance.graph.has_scales
+    if not instance.graph.has_positions and _map_of(instance):
+        said = "a proof about rotations alone is of a graph without priors (--no-priors)"
+        raise InputError(f"{instance.source}: {said}")
     for block in instance.graph.blocks:
         raise InputError(f"{source}: a proof is not about measured {block.kind.plural}")
     # What an archive says of options is how its numbers came about: they are read as they are.

@@ -1,12 +1,8 @@
-"""The tolerances of certificates, and what they may not be."""
+"""The tolerances of certificates."""
 
 from __future__ import annotations
 
 import math
-from numbers import Real
-
-from certpgo.errors import InputError, require
-from certpgo.objective.objective import Objective
 
 #: CERTIFIED means gap <= rtol F + min(atol W, NEGLIGIBLE F), or that of an exact fit.
 RTOL, ATOL = 1e-5, 1e-12
@@ -36,43 +32,3 @@ def difference_up(high: float, low: float) -> float:
     subtracted = gap - high
     missing = (high - (gap - subtracted)) - (low + subtracted)
     return gap if missing <= 0.0 else math.nextafter(gap, math.inf)
-
-
-def refuse_tolerances(rtol: float, atol: float) -> None:
-    """Refuse tolerances that are negative, 1 or larger, or not finite.
-
-    Raises
-    ------
-    InputError
-        One is.
-    """
-    for tolerance in (rtol, atol):
-        require(tolerance, Real, "a number as tolerance")
-    if not (0.0 <= rtol < 1.0 and 0.0 <= atol < 1.0):
-        raise InputError(f"tolerances must lie within 0 ... 1: rtol={rtol}, atol={atol}")
-
-
-def refuse_time_limit(seconds: float | None) -> None:
-    """Refuse a negative time limit.
-
-    Raises
-    ------
-    InputError
-        It is, or it is not a number.
-    """
-    if seconds is not None:
-        require(seconds, Real, "seconds as time limit")
-    if seconds is not None and not seconds >= 0.0:
-        raise InputError(f"the time limit must not be negative: {seconds}")
-
-
-def refuse_unprovable(problem: Objective) -> None:
-    """Refuse a problem whose cost the checker does not know.
-
-    Raises
-    ------
-    InputError
-        Its reason says so.
-    """
-    if problem.unprovable:
-        raise InputError(problem.unprovable)

@@ -1,7 +1,8 @@
 """The command line: one file per sub-command, found by scanning this folder.
 
 A command is a function ``command`` that returns an exit code or None. Its file imports nothing
-heavy at the top, so that ``certpgo --help`` is quick.
+heavy at the top, so that ``certpgo --help`` is quick. It may have ``RULES``: combinations of
+options that are refused.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import typer
 from certpgo import _start, registry
 from certpgo.cli._help import HelpfulCommand, HelpfulGroup
 from certpgo.cli._interrupting import heard_late, unmoved
+from certpgo.cli._rules import refuse
 from certpgo.errors import CertPGOError
 
 Command = Callable[..., int | None]
@@ -146,17 +148,21 @@ def _root(version: Annotated[bool, _VERSION] = False) -> None:
 
 def _guarded(function: Command) -> Callable[..., None]:
     """The command, with expected errors turned into one line and an exit code."""
+    known = inspect.signature(function).parameters
 
     @functools.wraps(function)
-    def guarded(*args: object, **kwargs: object) -> None:
+    def guarded(**options: object) -> None:
         def run() -> int | None:
             # Not earlier: the help needs no numerics. Until they are here, Ctrl-C ends at once.
             importlib.import_module("certpgo.graph")
             _start.usual_interrupts()
             from certpgo.io.pipes import pipes_kept
 
+            # What --no-x gives is False.
+            given = {k: v or True for k, v in options.items() if v != known[k].default}
+            refuse(inspect.unwrap(function).__globals__.get("RULES", ()), **given)
             with pipes_kept():
-                return function(*args, **kwargs)
+                return function(**options)
 
         raise typer.Exit(_code_of(run))
 

@@ -110,19 +110,6 @@ CostOption = Annotated[
 ]
 
 
-def refuse_chordal_only(cost: str | None, **options: Any) -> None:
-    """Refuse options that exist for the chordal cost only.
-
-    Raises
-    ------
-    InputError
-        One is given with another cost.
-    """
-    for name, value in options.items():
-        if cost not in (None, CHORDAL) and value:
-            raise InputError(f"--{name} is for --cost chordal, not for --cost {cost}")
-
-
 def require_for(instance: Instance, **options: Any) -> None:
     """Refuse options that do not take what an instance has, see `certpgo.graph.capabilities`.
 
@@ -136,12 +123,6 @@ def require_for(instance: Instance, **options: Any) -> None:
     for name, value in options.items():
         if value:
             require_capable(instance.graph, name, instance.name)
-
-
-def refuse_known_scale(graph: Path | None) -> None:
-    """Refuse a file that cannot hold a graph without any known scale, as an output."""
-    if graph is not None and graph.suffix != ".npz":
-        raise InputError(f"{graph}: only .npz files hold a graph without any known scale")
 
 
 def note_distances_uncounted(instance: Instance) -> None:

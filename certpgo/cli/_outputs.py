@@ -51,13 +51,18 @@ class Outputs:
         files = (*maps, self.csv, self.proof, self.covariances, self.html)
         return [path for path in files if path is not None]
 
-    def refuse(self) -> None:
-        """Refuse, before any work, what cannot be written.
+    def refuse(self, *inputs: Source | Path | None) -> None:
+        """Refuse, before any work, what cannot be written, or would replace what is read.
+
+        Parameters
+        ----------
+        inputs : what is read, as far as it is known yet, under any path: sources, other files
 
         Raises
         ------
         InputError
-            A suffix says no format, or a file cannot be written or is named twice.
+            A suffix says no format, or a file cannot be written or is named twice, or an output is
+            an input, or a file in a folder that is one.
         MissingDependency
             jinja2, which draws pages, is not installed.
         """
@@ -67,31 +72,24 @@ class Outputs:
             if path is not None:
                 format_to_write(path, format)
         for k, path in enumerate(self.files):
-            refuse_unwritable(path)
+            if path.is_dir():
+                raise InputError(f"{path}: cannot be written: it is a folder")
+            if not _is_writable(path):
+                said = "no such folder, or no write permission"
+                raise InputError(f"{path}: cannot be written: {said}")
             if any(_is_same(path, earlier) for earlier in self.files[:k]):
                 raise InputError(f"{path}: given for two outputs; one would overwrite the other")
+        refuse_overwriting(self.files, *inputs)
         if self.html is not None:
             importlib.import_module("certpgo.view.page")
 
-    def refuse_overwriting(self, *inputs: Source | Path | None) -> None:
-        """Refuse, before any work, to replace what is read, under any path: sources, other files.
-
-        Raises
-        ------
-        InputError
-            An output is an input, or a file in a folder that is one.
-        """
-        refuse_overwriting(self.files, *inputs)
-
     def about(self, source: Source, instance: Instance, cost: str) -> Outputs:
         """The same outputs, with a proof about this graph, if the checker can read that."""
-        from certpgo.certify.proof_file import provable, refuse_unreadable
+        from certpgo.certify.proof_file import provable
 
         if self.proof is None:
             return self
-        proven = provable(source.path(), instance)
-        refuse_unreadable(proven, instance, cost)
-        return replace(self, proven=proven)
+        return replace(self, proven=provable(source.path(), instance, cost))
 
     def split(self, parts: Sequence[Instance]) -> list[Outputs]:
         """The outputs of each part: several get an estimate each, named by their smallest ids."""
@@ -197,28 +195,22 @@ def _finished(result: Result, outputs: Outputs) -> int:
     return code
 
 
-def refuse_unwritable(out: Path) -> None:
-    """Refuse an output whose folder is missing or not writable, or that is a folder itself."""
-    from certpgo.io.writing import is_stream
-
-    if out.is_dir():
-        raise InputError(f"{out}: cannot be written: it is a folder")
-    folder = Path(os.path.realpath(out)).parent
-    if is_stream(out):  # written to, so its folder need not be
-        writable = os.access(out, os.W_OK)
-    else:
-        writable = folder.is_dir() and os.access(folder, os.W_OK)
-    if not writable:
-        raise InputError(f"{out}: cannot be written: no such folder, or no write permission")
-
-
 def refuse_overwriting(files: Iterable[Path], *inputs: Source | Path | None) -> None:
-    """Refuse files to write that are inputs, as `Outputs.refuse_overwriting` does."""
+    """Refuse files to write that are inputs, as `Outputs.refuse` does."""
     named = [one if one is None or isinstance(one, Path) else one.found for one in inputs]
     read = [path for path in named if path is not None]
     for out in files:
         if any(_is_in(out, path) if path.is_dir() else _is_same(out, path) for path in read):
             raise InputError(f"{out}: is also an input, and would be overwritten")
+
+
+def _is_writable(out: Path) -> bool:
+    from certpgo.io.writing import is_stream
+
+    if is_stream(out):  # written to, so its folder need not be
+        return os.access(out, os.W_OK)
+    folder = Path(os.path.realpath(out)).parent
+    return folder.is_dir() and os.access(folder, os.W_OK)
 
 
 def _is_in(path: Path, folder: Path) -> bool:

@@ -60,10 +60,6 @@ class Components(StrEnum):
     LARGEST = "largest"
 
 
-def _is_list(given: object) -> bool:
-    return isinstance(given, list | tuple)
-
-
 def _option(name: str, help: str, metavar: str | None = None) -> Any:
     return typer.Option(name, help=help, metavar=metavar, rich_help_panel=READING)
 
@@ -189,16 +185,6 @@ class Reading:
 
         return self.topic if self.topic is not None and has_topics(source.path()) else None
 
-    def refuse_useless_topic(self, arguments: Iterable[Any]) -> None:
-        """Refuse ``--topic`` unless some argument, or an item of one, is a bag."""
-        from certpgo.io.format import has_topics
-
-        if self.topic is None:
-            return
-        listed = [one for given in arguments for one in (given if _is_list(given) else [given])]
-        if not any(has_topics(Path(one)) for one in listed if isinstance(one, str | Path)):
-            raise InputError("--topic is for ROS bags, and none is given")
-
     @property
     def options(self) -> dict[str, Any]:
         """The options of `certpgo.io.read`."""
@@ -294,13 +280,26 @@ def takes_reading(command: Callable[..., int | None]) -> Callable[..., int | Non
     @functools.wraps(command)
     def with_reading(**kwargs: Any) -> int | None:
         reading = Reading(**{p.name: kwargs.pop(p.name) for p in shared})
-        reading.refuse_useless_topic(kwargs.values())
+        if reading.topic is not None and not _have_bags(kwargs.values()):
+            raise InputError("--topic is for ROS bags, and none is given")
         return command(**kwargs, reading=reading)
 
     keyword = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in own]
     with_reading.__signature__ = inspect.Signature([*keyword, *shared])  # type: ignore[attr-defined]
     with_reading.__annotations__ = {p.name: p.annotation for p in [*keyword, *shared]}
     return with_reading
+
+
+def _have_bags(arguments: Iterable[Any]) -> bool:
+    """Whether some argument, or an item of one, is a file with topics."""
+    from certpgo.io.format import has_topics
+
+    listed = [one for given in arguments for one in (given if _is_list(given) else [given])]
+    return any(has_topics(Path(one)) for one in listed if isinstance(one, str | Path))
+
+
+def _is_list(given: object) -> bool:
+    return isinstance(given, list | tuple)
 
 
 def restricted_to(part: Instance, estimate: Estimate, instance: Instance) -> Estimate:

@@ -14,15 +14,6 @@ if TYPE_CHECKING:
     from certpgo.objective.choose_cost import Judged
 
 
-def refuse_rejected(rejected: Path | None, quantile: float | None, **outputs: Path | None) -> None:
-    """Refuse what does not go with rejections, or only with them."""
-    if quantile is not None and rejected is None:
-        raise InputError("--quantile needs --rejected")
-    for name, value in outputs.items():
-        if value is not None and rejected is not None:
-            raise InputError(f"--{name} is for the cost of all measurements: not with --rejected")
-
-
 def posing(
     instance: Instance, cost: str, rejected: Path | None, quantile: float | None
 ) -> Callable[[Sequence[Instance]], list[tuple[Instance, Judged]]]:

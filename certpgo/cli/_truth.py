@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from certpgo.cli._help import MATCHING
+from certpgo.cli._rules import Rule
 from certpgo.cli._show import notice
-from certpgo.errors import InputError
 
 if TYPE_CHECKING:
     from certpgo.cli._reading import Reading
@@ -39,6 +39,7 @@ TruthOffset = Annotated[
         help="Added to the timestamps of the truth.",
     ),
 ]
+OF_TRUTH = Rule("--truth-offset is about --truth", "truth_offset", without="truth")
 
 
 @dataclass(frozen=True)
@@ -70,8 +71,6 @@ class KnownPoses:
         from certpgo.io.estimates import matched_truth, truth_in_words
 
         if source is None:
-            if how.offset:
-                raise InputError("--truth-offset is about --truth")
             return None
         path = source.path()
         nodes, poses, found = matched_truth(path, part, how, topic=reading.topic_of(source))

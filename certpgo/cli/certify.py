@@ -23,7 +23,6 @@ from certpgo.cli._options import (
     Quantile,
     Timestamps,
     chosen_cost,
-    refuse_chordal_only,
     require_for,
     tier_for,
     tier_option,
@@ -33,10 +32,11 @@ from certpgo.cli._outputs import Outputs, Result, emit
 from certpgo.cli._paging import origin_of, write_page
 from certpgo.cli._proving import prove
 from certpgo.cli._reading import Reading, covered, restricted_to, takes_reading
-from certpgo.cli._rejected import posing, refuse_rejected
+from certpgo.cli._rejected import posing
+from certpgo.cli._rules import Rule, chordal_only, refuse
 from certpgo.cli._show import StatusLine, document, working
 from certpgo.cli._swapped import graph_comes_first
-from certpgo.cli._truth import KnownPoses, TruthFile, TruthOffset
+from certpgo.cli._truth import OF_TRUTH, KnownPoses, TruthFile, TruthOffset
 from certpgo.errors import InputError
 
 if TYPE_CHECKING:
@@ -48,6 +48,26 @@ if TYPE_CHECKING:
     from certpgo.solve.batch import JudgedGraph
     from certpgo.solve.metrics import TrajectoryErrors
     from certpgo.solve.outliers import Disagreement
+
+RULES = (
+    Rule("--truth needs a single estimate, without --csv", "truth", "csv"),
+    Rule(
+        "--best, --proof and --html need a single estimate, without --csv",
+        "best|proof|html",
+        "csv",
+    ),
+    Rule("--quantile needs --rejected", "quantile", without="rejected"),
+    Rule("--html is for the cost of all measurements: not with --rejected", "html", "rejected"),
+    chordal_only("rejected", "proof"),
+    OF_TRUTH,
+)
+#: Of several components, and of a part of a file.
+OF_PARTS = (
+    Rule("--best writes one estimate; use --components largest", "best", "several"),
+    Rule("--proof needs a connected graph; write each component to a file", "proof", "several"),
+    Rule("--proof needs an estimate of all nodes: it is about the whole file", "proof", "part"),
+    Rule("--html shows one estimate; use --components largest", "html", "several"),
+)
 
 
 @takes_reading
@@ -129,9 +149,8 @@ def command(
     from certpgo.solve.batch import JudgedGraph
     from certpgo.solve.judging import Judge
 
-    _refuse_mixtures(estimates, csv, truth=truth, best=best, proof=proof, html=html)
-    refuse_rejected(rejected, quantile, html=html)
-    refuse_chordal_only(cost, **{"rejected --proof": rejected and proof})
+    if len(estimates) > 1 and csv is None:
+        raise InputError("several estimates need --csv OUT")
     tier = tier_for(proof, tier, cost) or "standard"
     outputs = Outputs(estimate=best, csv=csv, proof=proof, html=html, json=json)
     outputs.refuse()
@@ -139,7 +158,7 @@ def command(
     sources = _resolved(estimates, reading, batch=csv is not None)
     here = [found for found in sources.values() if not isinstance(found, InputError)]
     others = (*reading.others, of_truth, file_of_times(timestamps), rejected)
-    outputs.refuse_overwriting(source, *here, *others)
+    outputs.refuse(source, *here, *others)
     with graph_comes_first("certify", source, here):
         instance = timed(reading.open(source, operation=None), timestamps)
     require_for(instance, proof=proof)
@@ -163,7 +182,8 @@ def command(
     [of_estimate] = here  # several need --csv
     whole, estimate = covered(of_estimate, instance, reading, how)
     parts = judged(whole)
-    _refuse_part(len(parts), is_whole=whole is instance, best=best, proof=proof, html=html)
+    found = {"several": len(parts) > 1, "part": whole is not instance}
+    refuse(OF_PARTS, best=best, proof=proof, html=html, **found)
     given = [restricted_to(part.instance, estimate, whole) for part in parts]
     parts = [
         replace(part, instance=timed_by(point, part.instance))
@@ -273,18 +293,6 @@ class _Assessed(Result):
         write_page(out, part.instance, problem, self.given, self.found, origin)
 
 
-def _refuse_mixtures(
-    estimates: Sequence[str], csv: Path | None, *, truth: str | None, **outputs: Path | None
-) -> None:
-    """Refuse options for one estimate where there may be several."""
-    if csv is not None and truth is not None:
-        raise InputError("--truth needs a single estimate, without --csv")
-    if len(estimates) > 1 and csv is None:
-        raise InputError("several estimates need --csv OUT")
-    if csv is not None and any(outputs.values()):
-        raise InputError("--best, --proof and --html need a single estimate, without --csv")
-
-
 def _resolved(
     names: Sequence[str], reading: Reading, *, batch: bool
 ) -> dict[str, Source | InputError]:
@@ -298,20 +306,6 @@ def _resolved(
                 raise
             found[name] = error
     return found
-
-
-def _refuse_part(
-    count: int, *, is_whole: bool, best: Path | None, proof: Path | None, html: Path | None
-) -> None:
-    """Refuse outputs that are for a connected graph, and proofs of a part of a file."""
-    if count > 1 and best is not None:
-        raise InputError("--best writes one estimate; use --components largest")
-    if count > 1 and proof is not None:
-        raise InputError("--proof needs a connected graph; write each component to a file")
-    if not is_whole and proof is not None:
-        raise InputError("--proof needs an estimate of all nodes: it is about the whole file")
-    if count > 1 and html is not None:
-        raise InputError("--html shows one estimate; use --components largest")
 
 
 def _disagreement(problem: Judged, found: Assessment) -> Disagreement | None:

@@ -15,9 +15,11 @@ from certpgo.cli._interrupting import INTERRUPTED, tell_interrupted
 from certpgo.cli._options import CostOption, Json, MaxDifference, Timestamps, chosen_cost
 from certpgo.cli._outputs import refuse_overwriting
 from certpgo.cli._reading import Reading, takes_reading
+from certpgo.cli._rules import Rule
 from certpgo.cli._show import document, notice, paragraph, table, working
-from certpgo.cli._truth import KnownPoses, TruthFile, TruthOffset
+from certpgo.cli._truth import OF_TRUTH, KnownPoses, TruthFile, TruthOffset
 from certpgo.errors import CertPGOError, InputError, how_to_install
+from certpgo.graph import Graph
 
 if TYPE_CHECKING:
     from certpgo.graph import Graph, Instance
@@ -44,6 +46,7 @@ STAND_INS = ("sphere2500.txt", "w100", "w10000")
 #: Seconds of a method per byte of a file, certified, on one core of 2024; and the least said.
 PACE, SHORT = 4e-7, 15.0
 QUICK = ("smallGrid3D", "MIT", "w100")
+RULES = (Rule("--timestamps needs --truth", "timestamps", without="truth"), OF_TRUTH)
 
 
 @takes_reading
@@ -81,16 +84,13 @@ def command(
     from certpgo.solve.comparison import as_data
     from certpgo.solve.comparison_table import notes
 
-    names = None if methods is None else methods.split(",")
-    _refuse_unknown(names, cost)
+    names = _named(methods, cost)
     named = [reading.resolve(name) for name in dict.fromkeys(graphs or ())]
     sources, of_truth = named or _usual(reading, quick), reading.resolve(truth)
     for source in sources:
         source.path()  # report missing files and download datasets before any work
     if truth is not None and len(sources) > 1:
         raise InputError("--truth is for a single graph")
-    if timestamps is not None and truth is None:
-        raise InputError("--timestamps needs --truth")
     how = Matching.of(timestamps, max_difference).of_truth(truth_offset)
     _announce(sources, names)
     results = _Results(out)
@@ -320,8 +320,8 @@ def _available() -> tuple[Competitor, ...]:
     return tuple(method for method in METHODS if method.solver in known)
 
 
-def _refuse_unknown(names: Sequence[str] | None, cost: str | None) -> None:
-    """Refuse methods that are neither labels under a cost nor in the registry."""
+def _named(methods: str | None, cost: str | None) -> list[str] | None:
+    """The methods that are named; a SpecError if one is no label under a cost and no method."""
     from certpgo import registry
     from certpgo.objective.choose_cost import CHORDAL, COSTS
     from certpgo.solve.comparison import methods_under
@@ -329,9 +329,11 @@ def _refuse_unknown(names: Sequence[str] | None, cost: str | None) -> None:
     costs = (CHORDAL, *COSTS) if cost is None else (cost,)
     labels = {one.label for under in costs for one in methods_under(under, _available())}
     known = labels.union(registry.solver_names())
+    names = None if methods is None else methods.split(",")
     for name in names or ():
         if name not in known:
             raise registry.unknown_method(name, known)
+    return names
 
 
 def _methods(names: Sequence[str] | None, cost: str, graph: Graph) -> list[Competitor]:

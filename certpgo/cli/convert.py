@@ -71,7 +71,7 @@ def command(
     outputs = Outputs(estimate=target, format=format)
     outputs.refuse()
     given, of_graph = reading.resolve(source), reading.resolve(graph)
-    outputs.refuse_overwriting(given, *reading.others, of_graph, file_of_times(timestamps))
+    outputs.refuse(given, *reading.others, of_graph, file_of_times(timestamps))
     out = format_to_write(target, format)
     path = given.path()
     if not estimate and out.write_graph is not None and format_of(path).read_graph is not None:

@@ -12,13 +12,16 @@ import typer
 
 from certpgo.cli._following import PIPE, Followed, Stream
 from certpgo.cli._interrupting import tell_interrupted, tells_unwritten
-from certpgo.cli._options import CostOption, Json, refuse_chordal_only, time_limit_option
+from certpgo.cli._options import CostOption, Json, time_limit_option
 from certpgo.cli._outputs import Outputs
 from certpgo.cli._reading import Reading, takes_reading
+from certpgo.cli._rules import chordal_only
 from certpgo.cli._show import notice, working
 
 if TYPE_CHECKING:
     from certpgo.view.scene import Scene
+
+RULES = (chordal_only("robust"),)
 
 
 @takes_reading
@@ -73,11 +76,10 @@ def command(
     """
     from certpgo import RobustSession, Session, SolveSettings
 
-    refuse_chordal_only(cost, robust=robust)
     outputs = Outputs(estimate=out)
     outputs.refuse()
     source = None if graph == PIPE else reading.resolve(graph)
-    outputs.refuse_overwriting(source, *reading.others)
+    outputs.refuse(source, *reading.others)
     stream = Stream.of(source, every, reading, cost, robust)
     limits = SolveSettings(time_limit=time_limit)
     session = (

@@ -66,7 +66,7 @@ def command(
     outputs.refuse()
     sources = [reading.resolve(name) for name in maps]
     joints = reading.resolve(between)
-    outputs.refuse_overwriting(*sources, joints, *reading.others)
+    outputs.refuse(*sources, joints, *reading.others)
     read = [reading.open(source, operation=None) for source in sources]
     joint = reading.open(joints, operation=None)
     merged = merge(read, joint, offset=offset, robust=robust)

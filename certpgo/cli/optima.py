@@ -13,6 +13,7 @@ import typer
 from certpgo.cli._options import CostOption, Json, graphs_beginning_with
 from certpgo.cli._proving import REFUSED
 from certpgo.cli._reading import Reading, takes_reading
+from certpgo.cli._rules import Rule
 from certpgo.cli._show import document, facts, notice, table, working
 from certpgo.errors import InputError
 
@@ -23,6 +24,17 @@ if TYPE_CHECKING:
 
 #: Seconds for a check in integers with --exact --add.
 EXACT = 120.0
+RULES = (
+    Rule("--proof has an estimate of its own: not with --estimate", "proof", "estimate"),
+    Rule("--estimate needs a GRAPH", "estimate", without="graph"),
+    Rule("--add and --verify are two commands", "add", "verify"),
+    Rule("--add needs a GRAPH", "add", without="graph"),
+    Rule("--verify checks the whole register: without GRAPH", "verify", "graph"),
+    Rule("--verify checks the optima of all costs: without --cost", "verify", "cost"),
+    Rule("--exact needs --verify or --add", "exact", without="verify|add"),
+    Rule("--{option} needs --add", "name|proof", without="add"),
+    Rule("--source needs --add", "origin", without="add"),
+)
 
 
 @takes_reading
@@ -85,13 +97,11 @@ def command(
     A graph is recognised by its measurements, in whatever file they are. A new entry never makes
     the register worse, and the independent checker judges its proof.
     """
+    from certpgo.optima import recognise
     from certpgo.optima.register import folder_of
 
-    if estimate is not None and proof is not None:
-        raise InputError("--proof has an estimate of its own: not with --estimate")
-    if estimate is not None and graph is None:
-        raise InputError("--estimate needs a GRAPH")
-    _refuse_mixtures(graph, add, verify, exact, cost, name=name, source=origin, proof=proof)
+    if origin is not None and not re.fullmatch(r"[\w.-]+/[\w.-]+@[^\s:]+:\S+", origin):
+        raise InputError(f"--source: OWNER/REPOSITORY@COMMIT:PATH expected, not {origin}")
     held = folder_of(register)
     if verify:
         return _verify(held, reading, exact, json)
@@ -103,45 +113,16 @@ def command(
     start = None if estimate is None else _start(reading, estimate, instance)
     if not add:
         return _recognise(held, instance, cost, start, json)
-    if origin is None and not source.origin and register is None:
-        _refuse_unknown(held, instance)
-    how = {"name": name or "", "source": origin or source.origin, "estimate": start, "proof": proof}
-    done = _add(register, source.path(), instance, _costs(cost, instance, proof), exact, how)
-    _tell(done, json)
-    return 0
-
-
-def _refuse_mixtures(
-    graph: str | None, add: bool, verify: bool, exact: bool, cost: str | None, **options: object
-) -> None:
-    """Refuse combinations in which an option or the graph would be ignored."""
-    if add and verify:
-        raise InputError("--add and --verify are two commands")
-    if add and graph is None:
-        raise InputError("--add needs a GRAPH")
-    if verify and graph is not None:
-        raise InputError("--verify checks the whole register: without GRAPH")
-    if verify and cost is not None:
-        raise InputError("--verify checks the optima of all costs: without --cost")
-    if exact and not (add or verify):
-        raise InputError("--exact needs --verify or --add")
-    for option, value in options.items():
-        if value is not None and not add:
-            raise InputError(f"--{option} needs --add")
-    origin = options["source"]
-    if origin is not None and not re.fullmatch(r"[\w.-]+/[\w.-]+@[^\s:]+:\S+", str(origin)):
-        raise InputError(f"--source: OWNER/REPOSITORY@COMMIT:PATH expected, not {origin}")
-
-
-def _refuse_unknown(held: Register, instance: Instance) -> None:
-    """Refuse a new graph of the package's register that is from nowhere."""
-    from certpgo.optima import recognise
-
-    if not recognise(instance, held):
+    from_nowhere = origin is None and not source.origin and register is None
+    if from_nowhere and not recognise(instance, held):
         raise InputError(
             f"{instance.name} is not in the register of public graphs: --source says where it is "
             "from, and --register DIR keeps one of your own"
         )
+    how = {"name": name or "", "source": origin or source.origin, "estimate": start, "proof": proof}
+    done = _add(register, source.path(), instance, _costs(cost, instance, proof), exact, how)
+    _tell(done, json)
+    return 0
 
 
 def _start(reading: Reading, name: str, instance: Instance) -> Estimate:

@@ -74,7 +74,7 @@ def command(
     outputs = Outputs(csv=csv, json=json)
     outputs.refuse()
     source = reading.resolve(graph)
-    outputs.refuse_overwriting(source, *reading.others)
+    outputs.refuse(source, *reading.others)
     instance = reading.open(source)
     instance, *others = reading.parts(instance)
     if others:

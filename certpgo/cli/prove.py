@@ -14,7 +14,7 @@ import typer
 
 from certpgo.cli._interrupting import tells_unwritten
 from certpgo.cli._options import CostOption, Json, tier_for, time_limit_option
-from certpgo.cli._outputs import refuse_overwriting, refuse_unwritable
+from certpgo.cli._outputs import Outputs, refuse_overwriting
 from certpgo.cli._proving import REFUSED
 from certpgo.cli._show import document, notice, working
 from certpgo.cli.check import rounded
@@ -66,10 +66,8 @@ def command(
     with ExitStack() as stack:
         folder = out or Path(stack.enter_context(TemporaryDirectory()))
         proofs = _proofs(graphs, folder)
-        files = [*proofs.values(), *([] if badge is None else [badge])]
-        refuse_overwriting(files, *map(Path, graphs))
-        if badge is not None:
-            refuse_unwritable(badge)
+        refuse_overwriting(proofs.values(), *map(Path, graphs))
+        Outputs(scene=badge).refuse(*map(Path, graphs))
         for name, proof in proofs.items():
             try:
                 with working(f"proving {name}"):
@@ -116,7 +114,7 @@ def _proofs(graphs: Sequence[str], folder: Path) -> dict[str, Path]:
 def _proven(name: str, proof: Path, cost: str | None, time_limit: float | None) -> Answer:
     """The bounds of a graph's answer, as the checker accepts them from files alone."""
     import certpgo
-    from certpgo.certify.proof_file import refuse_unreadable
+    from certpgo.certify.proof_file import provable
     from certpgo.io.pipes import readable
     from certpgo.io.writing import folder_to_write
     from certpgo.objective.choose_cost import own_cost
@@ -125,7 +123,7 @@ def _proven(name: str, proof: Path, cost: str | None, time_limit: float | None) 
     instance = certpgo.read(name, quiet=True)
     for sentence in instance.notices:
         notice(f"{name}: {sentence}")
-    refuse_unreadable(Path(name), instance, cost or own_cost(instance))
+    provable(name, instance, cost or own_cost(instance))
     answer = certpgo.solve(instance, cost=cost, tier="proof", time_limit=time_limit)
     if answer.solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt

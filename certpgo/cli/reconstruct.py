@@ -14,16 +14,60 @@ import typer
 from certpgo.cli import _verdict
 from certpgo.cli._fusing import NAMED, Fused, fused_at, write_reconstruction, write_scene
 from certpgo.cli._interrupting import tells_unwritten
-from certpgo.cli._options import HtmlOut, Json, refuse_known_scale
+from certpgo.cli._options import HtmlOut, Json
 from certpgo.cli._outputs import Outputs, Result, emit
+from certpgo.cli._rules import Rule, without_known_scale
 from certpgo.cli._show import facts, notice, noticing, working
-from certpgo.errors import InputError
 
 if TYPE_CHECKING:
     from certpgo.linalg.arrays import FloatArray
     from certpgo.registration.reconstruct import Reconstruction
     from certpgo.registration.sequences import FrameSequence
     from certpgo.registration.stages import Progress
+
+_EITHER = "give a folder of frames, or --synthetic"
+RULES = (
+    Rule(_EITHER, "folder", "synthetic"),
+    Rule(_EITHER, without="folder|synthetic"),
+    Rule("--wallpaper needs --synthetic", "wallpaper", without="synthetic"),
+    Rule("--cache and --no-cache exclude each other", "cache", "no_cache"),
+    Rule(
+        "global_icp moves scans that nearly all overlap, and begins near the answer, which frames "
+        "of a moving camera do not: certpgo register SCANS --method global_icp is for scans",
+        "method=global_icp",
+    ),
+    Rule("no method {method!r}: pose_graph is known here", "method"),
+    Rule("{out}: the scene is written as .ply", "out", without="out=?*.ply"),
+    Rule("--mesh needs --out", "mesh", without="out"),
+    Rule(
+        "--frames takes the poses of a graph: without --graph and --every",
+        "of_graph",
+        "graph|every",
+    ),
+    Rule(
+        "--depth-factors says factors: not with --unknown-depth-scale or --frames",
+        "depth_factors",
+        "unknown_depth_scale|of_graph",
+    ),
+    Rule(
+        "--frames takes the poses of a graph, with depths of known scale: not with "
+        "--unknown-depth-scale",
+        "of_graph",
+        "unknown_depth_scale",
+    ),
+    Rule(
+        "--depth-scale says what --unknown-depth-scale is to find: give one",
+        "depth_scale",
+        "unknown_depth_scale",
+    ),
+    without_known_scale("unknown_depth_scale"),
+    Rule("--factors needs --unknown-depth-scale", "factors", without="unknown_depth_scale"),
+    Rule(
+        "--camera and --depth-scale are for frames in a folder",
+        "camera|depth_scale",
+        without="folder|of_graph",
+    ),
+)
 
 
 @tells_unwritten("out", "trajectory", "graph", "html", "factors")
@@ -154,14 +198,6 @@ def command(
     from certpgo.registration.reconstruct import ReconstructSettings, reconstruct
     from certpgo.registration.stages import user_cache
 
-    if (folder is None) != synthetic:
-        raise InputError("give a folder of frames, or --synthetic")
-    if wallpaper and not synthetic:
-        raise InputError("--wallpaper needs --synthetic")
-    if no_cache and cache is not None:
-        raise InputError("--cache and --no-cache exclude each other")
-    if method != "pose_graph":
-        raise InputError(_refusal(method))
     format = "tum" if trajectory is not None and trajectory.suffix in ("", ".txt") else None
     outputs = Outputs(
         scene=out,
@@ -172,21 +208,8 @@ def command(
         format=format,
         json=json,
     )
-    outputs.refuse()
     camera_file = None if camera is None else Path(camera)
-    outputs.refuse_overwriting(folder, of_graph, camera_file, depth_factors)
-    if out is not None and out.suffix != ".ply":
-        raise InputError(f"{out}: the scene is written as .ply")
-    if mesh and out is None:
-        raise InputError("--mesh needs --out")
-    if of_graph is not None and (graph is not None or every > 1):
-        raise InputError("--frames takes the poses of a graph: without --graph and --every")
-    if depth_factors is not None and (unknown_depth_scale or of_graph is not None):
-        raise InputError("--depth-factors says factors: not with --unknown-depth-scale or --frames")
-    if unknown_depth_scale:
-        _refuse_with_unknown_scale(of_graph, depth_scale, graph)
-    elif factors is not None:
-        raise InputError("--factors needs --unknown-depth-scale")
+    outputs.refuse(folder, of_graph, camera_file, depth_factors)
     frames = _frames(folder if of_graph is None else of_graph, wallpaper, camera, depth_scale)
     if every > 1:
         frames = frames.chosen(range(0, len(frames), every))
@@ -294,24 +317,8 @@ def _frames(
     from certpgo.registration.synthetic import synthetic_sequence
 
     if folder is None:
-        if camera is not None or depth_scale is not None:
-            raise InputError("--camera and --depth-scale are for frames in a folder")
         return synthetic_sequence(wallpaper=wallpaper)
     return read_sequence(folder, camera=camera, depth_scale=depth_scale)
-
-
-def _refuse_with_unknown_scale(
-    of_graph: Path | None, depth_scale: float | None, graph: Path | None
-) -> None:
-    """Refuse what says how large things are, or cannot hold that nobody knows."""
-    if of_graph is not None:
-        raise InputError(
-            "--frames takes the poses of a graph, with depths of known scale: not with "
-            "--unknown-depth-scale"
-        )
-    if depth_scale is not None:
-        raise InputError("--depth-scale says what --unknown-depth-scale is to find: give one")
-    refuse_known_scale(graph)
 
 
 def _objective(found: Reconstruction | Fused) -> str:
@@ -348,13 +355,3 @@ def _reporting() -> Iterator[Progress]:
                 notice(f"{stage}: {total}")
 
         yield progress
-
-
-def _refusal(method: str) -> str:
-    """Why frames are not reconstructed by a method."""
-    if method != "global_icp":
-        return f"no method {method!r}: pose_graph is known here"
-    return (
-        "global_icp moves scans that nearly all overlap, and begins near the answer, which frames "
-        "of a moving camera do not: certpgo register SCANS --method global_icp is for scans"
-    )

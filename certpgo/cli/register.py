@@ -11,8 +11,9 @@ import typer
 
 from certpgo.cli import _verdict
 from certpgo.cli._interrupting import tells_unwritten
-from certpgo.cli._options import Json, refuse_known_scale
+from certpgo.cli._options import Json
 from certpgo.cli._outputs import Outputs, Result, emit
+from certpgo.cli._rules import Rule, without_known_scale
 from certpgo.cli._show import facts, working
 from certpgo.errors import InputError, SpecError
 
@@ -26,6 +27,24 @@ if TYPE_CHECKING:
 LIMITS = (
     "the verdict says that no poses fit the measured pairs better, not that the right surfaces "
     "were matched"
+)
+METHODS = ("pose_graph", "global_icp")
+RULES = (
+    Rule(
+        "--{option} is for scans in one unit, aligned by ICP: not with --scale",
+        "initial|voxel|reach",
+        "scale",
+    ),
+    Rule("global_icp takes scans in one unit: not with --scale", "method=global_icp", "scale"),
+    without_known_scale("scale"),
+    Rule("--{option} needs --scale", "matches|scales", without="scale"),
+    Rule("{out}: the points are written as .ply", "out", without="out=?*.ply"),
+    Rule(
+        "--scale needs --matches: alignment of clouds does not tell their scales",
+        "scale",
+        without="matches",
+    ),
+    Rule("global_icp has no pose graph: not with --graph", "method=global_icp", "graph"),
 )
 
 
@@ -111,20 +130,12 @@ def command(
     from certpgo import register
     from certpgo.registration.scans import read_initial, read_scan
 
+    if method not in METHODS:
+        raise SpecError.unknown("method", method, METHODS)
     outputs = Outputs(scene=out, graph=graph, estimate=trajectory, csv=scales, json=json)
-    if scale:
-        _refuse_with_scale(graph, initial=initial, voxel=voxel, reach=reach, method=method)
-    for name, value in (("matches", matches), ("scales", scales)):
-        if value is not None and not scale:
-            raise InputError(f"--{name} needs --scale")
-    if out is not None and out.suffix != ".ply":
-        raise InputError(f"{out}: the points are written as .ply")
-    outputs.refuse()
-    outputs.refuse_overwriting(*scans, initial, matches)
-    if scale:
+    outputs.refuse(*scans, initial, matches)
+    if matches is not None:
         return _scaled(scans, matches, outputs)
-    if graph is not None and method == "global_icp":
-        raise InputError("global_icp has no pose graph: not with --graph")
     with working("reading scans") as status:
         read = [read_scan(path) for path in scans]
         start = None if initial is None else read_initial(initial, [scan.name for scan in read])
@@ -229,25 +240,11 @@ class _Registered(Result):
         }
 
 
-def _refuse_with_scale(graph: Path | None, method: str, **of_poses: object) -> None:
-    """Refuse the options of the search from approximate poses, and graphs of known scale."""
-    for name, value in of_poses.items():
-        if value is not None:
-            raise InputError(f"--{name} is for scans in one unit, aligned by ICP: not with --scale")
-    if method == "global_icp":
-        raise InputError("global_icp takes scans in one unit: not with --scale")
-    if method != "pose_graph":
-        raise SpecError.unknown("method", method, ("pose_graph", "global_icp"))
-    refuse_known_scale(graph)
-
-
-def _scaled(scans: list[Path], matches: Path | None, outputs: Outputs) -> int:
+def _scaled(scans: list[Path], matches: Path, outputs: Outputs) -> int:
     """Register sub-maps of unknown scale by matched points."""
     from certpgo.registration.scans import read_scan
     from certpgo.registration.submaps import read_matches, register_submaps
 
-    if matches is None:
-        raise InputError("--scale needs --matches: alignment of clouds does not tell their scales")
     with working("reading scans"):
         read = [read_scan(path) for path in scans]
         matched = read_matches(matches, read)

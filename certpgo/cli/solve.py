@@ -26,7 +26,6 @@ from certpgo.cli._options import (
     Quantile,
     Timestamps,
     chosen_cost,
-    refuse_chordal_only,
     require_for,
     tier_for,
     tier_option,
@@ -34,9 +33,10 @@ from certpgo.cli._options import (
 )
 from certpgo.cli._outputs import Outputs, Result, emit
 from certpgo.cli._reading import Reading, restricted_to, takes_reading
+from certpgo.cli._rules import Rule, chordal_only, refuse
 from certpgo.cli._show import StatusLine, notice, noticing, working
 from certpgo.cli._solved import Solved
-from certpgo.cli._truth import KnownPoses, TruthFile, TruthOffset
+from certpgo.cli._truth import OF_TRUTH, KnownPoses, TruthFile, TruthOffset
 from certpgo.errors import InputError
 
 if TYPE_CHECKING:
@@ -47,6 +47,37 @@ if TYPE_CHECKING:
     from certpgo.optimize.monitor import Monitor
     from certpgo.optimize.solution import Solver
     from certpgo.solve.outliers import Disagreement
+
+_CONNECTED = "--{option} needs a connected graph and a certified estimate"
+_UNSTATED = "certifies nothing that a page or proof could state"
+RULES = (
+    Rule(
+        "--scheduler is gone: solve runs in one process, which is faster than a cluster's two",
+        "scheduler",
+    ),
+    Rule("--quantile needs --robust", "quantile", without="robust"),
+    Rule("--set needs --method", "settings", without="method"),
+    Rule("--no-certify needs --method", "certify", without="method"),
+    Rule(
+        "--time-limit and --max-rank cannot be combined with --method",
+        "time_limit|max_rank",
+        "method",
+    ),
+    Rule("--no-file-start cannot be combined with --method or --robust", "stored", "method|robust"),
+    Rule("--robust chooses its own method: not with --method", "robust", "method"),
+    chordal_only("method"),
+    chordal_only("robust", "proof"),
+    Rule("--scales-within has a cost of its own: not with --cost", "scales_within", "cost"),
+    Rule(
+        "--scales-within has a start of its own: not with --no-file-start",
+        "scales_within",
+        "stored",
+    ),
+    Rule(f"--scales-within {_UNSTATED}: not with --{{option}}", "html|proof", "scales_within"),
+    Rule(_CONNECTED, "proof|html|covariances", "certify"),
+    OF_TRUTH,
+)
+OF_PARTS = (Rule(_CONNECTED, "proof|html|covariances", "several"),)
 
 
 @takes_reading
@@ -169,13 +200,9 @@ def command(
     from certpgo.io.matching import Matching
     from certpgo.io.timestamps import file_of_times, timed
 
-    if scheduler is not None:
-        raise InputError(
-            "--scheduler is gone: solve runs in one process, which is faster than a cluster's two"
-        )
+    if scales_within is not None and not 1.0 <= scales_within < math.inf:
+        raise InputError(f"--scales-within takes a factor of at least 1, not {scales_within:g}")
     graph, reading = reading.of_all(graphs)
-    _refuse_mixtures(method, settings, certify, robust, quantile, time_limit, max_rank, stored)
-    refuse_chordal_only(cost, method=method, **{"robust --proof": robust and proof})
     tier = tier_for(proof, tier, cost)
     outputs = Outputs(
         estimate=out, format=format, proof=proof, covariances=covariances, html=html, json=json
@@ -184,16 +211,15 @@ def command(
     source, of_truth = reading.resolve(graph), reading.resolve(truth)
     of_initial = reading.resolve(initial)
     inputs = (source, *reading.others, of_initial, of_truth, file_of_times(timestamps))
-    outputs.refuse_overwriting(*inputs)
+    outputs.refuse(*inputs)
     instance = timed(reading.open(source, operation=None), timestamps)
     require_for(instance, method=method, proof=proof, robust=robust, covariances=covariances)
-    _refuse_with_logarithms(instance, scales_within, stored, html=html, cost=cost, proof=proof)
+    if scales_within is not None and not instance.graph.has_scales:
+        raise InputError(f"{instance.name}: --scales-within is for nodes of unknown scale")
     parts = reading.parts(instance)
-    if len(parts) > 1 or not certify:
-        _refuse_parts(proof=proof, html=html, covariances=covariances)
+    refuse(OF_PARTS, several=len(parts) > 1, proof=proof, html=html, covariances=covariances)
     for own in outputs.split(parts):
-        own.refuse()
-        own.refuse_overwriting(*inputs)
+        own.refuse(*inputs)
     how = Matching.of(timestamps, max_difference)
     truths = [KnownPoses.of(of_truth, part, reading, how.of_truth(truth_offset)) for part in parts]
     start = None if of_initial is None else _start(of_initial, instance, reading, how)
@@ -224,26 +250,6 @@ def command(
     return emit(map(solved, parts, truths), outputs.split(parts))
 
 
-def _refuse_with_logarithms(
-    instance: Instance, within: float | None, stored: bool, **given: object
-) -> None:
-    """Refuse what the cost of logarithms does not have, if it is asked for."""
-    if within is None:
-        return
-    if not instance.graph.has_scales:
-        raise InputError(f"{instance.name}: --scales-within is for nodes of unknown scale")
-    if not 1.0 <= within < math.inf:
-        raise InputError(f"--scales-within takes a factor of at least 1, not {within:g}")
-    if given["cost"]:
-        raise InputError("--scales-within has a cost of its own: not with --cost")
-    if not stored:
-        raise InputError("--scales-within has a start of its own: not with --no-file-start")
-    for name in ("html", "proof"):
-        if given[name]:
-            said = "certifies nothing that a page or proof could state"
-            raise InputError(f"--scales-within {said}: not with --{name}")
-
-
 def _judging(timestamps: str | None, max_difference: float) -> dict[str, Any]:
     """The options that match what is written with nodes: times, not how --initial was matched."""
     from certpgo.io.timestamps import file_of_times
@@ -256,11 +262,10 @@ def _solver(
     method: str, settings: Sequence[str] | None, parts: Sequence[Instance], initial: str | None
 ) -> Solver:
     """The method with its settings; an InputError if it does not take what it is given."""
-    from certpgo.registry import build, parse_settings, refuse_unsuited
+    from certpgo.registry import build, parse_settings
 
-    solver = build(method, parse_settings(method, settings or ()))
-    for part in parts:
-        refuse_unsuited(method, solver, part.graph)
+    chosen = parse_settings(method, settings or ())
+    solver = build(method, chosen, *(part.graph for part in parts))
     if initial is not None and not getattr(solver, "takes_initial", True):
         raise InputError(f"{method} takes no initial estimate: not with --initial")
     return solver
@@ -278,12 +283,6 @@ def _start(source: Source, instance: Instance, reading: Reading, how: Matching) 
             max_difference=how.max_difference,
             topic=reading.topic_of(source),
         )
-
-
-def _refuse_parts(**outputs: Path | None) -> None:
-    for name, output in outputs.items():
-        if output is not None:
-            raise InputError(f"--{name} needs a connected graph and a certified estimate")
 
 
 def _certified(
@@ -344,28 +343,3 @@ def _by_method(
     certificate = certify(solution.judged(problem), solution.estimate, tier=tier)
     certificate = of_instance(certificate, part, solution.estimate)
     return Solved(certificate, part, name, solution, asked)
-
-
-def _refuse_mixtures(
-    method: str | None,
-    settings: Sequence[str] | None,
-    certify: bool,
-    robust: bool,
-    quantile: float | None,
-    time_limit: float | None,
-    max_rank: int | None,
-    stored: bool,
-) -> None:
-    """Refuse combinations in which an option would be ignored."""
-    if quantile is not None and not robust:
-        raise InputError("--quantile needs --robust")
-    if method is None and settings:
-        raise InputError("--set needs --method")
-    if method is None and not certify:
-        raise InputError("--no-certify needs --method")
-    if method is not None and (time_limit is not None or max_rank is not None):
-        raise InputError("--time-limit and --max-rank cannot be combined with --method")
-    if not stored and (robust or method is not None):
-        raise InputError("--no-file-start cannot be combined with --method or --robust")
-    if method is not None and robust:
-        raise InputError("--robust chooses its own method: not with --method")

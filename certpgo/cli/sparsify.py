@@ -83,7 +83,7 @@ def command(
     outputs = Outputs(estimate=out, json=json)
     outputs.refuse()
     source = reading.resolve(graph)
-    outputs.refuse_overwriting(source, *reading.others)
+    outputs.refuse(source, *reading.others)
     instance = reading.open(source, operation=None)
     note_distances_uncounted(instance)
     with working(f"sparsifying {instance.name}"):

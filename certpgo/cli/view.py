@@ -14,9 +14,9 @@ from certpgo.cli._interrupting import tells_unwritten
 from certpgo.cli._options import Data, HtmlOut, MaxDifference, Timestamps
 from certpgo.cli._outputs import Outputs
 from certpgo.cli._reading import Reading
+from certpgo.cli._rules import Rule
 from certpgo.cli._show import notice, noticing, working
 from certpgo.cli._truth import TruthOffset
-from certpgo.errors import InputError
 
 if TYPE_CHECKING:
     from certpgo.io.datasets.source import Source
@@ -32,6 +32,12 @@ class Colour(StrEnum):
     UNITS = "units"
     ROTATION = "rotation-weight"
     TRANSLATION = "translation-weight"
+
+
+RULES = (
+    Rule("--play is for pages; the live view has a box to play", "play", without="out|html"),
+    Rule("--robust chooses what is rejected: not with --rejected", "robust", "rejected"),
+)
 
 
 @tells_unwritten("out", "html")
@@ -113,9 +119,7 @@ def command(
     outputs, reading = Outputs(scene=out, html=html), Reading(data=data)
     outputs.refuse()
     sources = [reading.resolve(name) for name in files]
-    outputs.refuse_overwriting(*sources, truth, file_of_times(timestamps), rejected)
-    if play and not outputs.files:
-        raise InputError("--play is for pages; the live view has a box to play")
+    outputs.refuse(*sources, truth, file_of_times(timestamps), rejected)
     matching = {
         "truth": truth,
         "timestamps": timestamps,
@@ -158,8 +162,6 @@ def _scene(
     from certpgo.io.rejections import read_rejected
     from certpgo.view.load_scene import scene_of
 
-    if robust and rejected is not None:
-        raise InputError("--robust chooses what is rejected: not with --rejected")
     with noticing():
         if not (solve or robust or rejected is not None):
             return scene_of(*sources, **matching)

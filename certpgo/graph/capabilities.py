@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from certpgo.errors import InputError, SpecError
+from certpgo.errors import SpecError, refuse
 from certpgo.graph.ranges import Ranges
 
 
@@ -115,8 +115,7 @@ def require_capable(graph: Any, operation: str, source: str = "") -> None:
     InputError
         The operation does not take it.
     """
-    if said := lacking(graph, operation):
-        raise InputError(f"{source}: {said}" if source else said)
+    refuse(lacking(graph, operation), source)
 
 
 def _has(graph: Any, *, distances: bool) -> bool:

@@ -61,7 +61,10 @@ class Information(Brief):
         shape = self.distinct.shape
         if len(shape) != 3 or shape[1] != shape[2] or self.index.ndim != 1:
             raise GraphError(f"information must be square matrices and an index, not {shape}")
-        _refuse_asymmetric(self.distinct)
+        if not np.isfinite(self.distinct).all():
+            raise GraphError("information must be finite")
+        if (self.distinct != np.swapaxes(self.distinct, 1, 2)).any():
+            raise GraphError("information matrices must be symmetric")
         if ((self.index < 0) | (self.index >= len(self.distinct))).any():
             raise GraphError(f"information matrices are numbered 0 to {len(self.distinct) - 1}")
 
@@ -254,11 +257,3 @@ def _definite(information: FloatArray) -> BoolArray:
     sizes = np.sqrt(np.abs(np.diagonal(filled, axis1=1, axis2=2)))
     # Else rounding would say whether a singular matrix that was turned is definite.
     return is_positive_definite(Ball.within(filled, TURNED * sizes[:, :, None] * sizes[:, None, :]))
-
-
-def _refuse_asymmetric(information: FloatArray) -> None:
-    """Refuse matrices (m, p, p) that are not finite and symmetric."""
-    if not np.isfinite(information).all():
-        raise GraphError("information must be finite")
-    if (information != np.swapaxes(information, 1, 2)).any():
-        raise GraphError("information matrices must be symmetric")

@@ -32,7 +32,12 @@ from certpgo.linalg.arrays import FloatArray, IntArray
 
 def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> Instance:
     """The instance in a file of tagged lines, or in several."""
-    _refuse_choices(path, dialect, options)
+    about, of_covariances = options.rotation_information, dialect.precision is not None
+    if of_covariances and about not in (None, dialect.rotation_information):
+        said = f"the rotational covariances are about tangents, not {about}"
+        raise FormatError(path, None, said)
+    if of_covariances and options.weights_are == "sqrt-information":
+        raise FormatError(path, None, "the numbers are covariances, not sqrt-information")
     paths = (path, *options.also)
     content, firsts = read_lines(paths, dialect, options)
     with located(paths, firsts):
@@ -127,17 +132,6 @@ def poses_from_lines(dialect: Dialect, path: Path) -> LabelledPoses:
     scales = vertices.scales if len(vertices.scales) else None
     R, t, camera = vertices.rotations, vertices.translations, content.camera
     return LabelledPoses(R, t, ids, points=is_point, scales=scales, camera=camera)
-
-
-def _refuse_choices(path: Path, dialect: Dialect, options: ReadOptions) -> None:
-    """Refuse what a dialect that states the kind of its precisions leaves no choice of."""
-    if dialect.precision is None:
-        return
-    if options.rotation_information not in (None, dialect.rotation_information):
-        said = f"not {options.rotation_information}"
-        raise FormatError(path, None, f"the rotational covariances are about tangents, {said}")
-    if options.weights_are == "sqrt-information":
-        raise FormatError(path, None, "the numbers are covariances, not sqrt-information")
 
 
 def _refuse_no_edges(path: Path, dialect: Dialect, content: Records) -> None:

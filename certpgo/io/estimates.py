@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from certpgo.errors import CertPGOError, FormatError, InputError, InputNotice, require
+from certpgo.errors import CertPGOError, FormatError, InputError, InputNotice, in_file, require
 from certpgo.graph import Estimate, Instance
 from certpgo.graph.components import restricted
 from certpgo.graph.graph import require_connected
@@ -42,7 +41,6 @@ from certpgo.io.timestamps import (
     IGNORED,
     file_of_times,
     node_times,
-    refuse_number,
     refuse_repeats,
     timed,
 )
@@ -100,12 +98,11 @@ def read_estimate(
         require(instance, Instance, "the instance that is estimated")
     poses = _poses(path, format, topic)
     how = Matching.of(timestamps, max_difference)
-    with _located(path):
+    with in_file(path):
         if instance is None:
             return _in_own_order(poses, file_of_times(timestamps), how)
         of = timed(instance, timestamps)
-        poses = _fitting(poses, of)
-        found = match(poses, of, how)
+        poses, found = _matched(poses, of, how)
         estimate = _of_nodes(of, poses, found)
     warn_of(path, _said(found, of, estimate))
     return estimate
@@ -133,14 +130,12 @@ def read_part(
         As `read_estimate`, but for missing nodes; no node has a pose.
     """
     poses = _poses(path, None, topic)
-    with _located(path):
-        poses = _fitting(poses, instance)
-        found = match(poses, instance, how)
+    with in_file(path):
+        poses, found = _matched(poses, instance, how)
         nodes: IntArray = np.arange(instance.graph.num_nodes)
         if not len(found.missing):
             estimate = _of_nodes(instance, poses, found)
         else:
-            _refuse_foreign(found, poses)
             if instance.graph.has_positions:
                 require_translations(poses)
             nodes, estimate = known_poses(poses, instance, found)
@@ -164,8 +159,7 @@ def posed_as(estimate: Estimate, instance: Instance) -> Estimate:
     keys = estimate.keys
     if not keys.identify or is_in_order(estimate, instance):
         return estimate
-    poses = _fitting(LabelledPoses.of(estimate), instance)
-    found = match(poses, instance, Matching())
+    poses, found = _matched(LabelledPoses.of(estimate), instance, Matching())
     placed = _of_nodes(instance, poses, found)
     for notice in _said(found, instance, placed):
         warnings.warn(notice, InputNotice, stacklevel=4)
@@ -240,7 +234,7 @@ def matched_truth(
         poses = _integrated(form.read_graph(path, bare))
     else:
         raise FormatError(path, None, f"{form.name} files hold {form.holds}, no truth")
-    with _located(path):
+    with in_file(path):
         return truth_among(poses, of, how)
 
 
@@ -278,17 +272,6 @@ def warn_of(path: Path, notices: Iterable[str]) -> None:
         warnings.warn(f"{path}: {notice}", InputNotice, stacklevel=3)
 
 
-@contextmanager
-def _located(path: Path) -> Iterator[None]:
-    """Errors about a file's contents, with its path."""
-    try:
-        yield
-    except FormatError:
-        raise
-    except InputError as error:
-        raise FormatError(path, None, str(error)) from None
-
-
 def _said(
     found: Match, instance: Instance | None = None, estimate: Estimate | None = None
 ) -> Iterator[str]:
@@ -315,7 +298,6 @@ def _poses(path: Path, name: str | None, topic: str | None) -> LabelledPoses:
 
 def _of_nodes(instance: Instance, poses: LabelledPoses, found: Match) -> Estimate:
     """The poses of all of an instance's nodes; points without a pose are placed."""
-    _refuse_foreign(found, poses)
     if len(found.missing):
         raise InputError(_incomplete(instance, found))
     graph, nodes = instance.graph, found.expected
@@ -327,12 +309,18 @@ def _of_nodes(instance: Instance, poses: LabelledPoses, found: Match) -> Estimat
     return with_world_placed(graph, instance.with_world(estimate.keyed(keys)))
 
 
-def _refuse_foreign(found: Match, poses: LabelledPoses) -> None:
+def _matched(
+    poses: LabelledPoses, instance: Instance, how: Matching
+) -> tuple[LabelledPoses, Match]:
+    """Poses that fit a graph, and which are of its nodes: all must be of some node."""
+    poses = _fitting(poses, instance)
+    found = match(poses, instance, how)
     if found.foreign:
         raise InputError(
             f"estimate of another graph: {found.foreign} is not in the graph "
             f"({found.unused} of {len(poses.rotations)} are not)"
         )
+    return poses, found
 
 
 def _incomplete(instance: Instance, found: Match) -> str:
@@ -367,9 +355,9 @@ def _in_own_order(poses: LabelledPoses, times: Path | None, how: Matching) -> Es
 
 def _at_times(estimate: Estimate, path: Path, how: Matching) -> Estimate:
     """The poses nearest to the times in a file; where poses have no times, these are theirs."""
-    known, times = node_times(path), estimate.keys.times_ns
+    times = estimate.keys.times_ns
+    known = node_times(path, *([estimate.num_nodes] if times is None else []))
     if times is None:
-        refuse_number(path, known, estimate.num_nodes)
         return estimate.keyed(replace(estimate.keys, times_ns=known))
     place = nearest(known, times, how.max_difference)
     if (place < 0).any():

@@ -83,7 +83,6 @@ class _Parser:
             elif tag.kind == "fix":
                 content.fixed.extend(integers([x for body in bodies for x in body.split()]))
             else:
-                self._refuse_dimension(content, name, tag)
                 fields = self._fields(name.decode(), tag, bodies)
                 fields = replace(fields, lines=np.array([number for number, _ in lines]))
                 self._add(content, name, tag, fields)
@@ -93,9 +92,11 @@ class _Parser:
 
     def _add(self, content: Records, name: bytes, tag: Tag, fields: Fields) -> None:
         """Append the rows of one tag."""
-        self._refuse_dimension(content, name, tag)
+        if tag.d and content.d not in (0, tag.d):
+            raise InputError(f"{name.decode()} in a file of {content.d}D poses")
         content.d = tag.d or content.d
-        self._refuse_incomplete(name.decode(), tag, fields.texts)
+        if found := self._wrong_count(tag, fields.texts):
+            raise InputError(self._miscounted(name.decode(), tag, found))
         if tag.more:
             words = [text.split() for text in fields.texts if text]
             content.cameras |= {tuple(floats(row, self._after).tolist()) for row in words}
@@ -103,11 +104,6 @@ class _Parser:
             content.counts[tag.what] += len(fields)
         rows = replace(self._rows(tag, fields, content.counts), lines=fields.lines)
         content.rows.setdefault(tag.kind, []).append(rows)
-
-    @staticmethod
-    def _refuse_dimension(content: Records, name: bytes, tag: Tag) -> None:
-        if tag.d and content.d not in (0, tag.d):
-            raise InputError(f"{name.decode()} in a file of {content.d}D poses")
 
     def _is_plain(self, name: bytes, tag: Tag) -> bool:
         """Whether the lines of a tag are read whatever else there is, and have ids and numbers."""
@@ -157,7 +153,6 @@ class _Parser:
                 raise InputError(self._miscounted(name, tag, len(values)))
             words += values
         texts, which = distinct_texts(words[width :: width + 1])
-        self._refuse_incomplete(name, tag, texts)
         columns = [words[k :: width + 1] for k in range(width)]
         ids = self._ids(columns[tag.timed : lead])
         if tag.timed:
@@ -166,18 +161,18 @@ class _Parser:
         times = tuple(columns[0]) if tag.timed else ()
         return Fields(np.arange(len(bodies)), ids, numbers, texts, which, times)
 
-    def _refuse_incomplete(self, name: str, tag: Tag, texts: list[bytes]) -> None:
-        """Refuse precisions that are too short or too long."""
+    def _wrong_count(self, tag: Tag, texts: list[bytes]) -> int:
+        """How many values a line has whose precision is too short or too long; 0 if none is."""
         size, required = self._dialect.precision_size(tag), self._dialect.precision is not None
         if tag.more and {len(text.split()) for text in texts} <= {0, tag.more}:
-            return
+            return 0
         if tag.loose or not (required or any(texts)):
-            return
+            return 0
         # Of many texts `weigh` counts the numbers; a single one is counted for its message.
         counted = required or len(texts) == 1
-        if not (all(len(text.split()) == size for text in texts) if counted else size):
-            found = tag.ids + tag.timed + tag.numbers + max(len(text.split()) for text in texts)
-            raise InputError(self._miscounted(name, tag, found))
+        if all(len(text.split()) == size for text in texts) if counted else size:
+            return 0
+        return tag.ids + tag.timed + tag.numbers + max(len(text.split()) for text in texts)
 
     def _miscounted(self, name: str, tag: Tag, found: int) -> str:
         return f"{name} takes {self._dialect.expected(tag)}; {found} values found"

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from certpgo.errors import FormatError, InputError
+from certpgo.errors import FormatError, InputError, in_file
 from certpgo.io.compressed import largest, refuse_bombs
 from certpgo.io.pipes import readable
 from certpgo.linalg.arrays import IntArray
@@ -54,17 +54,13 @@ def sparse_pattern(path: Path) -> Pattern:
     order = {b"IM": "<", b"MI": ">"}.get(content[_ORDER_PLACE:_HEADER_BYTES], "")
     if not (order and content.startswith(SIGNATURE)):
         raise FormatError(path, None, "not a readable MATLAB 5 file")
-    try:
+    with in_file(path):
         elements = _elements(content[_HEADER_BYTES:], order)
         matrices = [_Matrix.of(order, *_inflated(path, order, *element)) for element in elements]
         named = [matrix for matrix in matrices if matrix.name]  # MATLAB's own has none
         if len(named) != 1 or not named[0].is_real_sparse:
             raise InputError("one sparse adjacency matrix expected")
         return named[0].pattern()
-    except FormatError:
-        raise
-    except InputError as error:
-        raise FormatError(path, None, str(error)) from None
 
 
 def _elements(content: bytes, order: str) -> Iterator[Element]:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo.errors import FormatError, InputError
+from certpgo.errors import FormatError, in_file
 from certpgo.graph import Estimate
 from certpgo.graph.edges import symmetric
 from certpgo.graph.information import Information, of_positions
@@ -255,10 +255,8 @@ def named_nodes(path: Path, content: Records) -> tuple[Nodes, Estimate]:
         raise FormatError(path, None, "no vertex lines, which name the nodes")
     ids, values = vertices.nodes[:, 0], Estimate(vertices.rotations, vertices.translations)
     refuse_duplicates(path, ids, vertices.lines, content.names.__getitem__)
-    try:
+    with in_file(path):
         times, _ = times_and_ids(poses.stamps)
-    except InputError as error:
-        raise FormatError(path, None, str(error)) from None
     times = np.append(times, np.full(len(points), NO_TIME))
     nodes = Nodes(
         ids,

@@ -17,7 +17,6 @@ from certpgo.io.chosen_weights import ChosenWeights
 from certpgo.io.estimates import matched_truth, truth_in_words, warn_of
 from certpgo.io.format import (
     AnyPath,
-    Format,
     Progress,
     ReadOptions,
     RotationInformation,
@@ -119,7 +118,13 @@ def read(
     path, *also = map(Path, paths)
     form = format_of(path, format, topic)
     for other in also:
-        _refuse_other(path, form, other, format_of(other, format))
+        found = format_of(other, format).name
+        if not form.joins_files:
+            said = f"several {form.name} files are not read as one graph: certpgo merge joins maps"
+            raise FormatError(other, None, said)
+        if found != form.name:
+            said = f"{path} is a {form.name} file, and this one {found}: convert one of them"
+            raise FormatError(other, None, said)
     if form.read_graph is None:
         raise FormatError(path, None, f"{form.name} files hold {form.holds}, no measurements")
     weights = ChosenWeights(kappa, tau, unit_weights, mahalanobis)
@@ -147,16 +152,6 @@ def read(
         instance = _with_truth(instance, Path(truth))
     warn_of(path, () if quiet else instance.notices)
     return instance
-
-
-def _refuse_other(path: Path, form: Format, other: Path, found: Format) -> None:
-    """Refuse a file that is not read as one graph with another."""
-    if not form.joins_files:
-        said = f"several {form.name} files are not read as one graph: certpgo merge joins maps"
-        raise FormatError(other, None, said)
-    if found is not form:
-        said = f"{path} is a {form.name} file, and this one {found.name}: convert one of them"
-        raise FormatError(other, None, said)
 
 
 def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:

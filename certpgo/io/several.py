@@ -74,9 +74,16 @@ def counted_once(content: Records, path: Path, firsts: Sequence[int]) -> None:
     for kind in _VALUES:
         rows = content.take(kind)
         again = _again(rows.nodes, rows, firsts)
-        _refuse_moved(path, content, rows, again)
-        content.counts[VALUED] += int(again.sum())
-        content.rows[kind] = [rows.subset(~again)]
+        kept, other = rows.subset(~again), rows.subset(again)
+        order = np.argsort(kept.nodes[:, 0], kind="stable")
+        first = kept.subset(order[np.searchsorted(kept.nodes[order, 0], other.nodes[:, 0])])
+        moved = (first.rotations != other.rotations).any(axis=(1, 2))
+        moved |= (first.translations != other.translations).any(axis=1)
+        for row in np.flatnonzero(moved & np.isin(other.nodes[:, 0], content.fixed))[:1]:
+            said = "is fixed, and has another pose here than in an earlier file"
+            raise FormatError(path, int(other.lines[row]), f"node {other.nodes[row, 0]} {said}")
+        content.counts[VALUED] += len(other)
+        content.rows[kind] = [kept]
     for kind in _MEASUREMENTS:
         if not len(rows := content.take(kind)):
             continue
@@ -118,18 +125,3 @@ def _numbers(rows: Rows) -> IntArray:
     if len(rows.sensors):
         columns.append(rows.sensors[:, None])
     return np.concatenate(columns, axis=1)
-
-
-def _refuse_moved(path: Path, content: Records, rows: Rows, again: BoolArray) -> None:
-    """Refuse a fixed node that has another pose in a later file: which is meant is not known."""
-    kept, other = (rows.subset(which) for which in (~again, again))
-    fixed = np.flatnonzero(np.isin(other.nodes[:, 0], content.fixed))
-    place = {node: k for k, node in enumerate(kept.nodes[:, 0].tolist())}
-    for row in fixed.tolist():
-        node, line = int(other.nodes[row, 0]), int(other.lines[row])
-        first = place[node]
-        here = other.rotations[row], other.translations[row]
-        there = kept.rotations[first], kept.translations[first]
-        if any((a != b).any() for a, b in zip(here, there, strict=True)):
-            said = f"node {node} is fixed, and has another pose here than in an earlier file"
-            raise FormatError(path, line, said)

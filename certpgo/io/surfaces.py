@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from certpgo.errors import FormatError, InputError, MissingDependency
+from certpgo.errors import FormatError, InputError, MissingDependency, in_file
 from certpgo.io.pipes import readable
 from certpgo.io.writing import atomically
 from certpgo.linalg.arrays import FloatArray, IntArray
@@ -82,10 +82,8 @@ def read_surface(path: str | Path) -> Surface:
     if not seen.any() or (len(faces) and not seen.all()):
         raise FormatError(path, None, "finite coordinates expected")
     colours = None if colours is None else colours[seen]
-    try:
+    with in_file(path):
         return Surface(points[seen], colours, faces)
-    except InputError as error:
-        raise FormatError(path, None, str(error)) from None
 
 
 def _announced(path: Path) -> tuple[int, int]:

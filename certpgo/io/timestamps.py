@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo.errors import FormatError, InputError
+from certpgo.errors import FormatError, InputError, in_file
 from certpgo.graph import Estimate, Instance
 from certpgo.graph.keys import NO_TIME, ROUNDED, SECOND
 from certpgo.graph.phrases import counted
@@ -77,15 +77,19 @@ def times_and_ids(parts: IntArray, unit: int = 0) -> tuple[IntArray, IntArray | 
     return whole, ids
 
 
-def node_times(path: Path) -> IntArray:
+def node_times(path: Path, *sizes: int) -> IntArray:
     """The times (k,) of nodes in a file, nanoseconds: the first number of each line.
 
     Blank lines and comments are skipped.
 
+    Parameters
+    ----------
+    sizes : how many are expected, the usual number last; by default any
+
     Raises
     ------
     FormatError
-        With path and line; or there is no such file.
+        With path and line; or there is no such file, or there are others than so many.
     """
     try:
         with opened(path) as file:
@@ -104,11 +108,12 @@ def node_times(path: Path) -> IntArray:
             parts.append(decimals([word.encode() for word in words[:1]]))
         except InputError:
             raise FormatError(path, number, "a timestamp in seconds expected") from None
-    try:
+    with in_file(path):
         times, _ = times_and_ids(np.concatenate([np.empty((0, 2), np.int64), *parts]))
         refuse_repeats(times, "a time of its own for each node expected")
-    except InputError as error:
-        raise FormatError(path, None, str(error)) from None
+    if sizes and len(times) not in sizes:
+        said = f"{counted(len(times), 'timestamp{s}')} for {counted(sizes[-1], 'node{s}')}"
+        raise FormatError(path, None, said)
     return times
 
 
@@ -131,11 +136,9 @@ def timed(instance: Instance, timestamps: str | Path | None) -> Instance:
     """
     if (path := file_of_times(timestamps)) is None:
         return instance
-    found, n = node_times(path), len(instance.ids[: instance.world])
-    times = np.full(n, NO_TIME)
-    nodes = np.arange(n) if len(found) == n else instance.poses
-    refuse_number(path, found, len(nodes))
-    times[nodes] = found
+    times = np.full(len(instance.ids[: instance.world]), NO_TIME)
+    found = node_times(path, len(times), len(instance.poses))
+    times[slice(None) if len(found) == len(times) else instance.poses] = found
     return replace(instance, times_ns=times)
 
 
@@ -157,10 +160,3 @@ def refuse_repeats(times: IntArray, instead: str) -> None:
         first, second = order[np.argmax(again) :][:2].tolist()
         said = f"timestamp {int(times[first]) / SECOND!r} appears twice"
         raise InputError(f"{said}, as numbers {first + 1} and {second + 1} of the file: {instead}")
-
-
-def refuse_number(path: Path, times: IntArray, n: int) -> None:
-    """Refuse times of another number of nodes by an InputError."""
-    if len(times) != n:
-        said = f"{counted(len(times), 'timestamp{s}')} for {counted(n, 'node{s}')}"
-        raise InputError(f"{path}: {said}")

@@ -17,15 +17,15 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from certpgo.errors import InputError, InputNotice, kind_of, require
+from certpgo.errors import InputError, InputNotice, kind_of, refuse, require
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.held import as_stated
 from certpgo.graph.keys import SECOND, Keys
 from certpgo.graph.phrases import in_utf8
 from certpgo.io.format import Format, format_to_write
 from certpgo.io.frames import Anchor, anchored
-from certpgo.io.timestamps import node_times, refuse_number
-from certpgo.io.unwritten import lost_of_graph, lost_of_keys, refuse_unwritable
+from certpgo.io.timestamps import node_times
+from certpgo.io.unwritten import lost_of_graph, lost_of_keys, unheld
 from certpgo.linalg.arrays import IntArray
 
 
@@ -105,7 +105,7 @@ def write(
         raise InputError(f"{path}: {form.name} cannot be written for a graph")
     graph_writer = form.write_graph
     whole = as_stated(_as_instance(path, what, ids))
-    refuse_unwritable(path, whole, form)
+    refuse(next(unheld(form, whole), ""), str(path))
     atomically(path, lambda temporary: graph_writer(temporary, whole))
     for lost in lost_of_graph(form, whole):
         warnings.warn(f"{path}: {lost}", InputNotice, stacklevel=2)
@@ -170,9 +170,7 @@ def _timed(keys: Keys, n: int, timestamps: str | Path | None) -> Keys:
         return replace(keys, times_ns=None)
     if timestamps == "index":
         return replace(keys, times_ns=np.arange(n) * SECOND)
-    times = node_times(Path(timestamps))
-    refuse_number(Path(timestamps), times, n)
-    return replace(keys, times_ns=times)
+    return replace(keys, times_ns=node_times(Path(timestamps), n))
 
 
 def _as_instance(path: Path, what: Graph | Instance, ids: ArrayLike | None) -> Instance:

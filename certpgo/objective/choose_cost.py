@@ -8,7 +8,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from certpgo.errors import InputError, SpecError, require
+from certpgo.errors import InputError, SpecError, refuse, require
 from certpgo.graph import Graph, Instance
 from certpgo.graph.dataset import graph_of
 from certpgo.graph.kinds import Kind
@@ -220,7 +220,7 @@ def information_problem(measured: Graph | Instance, cost: str) -> InformationPro
     graph = weighed_by(cost, graph)
     problem = InformationProblem(edge_cost(graph, cost))
     # No path, as tables keep it.
-    problem.refuse_indefinite(measured.name if isinstance(measured, Instance) else "")
+    refuse(problem.unbounded, measured.name if isinstance(measured, Instance) else "")
     return problem
 
 

@@ -9,7 +9,7 @@ from typing import cast
 
 import numpy as np
 
-from certpgo.errors import GraphError, InputError, NumericalError
+from certpgo.errors import GraphError, NumericalError, refuse
 from certpgo.graph import Estimate, Graph
 from certpgo.graph.concatenate import by_rows
 from certpgo.graph.graph import require_connected
@@ -138,7 +138,7 @@ class InformationProblem(Objective):
 
     def expanded(self, v: FloatArray, Q: FloatArray) -> Surrogate:
         """The same of minorants at v (m, d) and Q (m, d, d), of whatever origin."""
-        self.refuse_indefinite()
+        refuse(self.unbounded)
         return self.surrogate_of(self.edge_cost.minorants(v, so.project(Q)))
 
     def surrogate_of(self, minorants: Minorants) -> Surrogate:
@@ -329,23 +329,14 @@ class InformationProblem(Objective):
         held[self.chordal.anchor] = 1.0
         return self.tangent_layout.pack(held)
 
-    def refuse_indefinite(self, source: str = "") -> None:
-        """Refuse information matrices that have no lower bound.
-
-        Parameters
-        ----------
-        source : where they are from, for the message
-
-        Raises
-        ------
-        InputError
-            Some are not positive definite.
-        """
+    @property
+    def unbounded(self) -> str:
+        """That some information matrices are not positive definite, in a sentence, or empty."""
         bad, information = int((~self.edge_cost.is_definite).sum()), self.measured.information
-        if bad and information is not None:
-            where = f"{source}: " if source else ""
-            of_all = f"{bad} of {self.measured.num_edges} information matrices"
-            raise InputError(
-                f"{where}{of_all} are {information.indefinite}: "
-                f"{self.edge_cost.title} has no proven lower bound there (--cost chordal has)"
-            )
+        if not bad or information is None:
+            return ""
+        of_all = f"{bad} of {self.measured.num_edges} information matrices"
+        return (
+            f"{of_all} are {information.indefinite}: "
+            f"{self.edge_cost.title} has no proven lower bound there (--cost chordal has)"
+        )

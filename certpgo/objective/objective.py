@@ -179,8 +179,10 @@ class Objective(Speaking, ABC):
         """(m,) angles between R_i R_ij and R_j, radians; 0 where no rotation is measured."""
         return np.asarray(self.chordal.residual_angles(estimate))
 
-    def refuse_indefinite(self, source: str = "") -> None:
-        """Refuse measurements whose costs have no lower bound by an InputError: there are none."""
+    @property
+    def unbounded(self) -> str:
+        """Why costs of measurements have no lower bound, in a sentence; empty if they have."""
+        return ""
 
     # --- Descents ---------------------------------------------------------------------------------
 

@@ -11,13 +11,12 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from numbers import Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from certpgo.errors import InputError, require
+from certpgo.errors import InputError, refuse, require, require_numbers
 from certpgo.graph import Estimate, Graph
 from certpgo.graph.capabilities import lacking
 from certpgo.graph.concatenate import by_rows
@@ -95,7 +94,7 @@ class TruncatedProblem(Objective):
                 raise UncertifiableError(f"rejections of {block.kind.plural} are not certified")
         if said := lacking(self.graph, "rejections"):
             raise UncertifiableError(said)
-        self.whole.refuse_indefinite()
+        refuse(self.whole.unbounded)
         if not self.is_rejected.any():
             raise InputError("no measurement is rejected: all prices are infinite")
         if self.is_rejected.all():
@@ -352,16 +351,8 @@ def rejecting(
         raise InputError("measurements are rejected of a problem that rejects none")
     m = problem.graph.num_edges
     chosen = indices_of(rejected, m, "rejected")
-    refuse_quantile(quantile)
+    require_numbers(quantile=quantile)
     found = quantiles(problem, flagged_from(problem) if quantile is None else quantile)
     whole = np.full(m, np.inf)
     whole[chosen] = scale**2 * found[chosen] if prices is None else prices
     return TruncatedProblem(problem, whole)
-
-
-def refuse_quantile(quantile: float | None) -> None:
-    """Refuse a quantile out of its range by an InputError."""
-    if quantile is not None:
-        require(quantile, Real, "a number as quantile")
-    if quantile is not None and not 0.0 < quantile < 1.0:
-        raise InputError(f"a quantile lies between 0 and 1, not at {quantile}")

@@ -35,6 +35,7 @@ TOLERANCE, STEPS = 1e-8, 100
 STATIONARY, MOST = 1e-11, 400
 #: Shifts that make a scaled certificate matrix definite.
 SHIFTS = tuple(1e-9 * 4.0**k for k in range(20))
+STOPPED = "stopped before a way down was found"
 #: Relative accuracy of escape directions, and how many more than the gauge's are computed.
 ACCURACY, MORE = 1e-3, 2
 #: Negative eigenvalues above minus this, of a matrix of unit diagonal, may be rounding.
@@ -174,25 +175,22 @@ def smallest_eigenpair(
 ) -> tuple[float, FloatArray]:
     """The smallest eigenvalue, of as many that are computed together, and its vector."""
     for shift in SHIFTS:
-        _refuse_to_go_on(asked)
+        if asked():
+            raise NumericalError(STOPPED)
         shifted = add_to_diagonal(A, shift)
         factor = below.symbolic(shifted).factor(shifted)
         if factor is None:
             continue
 
         def solve(B: FloatArray, factor: Factor = factor) -> FloatArray:
-            _refuse_to_go_on(asked)
+            if asked():
+                raise NumericalError(STOPPED)
             return factor.solve(B)
 
         start = np.random.default_rng(0).standard_normal((A.shape[0], pairs))
         found = krylov_schur(shifted, solve, pairs, shift=shift, tol=ACCURACY, start=start)
         return float(found.values[0]), found.vectors[:, 0]
     raise NumericalError("the certificate matrix could not be factorized, even when shifted")
-
-
-def _refuse_to_go_on(asked: Callable[[], bool]) -> None:
-    if asked():
-        raise NumericalError("stopped before a way down was found")
 
 
 def _leave(problem: Climbing, here: Lift, rising: Lift) -> Lift | None:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from certpgo.errors import FormatError, InputError
+from certpgo.errors import FormatError, InputError, in_file
 from certpgo.linalg.arrays import FloatArray
 
 #: Standard deviation of structured light's depth: base + growth (z - nearest)^2, metres (Nguyen,
@@ -146,7 +146,7 @@ def read_camera(path: Path) -> Camera:
         values = _of_json(text) if path.suffix == ".json" else _numbers(text)
     except (ValueError, TypeError, KeyError):
         raise FormatError(path, None, f"intrinsics expected: {KNOWN}") from None
-    try:
+    with in_file(path):
         if len(values) == 9:
             K = np.reshape(values, (3, 3))
             if K[2].tolist() != [0.0, 0.0, 1.0] or K[1, 0] != 0.0:
@@ -154,8 +154,6 @@ def read_camera(path: Path) -> Camera:
             return Camera(*map(float, (K[0, 0], K[1, 1], K[0, 2], K[1, 2])))
         if len(values) == 4:
             return Camera(*values)
-    except InputError as error:
-        raise FormatError(path, None, str(error)) from None
     raise FormatError(path, None, f"intrinsics expected: {KNOWN}; not {len(values)} numbers")
 
 

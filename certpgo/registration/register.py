@@ -15,7 +15,7 @@ from certpgo.graph import Estimate, Instance
 from certpgo.graph.edges import components_of
 from certpgo.graph.trees import compose, spanning_tree
 from certpgo.linalg.arrays import FloatArray, IntArray
-from certpgo.registration.dense import PreparedCloud, prepare
+from certpgo.registration.dense import prepare
 from certpgo.registration.global_icp import GlobalRegistration, global_icp
 from certpgo.registration.pairwise import Pair, aligned_pairs, pose_graph
 from certpgo.registration.scans import Scan, read_scan
@@ -162,7 +162,9 @@ class _Search:
         if not self.is_alone:
             self.finest = COARSE * voxel
             self.clouds = [prepare(scan.points, voxel=self.finest) for scan in scans]
-        _refuse_few(scans, self.clouds)
+        for name, cloud in zip(self.names, self.clouds, strict=True):
+            if (voxels := len(cloud.points)) < 30:
+                raise InputError(f"{name}: {voxels} voxels are too few to register")
 
     def run(self, initial: Estimate) -> tuple[GlobalRegistration, list[Pair], list[Pair]]:
         """Global ICP, the pairs that are near it, and those that slid away."""
@@ -229,9 +231,3 @@ def default_voxel(scans: Sequence[Scan]) -> float:
         left = len(np.unique(places, axis=0))
         voxel *= float(np.sqrt(left / min(ENOUGH, max(len(scan.points) // 2, 1))))
     return voxel
-
-
-def _refuse_few(scans: Sequence[Scan], clouds: Sequence[PreparedCloud]) -> None:
-    for scan, cloud in zip(scans, clouds, strict=True):
-        if len(cloud.points) < 30:
-            raise InputError(f"{scan.name}: {len(cloud.points)} voxels are too few to register")

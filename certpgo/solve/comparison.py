@@ -277,8 +277,7 @@ def solution_of(
     own = {**method.settings, **settings.get(method.label, {})}
     if method.reads_source:
         own["source"] = "" if instance is None else instance.source
-    solver = registry.build(method.solver, own)
-    registry.refuse_unsuited(method.solver, solver, problem.graph)
+    solver = registry.build(method.solver, own, problem.graph)
     posed: Problem | InformationProblem = problem
     if method.cost != CHORDAL:
         minimised = getattr(solver, "own_costs", ())

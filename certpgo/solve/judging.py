@@ -11,9 +11,9 @@ from certpgo.certify.bounds import Bounds, bounds
 from certpgo.certify.certificate import Certificate, Tier, of_instance
 from certpgo.certify.local_minimum import LocalMinimum
 from certpgo.certify.normalized import NormalizedProblem
-from certpgo.certify.tolerances import ATOL, RTOL, refuse_time_limit
+from certpgo.certify.tolerances import ATOL, RTOL
 from certpgo.certify.verdict import verdict
-from certpgo.errors import InputError, NumericalError
+from certpgo.errors import InputError, NumericalError, require_numbers
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.io.accept_paths import AnyPath, estimated, measured
 from certpgo.io.writing import AnyAnswer
@@ -148,7 +148,7 @@ class Judge:
         monitor: Monitor = silent,
         ctrl_c: bool = False,
     ) -> None:
-        refuse_time_limit(time_limit)
+        require_numbers(time_limit=time_limit)
         self._normalized = NormalizedProblem.of(problem, tier, rtol, atol, monitor)
         self._problem, self._refine, self._angles = problem, refine, angles
         self._time_limit, self._ctrl_c = time_limit, ctrl_c

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.certify.certificate import Certificate
-from certpgo.errors import InputError
+from certpgo.errors import InputError, require_numbers
 from certpgo.graph import Instance
 from certpgo.graph.display import Brief
 from certpgo.graph.succession import succession
@@ -179,8 +179,7 @@ def outlier_report(
         rejects = bool(len(answer.solution.rejected))
         why = "what it rejects is not certified, see answer.solution.note"
         raise InputError(why if rejects else "the answer rejects no measurement")
-    if not 0.0 < level < 1.0:
-        raise InputError(f"a level lies between 0 and 1, not at {level}")
+    require_numbers(level=level)
     found, stop = answer.rejection, Stop(monitor)
     problem, rejected = found.problem.whole, found.problem.rejected
     graph, named = problem.measured, answer.instance

@@ -19,17 +19,11 @@ from certpgo.certify.cost_proof import claimed, scaled
 from certpgo.certify.dual import dual_bound
 from certpgo.certify.normalized import NormalizedProblem
 from certpgo.certify.proof import Witness, proof_of, prove
-from certpgo.certify.proof_file import (
-    arrays_of,
-    claim_and_graph,
-    provable,
-    refuse_priors_of_rotations,
-)
+from certpgo.certify.proof_file import arrays_of, claim_and_graph, provable
 from certpgo.certify.rejection_proof import claimed_rejections
 from certpgo.certify.resistances import packed
-from certpgo.certify.tolerances import refuse_unprovable
 from certpgo.certify.truncated_bound import below_with, resistances
-from certpgo.errors import InputError, NumericalError, require, require_path
+from certpgo.errors import InputError, NumericalError, refuse, require, require_path
 from certpgo.graph import Estimate, Instance
 from certpgo.io.pipes import readable
 from certpgo.io.writing import atomically
@@ -123,7 +117,6 @@ def _proof(
     prices: FloatArray | None,
 ) -> tuple[dict[str, Any], checker.Proof]:
     """What the proof is about, and its content."""
-    refuse_priors_of_rotations(instance)
     if prices is not None:
         claim, graph = claim_and_graph(source, instance)
         claim |= {"version": 3}
@@ -194,7 +187,7 @@ def problem_of_certificate(instance: Instance, certificate: Certificate) -> Info
     others = [name for name in costs.costs_of(instance) if name != costs.CHORDAL]
     problems = [costs.information_problem(instance, name) for name in others]
     problem = next(p for p in problems if p.edge_cost.title == certificate.objective)
-    refuse_unprovable(problem)
+    refuse(problem.unprovable)
     return problem
 
 

@@ -13,20 +13,14 @@ from typing import Any
 import numpy as np
 
 from certpgo.certify.certificate import of_instance
+from certpgo.errors import require_numbers
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.capabilities import require_capable
 from certpgo.io.accept_paths import AnyPath, measured
 from certpgo.linalg.arrays import IntArray
-from certpgo.objective.choose_cost import (
-    InformationProblem,
-    certifiable,
-)
+from certpgo.objective.choose_cost import InformationProblem, certifiable
 from certpgo.objective.problem import Problem
-from certpgo.objective.truncated_problem import (
-    UncertifiableError,
-    indices_of,
-    refuse_quantile,
-)
+from certpgo.objective.truncated_problem import UncertifiableError, indices_of
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.notebook import watched
@@ -99,7 +93,7 @@ def solve_robustly(
     >>> result.verdict.value, bool(np.array_equal(result.solution.rejected, wrong))
     ('CERTIFIED', True)
     """
-    refuse_quantile(quantile)
+    require_numbers(quantile=quantile)
     given = measured(graph)
     source = given if isinstance(given, Instance) else None
     posed: Any = certifiable(given, cost)

@@ -9,8 +9,8 @@ from typing import Any
 
 from certpgo.certify import Tier
 from certpgo.certify.certificate import tier_called
-from certpgo.certify.tolerances import ATOL, RTOL, refuse_time_limit, refuse_tolerances
-from certpgo.errors import InputError, SpecError, require
+from certpgo.certify.tolerances import ATOL, RTOL
+from certpgo.errors import InputError, SpecError, require, require_numbers
 from certpgo.optimize.iterative import refuse_mistyped
 from certpgo.optimize.riemannian_newton import NewtonSettings
 
@@ -90,10 +90,8 @@ class SolveSettings:
         refuse_mistyped(self)
         if self.tier is not None:
             tier_called(self.tier)
-        refuse_time_limit(self.time_limit)
-        if self.max_rank is not None and self.max_rank < 1:
-            raise InputError(f"the maximal rank must be at least 1, not {self.max_rank}")
-        refuse_tolerances(self.rtol, self.atol)
+        require_numbers(time_limit=self.time_limit, max_rank=self.max_rank)
+        require_numbers(rtol=self.rtol, atol=self.atol)
         if not self.patience >= 0.0:
             raise SpecError(f"patience must not be negative: {self.patience}")
         positive = ("lifted_tolerance", "rank_steps", "rounds", "round_nodes", "few", "negligible")

@@ -1,5 +1,6 @@
 """certpgo prove: solved, proven, checked; a line a graph, a badge, and exit codes."""
 
+import gzip
 import math
 from xml.etree import ElementTree
 
@@ -94,3 +95,15 @@ def test_an_answer_without_a_certificate_is_not_proven(certpgo, square, monkeypa
 @pytest.mark.parametrize("cost", ["gtsam", "no"])
 def test_costs_without_proofs_are_refused(certpgo, square, cost):
     assert certpgo("prove", square, "--cost", cost).code in (1, 2)
+
+
+def test_a_file_that_the_checker_does_not_read_is_refused_before_it_is_solved(
+    certpgo, square, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(package, "solve", None)
+    compressed, other = tmp_path / "square.g2o.gz", tmp_path / "square.npz"
+    compressed.write_bytes(gzip.compress(square.read_bytes()))
+    package.write(other, package.read(square))
+    for path, said in ((compressed, "decompress it first"), (other, "convert it first")):
+        done = certpgo("prove", path)
+        assert (done.code, said in done.out) == (1, True)

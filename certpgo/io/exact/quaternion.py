@@ -8,7 +8,7 @@ Quaternions are x y z w, the real part last.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -125,18 +125,19 @@ def from_roll_pitch_yaw(angles: FloatArray) -> FloatArray:
     return product(product(qz, qy), qx)
 
 
-def from_matrices(M: FloatArray) -> FloatArray:
+def from_matrices(M: FloatArray, name: Callable[[int], str] | None = None) -> FloatArray:
     """Quaternions (k, 4), not normalized, of 3x3 matrices, by Shepperd's branches.
 
     The largest of the trace and the three diagonal entries selects the branch (ties in the order
     trace, xx, yy, zz), so that the corresponding component is not small. InputError for a matrix
-    that is not a rotation to `MATRIX_TOLERANCE`.
+    that is not a rotation to `MATRIX_TOLERANCE`, which names it if they have names.
     """
     with np.errstate(over="ignore", invalid="ignore"):  # if not rotations
         defect = np.abs(np.swapaxes(M, -1, -2) @ M - np.eye(3)).max(axis=(-2, -1), initial=0.0)
         positive = np.einsum("ni,ni->n", np.cross(M[:, 0], M[:, 1]), M[:, 2]) > 0.0
-    if not ((defect <= MATRIX_TOLERANCE) & positive).all():
-        raise InputError(f"nine numbers of a rotation matrix, orthogonal to {MATRIX_TOLERANCE:g}")
+    if (wrong := ~((defect <= MATRIX_TOLERANCE) & positive)).any():
+        said = f"nine numbers of a rotation matrix, orthogonal to {MATRIX_TOLERANCE:g}"
+        raise InputError(f"{name(int(np.argmax(wrong)))}: {said} expected" if name else said)
     xx, yy, zz = M[:, 0, 0], M[:, 1, 1], M[:, 2, 2]
     trace = (xx + yy) + zz
     x, y, z = M[:, 2, 1] - M[:, 1, 2], M[:, 0, 2] - M[:, 2, 0], M[:, 1, 0] - M[:, 0, 1]

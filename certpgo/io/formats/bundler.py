@@ -13,11 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo.errors import FormatError, InputError
+from certpgo.errors import FormatError, in_file
 from certpgo.io.chunks import text_lines
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Format, LabelledPoses
-from certpgo.linalg.arrays import FloatArray
 
 _HEADER = b"# Bundle file"
 _CAMERA_LINES = (
@@ -42,18 +41,12 @@ def _read_poses(path: Path) -> LabelledPoses:
     ids = np.flatnonzero(table[:, 0, 0] != 0.0)
     if not len(ids):
         raise FormatError(path, None, "no reconstructed camera")
-    R = _D @ _rotations(path, table[ids, 1:4])
+    with in_file(path):
+        R = _D @ quaternion.rotations(quaternion.from_matrices(table[ids, 1:4]))
     t = table[ids, 4] @ _D
     return LabelledPoses(
         np.swapaxes(R, -1, -2), -np.einsum("nji,nj->ni", R, t), ids=ids.astype(np.intp)
     )
-
-
-def _rotations(path: Path, M: FloatArray) -> FloatArray:
-    try:
-        return quaternion.rotations(quaternion.from_matrices(M))
-    except InputError as error:
-        raise FormatError(path, None, str(error)) from None
 
 
 def _numbers(

@@ -25,7 +25,7 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo.errors import FormatError, InputError
+from certpgo.errors import FormatError, InputError, in_file
 from certpgo.graph.keys import SECOND
 from certpgo.io.chunks import floats_of_rows, is_number, lines_of_rows, parsed, text_lines
 from certpgo.io.exact import quaternion
@@ -126,15 +126,17 @@ class _Layout:
         (name,) = self.times if len(self.times) == 1 else ("t",)
         return _UNITS[name.split()[1]] if name != "t" else 0
 
-    def refuse_two(self) -> None:
-        """Refuse two columns of one meaning by an InputError."""
+    @property
+    def ambiguous(self) -> str:
+        """That two columns have one meaning, in a sentence; else empty."""
         known = [name for name in self.names if name in (*_POSE, "id", *self.times)]
         twice = [name for name in known if known.count(name) > 1]
         if not twice and len(self.times) > 1 and self.times != _PAIR:
             twice = ["t"]
-        if twice:
-            called = {"t": "times", "id": "ids"}.get(twice[0].split()[0], twice[0])
-            raise InputError(f"two columns are {called}: which is meant is not known")
+        if not twice:
+            return ""
+        called = {"t": "times", "id": "ids"}.get(twice[0].split()[0], twice[0])
+        return f"two columns are {called}: which is meant is not known"
 
     def rows(self, text: bytes) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
         """Rotations, translations, times as `decimals` (k, 2), and ids (k, 2); 0 for none.
@@ -192,20 +194,16 @@ def _read_poses(path: Path) -> LabelledPoses:
     layout = _Layout.of(b"\n".join(first))
     if layout is None:
         raise FormatError(path, None, f"columns expected: {', '.join(('timestamp', *_POSE))}")
-    try:
-        layout.refuse_two()
-    except InputError as error:
-        raise FormatError(path, 1, str(error)) from None
+    if layout.ambiguous:
+        raise FormatError(path, 1, layout.ambiguous)
     parts = list(parsed(path, layout.rows))
     R, t, stamps, numbers = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     if not len(R):
         raise FormatError(path, None, f"no rows of {layout.expected}")
     times, ids = None, None
-    try:
-        if layout.times:
+    if layout.times:
+        with in_file(path):
             times, ids = times_and_ids(stamps, layout.unit)
-    except InputError as error:
-        raise FormatError(path, None, str(error)) from None
     if "id" in layout.names:
         if numbers[:, 1].any():
             raise FormatError(path, None, "whole numbers expected as ids")

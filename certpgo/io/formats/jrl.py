@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from certpgo.errors import FormatError, InputError, NoMeasurements
+from certpgo.errors import InputError, NoMeasurements, in_file
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.graph.edges import symmetric
 from certpgo.graph.phrases import counted
@@ -57,26 +57,22 @@ class _Measured(NamedTuple):
 class _Reader:
     """Reads values and measurements of one file; remembers the dimension of space."""
 
-    def __init__(self, path: Path, options: ReadOptions) -> None:
-        self._path, self._options, self.d = path, options, 0
+    def __init__(self, options: ReadOptions) -> None:
+        self._options, self.d = options, 0
         self.skipped: Counter[str] = Counter()
 
-    def refuse(self, said: str) -> FormatError:
-        """The error about the file."""
-        return FormatError(self._path, None, said)
-
-    def content(self) -> dict[str, Any]:
+    def content(self, path: Path) -> dict[str, Any]:
         """The object in the file."""
-        return self._object(read_json(self._path), "the file")
+        return self._object(read_json(path), "the file")
 
     def _object(self, value: Any, place: str) -> dict[str, Any]:
         if not isinstance(value, dict):
-            raise self.refuse(f"{place}: an object expected")
+            raise InputError(f"{place}: an object expected")
         return value
 
     def _list(self, value: Any, place: str) -> list[Any]:
         if not isinstance(value, list):
-            raise self.refuse(f"{place}: a list expected")
+            raise InputError(f"{place}: a list expected")
         return value
 
     def numbers(self, value: Any, size: int, place: str) -> list[float]:
@@ -84,7 +80,7 @@ class _Reader:
         listed = value if isinstance(value, list) else [value]
         whole = all(type(one) in (int, float) and abs(one) < 1e300 for one in listed)
         if len(listed) != size or not whole:
-            raise self.refuse(f"{place}: {counted(size, 'finite number{s}')} expected")
+            raise InputError(f"{place}: {counted(size, 'finite number{s}')} expected")
         return [float(one) for one in listed]
 
     def key(self, value: Any, place: str) -> int:
@@ -92,7 +88,7 @@ class _Reader:
         digits = isinstance(value, str) and value.isascii() and value.isdigit() and len(value) < 20
         number = int(value) if digits else value
         if type(number) is not int or not 0 <= number < 2**63:
-            raise self.refuse(f"{place}: a key of 63 bits expected, not {str(value)[:40]!r}")
+            raise InputError(f"{place}: a key of 63 bits expected, not {str(value)[:40]!r}")
         return number
 
     def pose(self, value: Any, place: str) -> list[float]:
@@ -101,13 +97,13 @@ class _Reader:
         d = {"Pose2": 2, "Pose3": 3}.get(str(given.get("type")), 0)
         if not d or self.d not in (0, d):
             expected = f"Pose{self.d}" if self.d else "Pose2 or Pose3"
-            raise self.refuse(f"{place}: {expected} expected, not {str(given.get('type'))[:40]}")
+            raise InputError(f"{place}: {expected} expected, not {str(given.get('type'))[:40]}")
         self.d = d
         if d == 2:
             return self.numbers([given.get(name) for name in ("x", "y", "theta")], 3, place)
         q = self.numbers(given.get("rotation"), 4, f"{place}.rotation")
         if not any(q):
-            raise self.refuse(f"{place}.rotation: a quaternion expected, not zero")
+            raise InputError(f"{place}.rotation: a quaternion expected, not zero")
         return [*self.numbers(given.get("translation"), 3, f"{place}.translation"), *q[1:], q[0]]
 
     def measurements(self, content: dict[str, Any]) -> Iterator[_Measured]:
@@ -142,11 +138,11 @@ class _Reader:
             return None
         if not prior and not kind.startswith("BetweenFactorPose"):
             said = f"BetweenFactorPose or PriorFactorPose expected, not {kind[:40]}"
-            raise self.refuse(f"{place}: {said} (--skip {kind[:40]} leaves such measurements out)")
+            raise InputError(f"{place}: {said} (--skip {kind[:40]} leaves such measurements out)")
         names = ("key",) if prior else ("key1", "key2")
         keys = tuple(self.key(given.get(name), f"{place}.{name}") for name in names)
         if len(keys) != len(set(keys)):
-            raise self.refuse(f"{place}: node {keys[0]} is measured from itself")
+            raise InputError(f"{place}: node {keys[0]} is measured from itself")
         what = "prior" if prior else "measurement"
         pose = self.pose(given.get(what), f"{place}.{what}")
         p = 3 * (self.d - 1)
@@ -183,8 +179,13 @@ def _recognises(path: Path, head: bytes) -> bool:
 
 
 def _read_graph(path: Path, options: ReadOptions) -> Instance:
-    reader = _Reader(path, options)
-    content = reader.content()
+    with in_file(path):
+        return _instance(path, options)
+
+
+def _instance(path: Path, options: ReadOptions) -> Instance:
+    reader = _Reader(options)
+    content = reader.content(path)
     if "measurements" not in content:
         raise NoMeasurements(path, None, "no measurements: this is an estimate, not a graph")
     found = list(reader.measurements(content))
@@ -237,7 +238,7 @@ def _weighed(
     low = np.linalg.eigvalsh(C)[:, 0]
     if not options.ignore_information and not (low > 0.0).all():
         place = measured[int(np.argmin(low))].place
-        raise FormatError(path, None, f"{place}.covariance: a positive definite matrix expected")
+        raise InputError(f"{place}.covariance: a positive definite matrix expected")
     information = C if options.ignore_information else np.linalg.inv(C).astype(np.float64)
     found = weighed(path, symmetric(information), R, options, lambda k: measured[k].place)
     own = found.information and replace(found.information, residual="gtsam")
@@ -251,7 +252,7 @@ def _with_priors(
     nodes = numbered(instance.ids, np.array([one.keys[0] for one in priors], dtype=np.intp))
     if (nodes < 0).any():
         place = priors[int(np.argmin(nodes))].place
-        raise FormatError(path, None, f"{place}: a prior of a node that nothing else measures")
+        raise InputError(f"{place}: a prior of a node that nothing else measures")
     R, t = reader.poses([one.pose for one in priors])
     weighing = _weighed(path, priors, R, options)
     if not instance.graph.has_positions:
@@ -277,14 +278,16 @@ def _all_of(instance: Instance, reader: _Reader, values: dict[int, list[float]])
 
 
 def _read_poses(path: Path) -> LabelledPoses:
-    reader = _Reader(path, ReadOptions())
-    content = reader.content()
-    name = next((k for k in ("solutions", "initialization", "groundtruth") if content.get(k)), "")
-    values = reader.values(content, name) if name else {}
-    if not values:
-        raise FormatError(path, None, "no poses under solutions, initialization or groundtruth")
-    R, t = reader.poses(list(values.values()))
-    return LabelledPoses(R, t, ids=np.array(list(values), dtype=np.intp))
+    reader = _Reader(ReadOptions())
+    with in_file(path):
+        content = reader.content(path)
+        kinds = ("solutions", "initialization", "groundtruth")
+        name = next((k for k in kinds if content.get(k)), "")
+        values = reader.values(content, name) if name else {}
+        if not values:
+            raise InputError("no poses under solutions, initialization or groundtruth")
+        R, t = reader.poses(list(values.values()))
+        return LabelledPoses(R, t, ids=np.array(list(values), dtype=np.intp))
 
 
 FORMAT = Format(

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from certpgo.errors import FormatError, InputError, NoMeasurements
+from certpgo.errors import FormatError, InputError, NoMeasurements, in_file
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.keys import Keys
 from certpgo.graph.phrases import counted
@@ -124,20 +124,9 @@ def _poses(path: Path, entries: _Entries, kind: str, key: str) -> tuple[FloatArr
     for k in np.flatnonzero((M[:, 3] != [0.0, 0.0, 0.0, 1.0]).any(axis=1)).tolist():
         said = "a pose column by column expected, the last row 0 0 0 1"
         raise FormatError(path, None, f"{kind}[{k}].{key}: {said}")
-    try:
-        q = quaternion.from_matrices(M[:, :3, :3])
-    except InputError as error:
-        k = next(k for k in range(len(M)) if not _is_rotation(M[k, :3, :3]))
-        raise FormatError(path, None, f"{kind}[{k}].{key}: {error} expected") from None
+    with in_file(path):
+        q = quaternion.from_matrices(M[:, :3, :3], lambda k: f"{kind}[{k}].{key}")
     return quaternion.rotations(q), np.ascontiguousarray(M[:, :3, 3])
-
-
-def _is_rotation(M: FloatArray) -> bool:
-    try:
-        quaternion.from_matrices(M[None])
-    except InputError:
-        return False
-    return True
 
 
 def _pairs(path: Path, edges: _Entries, n: int) -> IntArray:

@@ -30,7 +30,7 @@ from typing import Any
 
 import numpy as np
 
-from certpgo.errors import FormatError, InputError, NoMeasurements
+from certpgo.errors import FormatError, NoMeasurements, in_file
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.graph.keys import NO_TIME
 from certpgo.graph.phrases import counted
@@ -218,10 +218,8 @@ def _times(path: Path, state: _State, keys: list[_Key]) -> IntArray:
 
 def _rigid(path: Path, poses: FloatArray, d: int) -> tuple[FloatArray, FloatArray]:
     """Rotations and translations of poses (k, 7), in the plane of their yaw."""
-    try:
+    with in_file(path):
         R = quaternion.rotations(poses[:, 3:])
-    except InputError as error:
-        raise FormatError(path, None, str(error)) from None
     if d == 3:
         return R, poses[:, :3]
     yaw = np.arctan2(R[:, 1, 0], R[:, 0, 0])

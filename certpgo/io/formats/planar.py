@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from certpgo.errors import FormatError, InputError
+from certpgo.errors import in_file
 from certpgo.io.chunks import first_row, lines_of_rows, read_rows
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Chart, Format, LabelledPoses
@@ -24,11 +24,9 @@ def _recognises(path: Path, head: bytes) -> bool:
 def _read_poses(path: Path) -> LabelledPoses:
     stamps, at = read_rows(path, 4, "id x y yaw", _convert, first=decimals)
     times: IntArray | None
-    try:
+    with in_file(path):
         times, ids = times_and_ids(stamps)
         R = quaternion.planar_rotations(at[:, 2])
-    except InputError as error:
-        raise FormatError(path, None, str(error)) from None
     in_space = LabelledPoses.positions(at, ids, times)
     if not stamps[:, 1].any():
         times, ids = None, stamps[:, 0]

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from certpgo.errors import FormatError, InputError, NoMeasurements
+from certpgo.errors import FormatError, NoMeasurements, in_file
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.graph.phrases import counted
 from certpgo.io.build_graph import anchored
@@ -148,20 +148,8 @@ def _as_links(path: Path, found: list[tuple[Any, ...]]) -> _Links:
 def _poses(path: Path, numbers: list[FloatArray], name: Any) -> tuple[FloatArray, FloatArray]:
     """Rotations (k, 3, 3) and translations (k, 3) of 3x4 matrices, row by row."""
     M = np.array(numbers).reshape(-1, 3, 4)
-    try:
-        q = quaternion.from_matrices(M[:, :, :3])
-    except InputError:
-        for k, one in enumerate(M[:, :, :3]):
-            _refuse_no_rotation(path, one, name(k))
-        raise
-    return quaternion.rotations(q), M[:, :, 3]
-
-
-def _refuse_no_rotation(path: Path, M: FloatArray, called: str) -> None:
-    try:
-        quaternion.from_matrices(M[None])
-    except InputError as error:
-        raise FormatError(path, None, f"{called}: {error} expected") from None
+    with in_file(path):
+        return quaternion.rotations(quaternion.from_matrices(M[:, :, :3], name)), M[:, :, 3]
 
 
 def _first_of_both(links: _Links) -> BoolArray:

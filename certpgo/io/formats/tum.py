@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo.errors import FormatError, InputError
+from certpgo.errors import InputError, in_file
 from certpgo.graph import Estimate
 from certpgo.graph.keys import NO_TIME, Keys, in_seconds
 from certpgo.io.chunks import first_row, read_rows
@@ -24,10 +24,8 @@ def _recognises(path: Path, head: bytes) -> bool:
 def _read_poses(path: Path) -> LabelledPoses:
     expected = "timestamp tx ty tz qx qy qz qw"
     stamps, t, R = read_rows(path, 8, expected, _convert, first=decimals)
-    try:
+    with in_file(path):
         times, ids = times_and_ids(stamps)
-    except InputError as error:
-        raise FormatError(path, None, str(error)) from None
     return LabelledPoses(R, t, ids=ids, times_ns=times)
 
 

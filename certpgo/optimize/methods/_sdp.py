@@ -168,9 +168,13 @@ class Semidefinite(Settings, ABC):
         if initial is not None:
             problem.check(initial)
         self._require()
-        rotation, d = problem.rotation, problem.d
+        rotation, d, N = problem.rotation, problem.d, problem.n * problem.d
         if not self.force:
-            self._refuse_too_large(rotation)
+            what = f"{type(self).__module__.rpartition('.')[2]} with {self.program}"
+            instead = "program=SCS", _memory.bytes_needed("SCS", N, N, ())
+            # First a lower bound: finding cliques takes a while.
+            _memory.refuse(_memory.bytes_needed(self.program, N, N, ()), what, *instead)
+            _memory.refuse(self.bytes_needed(rotation), what, *instead)
         cp = self.library()  # importing it is not timed
         watch, data = Stopwatch(), Scaled(rotation)
         with watch.phase("model"):
@@ -230,14 +234,6 @@ class Semidefinite(Settings, ABC):
         if self.program == "CLARABEL" and self.chordal and self.decomposable:
             cones = [problem.d * size for size in _memory.clique_sizes(problem)]
         return _memory.bytes_needed(self.program, N, m, cones)
-
-    def _refuse_too_large(self, problem: RotationProblem) -> None:
-        method = type(self).__module__.rpartition(".")[2]
-        what, N = f"{method} with {self.program}", problem.n * problem.d
-        # First a lower bound: finding cliques takes a while.
-        instead = "program=SCS", _memory.bytes_needed("SCS", N, N, ())
-        _memory.refuse(_memory.bytes_needed(self.program, N, N, ()), what, *instead)
-        _memory.refuse(self.bytes_needed(problem), what, *instead)
 
     def _require(self) -> None:
         program = PROGRAMS[self.program]

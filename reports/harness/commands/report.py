@@ -31,8 +31,7 @@ def command(
     from reports.harness.rendering.results import gather
 
     outputs, records = Outputs(html=html), results or registry.repository() / "reports" / "results"
-    outputs.refuse()
-    outputs.refuse_overwriting(records)
+    outputs.refuse(records)
     with working("reading the results"):
         report = gather(records)
         path = write_report(report, out)
