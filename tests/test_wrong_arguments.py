@@ -78,11 +78,20 @@ def calls(of):
         "Instance": (certpgo.Instance, "name", graph, np.arange(NODES), estimate, estimate),
         "Marginals": (certpgo.Marginals, of["problem"], estimate, 0),
         "Marginals.joint": (marginals.joint, 0, 1),
-        "PoseGraph": (certpgo.Graph, rotation, graph.translations, graph.tau),
-        "PoseGraph.reweighted": (graph.reweighted, np.ones(graph.num_edges)),
-        "PoseGraph.subgraph": (graph.subgraph, [0, 1]),
-        "PoseGraph.with_edges": (graph.with_edges, [0, 1]),
-        "PoseGraph.with_weights": (graph.with_weights, 1.0, 2.0),
+        "PoseGraph": (certpgo.PoseGraph, rotation, graph.translations, graph.tau),
+        "Graph": (
+            certpgo.Graph,
+            graph.nodes,
+            graph.edges,
+            graph.rotations,
+            graph.kappa,
+            graph.translations,
+            graph.tau,
+        ),
+        "Graph.reweighted": (graph.reweighted, np.ones(graph.num_edges)),
+        "Graph.subgraph": (graph.subgraph, [0, 1]),
+        "Graph.with_edges": (graph.with_edges, [0, 1]),
+        "Graph.with_weights": (graph.with_weights, 1.0, 2.0),
         "PoseProblem.gradient": (problem.gradient, estimate),
         "PoseProblem.residual_angles": (problem.residual_angles, estimate),
         "PoseProblem": (certpgo.PoseProblem, graph),
@@ -91,7 +100,7 @@ def calls(of):
         "RobustSession": (certpgo.RobustSession, None),
         "RobustSession.add": (lambda *a: certpgo.RobustSession().add(*a), graph, range(NODES)),
         "RotationGraph": (
-            certpgo.Graph,
+            certpgo.RotationGraph,
             NODES,
             rotation.edges,
             rotation.rotations,
@@ -101,7 +110,7 @@ def calls(of):
         "Session": (certpgo.Session, None),
         "Session.remove": (lambda *a: certpgo.Session().remove(*a), [0]),
         "Session.add": (lambda *a: certpgo.Session().add(*a), graph, range(NODES)),
-        "SimilarityGraph": (certpgo.Graph, rotation, graph.translations, graph.tau),
+        "SimilarityGraph": (certpgo.SimilarityGraph, rotation, graph.translations, graph.tau),
         "certify": (certpgo.certify, graph, estimate),
         "certify_many": (lambda *a: list(certpgo.certify_many(*a)), [(graph, estimate)]),
         "certify_values": (certpgo.certify_values, graph, {}),
@@ -174,7 +183,7 @@ NAMES = sorted(
 METHODS = ["Marginals.joint", "RobustSession.add", "Session.add", "Session.remove"]
 METHODS += [f"Estimate.{name}" for name in ("anchored", "moved", "subset", "with_translations")]
 METHODS += [
-    f"PoseGraph.{name}" for name in ("reweighted", "subgraph", "with_edges", "with_weights")
+    f"Graph.{name}" for name in ("reweighted", "subgraph", "with_edges", "with_weights")
 ]
 METHODS += [f"PoseProblem.{name}" for name in ("cost", "gradient", "residual_angles")]
 METHODS += ["Instance.with_edges", "get_solver().solve", "comparison.compare"]
@@ -214,7 +223,7 @@ def test_wrong_arguments_work_or_are_refused_in_a_line(name, given, tmp_path, mo
         (lambda of: certpgo.merge(of["graph"], of["graph"]), "merge takes a list of maps"),
         (
             lambda of: certpgo.merge([of["graph"]] * 2, of["graph"]),
-            "an instance of the measurements between maps expected, not a PoseGraph",
+            "an instance of the measurements between maps expected, not a Graph",
         ),
         (lambda of: certpgo.solve(of["graph"], "g2o"), "not 'g2o': a cost is given as cost=..."),
         (
@@ -239,7 +248,7 @@ def test_wrong_arguments_work_or_are_refused_in_a_line(name, given, tmp_path, mo
         ),
         (
             lambda of: certpgo.get_solver("newton")().solve(of["graph"]),
-            r"a PoseProblem\(graph\) or RotationProblem\(graph\) expected, not a PoseGraph",
+            r"a PoseProblem\(graph\) or RotationProblem\(graph\) expected, not a Graph",
         ),
         (
             lambda of: certpgo.certify_values(of["graph"], of["estimate"]),

@@ -51,7 +51,7 @@ def RotationGraph(  # noqa: N802
     (3, 2, True)
     """
     require(num_nodes, Integral, "a number of nodes")
-    nodes = np.full(max(num_nodes, 0), Node.ROTATION)
+    nodes = np.full(max(int(num_nodes), 0), Node.ROTATION)
     shape = np.shape(rotations)
     m, d = (shape[0], shape[-1]) if len(shape) == 3 else (0, 0)
     return Graph(nodes, edges, rotations, kappa, np.zeros((m, d)), np.zeros(m), couplings)

@@ -61,8 +61,9 @@ class GraphData(Pairs):
             object.__setattr__(self, name, frozen_indices(getattr(self, name)))
         if not np.size(self.scales):
             object.__setattr__(self, "scales", np.ones(len(self.edges)))
-        for name in ("rotations", "kappa", "translations", "tau", "couplings", "arms", "scales"):
-            if (given := getattr(self, name)) is not None:
+        for name in ("rotations", "kappa", "translations", "tau", "scales", "couplings", "arms"):
+            given = getattr(self, name)
+            if given is not None or name not in ("couplings", "arms"):
                 object.__setattr__(self, name, frozen_floats(given))
         m = len(self.edges)
         self._check_nodes()

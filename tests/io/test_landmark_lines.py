@@ -145,7 +145,7 @@ def test_written_and_read_again(file, tmp_path, text, suffix):
     instance = io.read(file(text), quiet=True)
     io.write(tmp_path / f"again.{suffix}", instance)
     again = io.read(tmp_path / f"again.{suffix}", quiet=True)
-    for name in ("edges", "points", "translations"):
+    for name in ("edges", "nodes", "translations"):
         np.testing.assert_array_equal(getattr(again.graph, name), getattr(instance.graph, name))
     np.testing.assert_allclose(again.graph.tau, instance.graph.tau, rtol=1e-12)
     if instance.initial is not None:
