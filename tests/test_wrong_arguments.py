@@ -182,9 +182,7 @@ NAMES = sorted(
 )
 METHODS = ["Marginals.joint", "RobustSession.add", "Session.add", "Session.remove"]
 METHODS += [f"Estimate.{name}" for name in ("anchored", "moved", "subset", "with_translations")]
-METHODS += [
-    f"Graph.{name}" for name in ("reweighted", "subgraph", "with_edges", "with_weights")
-]
+METHODS += [f"Graph.{name}" for name in ("reweighted", "subgraph", "with_edges", "with_weights")]
 METHODS += [f"PoseProblem.{name}" for name in ("cost", "gradient", "residual_angles")]
 METHODS += ["Instance.with_edges", "get_solver().solve", "comparison.compare"]
 METHODS += [f"choose_cost.{name}" for name in ("costs_of", "information_problem")]

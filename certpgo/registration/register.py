@@ -128,7 +128,7 @@ def register(
     order = np.array(sorted(range(n), key=lambda k: read[k].points.tobytes()))
     ordered, back = [read[k] for k in order], np.argsort(order)
     voxel = default_voxel(ordered) if voxel is None else voxel
-    search = _Search(ordered, voxel, reach, method, told or (lambda _: None))
+    search = _CoarseToFine(ordered, voxel, reach, method, told or (lambda _: None))
     coarse, *measured = search.run(initial.subset(order))
     coarse = replace(coarse, estimate=coarse.estimate.subset(back).anchored(0, initial))
     if method == "global_icp":
@@ -143,7 +143,7 @@ def register(
     return Registration(estimate, voxel, coarse, pairs, sliding, disagreement, instance, solution)
 
 
-class _Search:
+class _CoarseToFine:
     """Where scans are, and the pairs that tell it."""
 
     def __init__(

@@ -57,7 +57,7 @@ class JudgedEstimate:
 
 
 @dataclass(frozen=True)
-class JudgedGraph:
+class JudgedComponent:
     """A connected graph, its problem, and the certifier of its estimates."""
 
     instance: Instance
@@ -78,7 +78,7 @@ class JudgedGraph:
 
 
 def judge_all(
-    names: Iterable[str], read: Callable[[str], Iterable[tuple[JudgedGraph, Estimate]]]
+    names: Iterable[str], read: Callable[[str], Iterable[tuple[JudgedComponent, Estimate]]]
 ) -> Iterator[JudgedEstimate]:
     """The rows of each estimate; one that cannot be read becomes a row with the error.
 

@@ -19,7 +19,7 @@ from certpgo.linalg import rotations as so
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 from certpgo.optimize.riemannian_newton import newton
 from certpgo.solve.assessment import assess, costly_edges, distance
-from certpgo.solve.batch import JudgedGraph, judge_all, write_rows
+from certpgo.solve.batch import JudgedComponent, judge_all, write_rows
 from certpgo.solve.judging import Judge
 
 JARGON = (
@@ -219,7 +219,9 @@ def test_sentences_need_no_paper():
 
 
 def part_of(problem, name="walk"):
-    return JudgedGraph(Instance(name, problem.graph, np.arange(problem.n)), problem, Judge(problem))
+    return JudgedComponent(
+        Instance(name, problem.graph, np.arange(problem.n)), problem, Judge(problem)
+    )
 
 
 def test_one_bound_serves_all_answers_that_lead_to_it(monkeypatch):
@@ -251,7 +253,7 @@ def test_one_bound_serves_all_answers_that_lead_to_it(monkeypatch):
 def test_no_rows_follow_an_interruption():
     problem, best = optimum(0, 12, 3)
     stopped = Judge(problem, monitor=lambda _: True)
-    part = JudgedGraph(Instance("walk", problem.graph, np.arange(12)), problem, stopped)
+    part = JudgedComponent(Instance("walk", problem.graph, np.arange(12)), problem, stopped)
     step = so.exp(0.01 * rng_of(0).standard_normal((12, 3)))  # a descent is needed
     shaken = Estimate(best.rotations @ step, best.translations)
     rows = list(judge_all(["one", "two"], lambda _: [(part, shaken)]))
