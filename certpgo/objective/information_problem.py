@@ -116,7 +116,10 @@ class InformationProblem(Objective):
         """Steps of a descent."""
         return 250 if self.is_lifted else 600
 
-    most_ranks = 3
+    @property
+    def most_ranks(self) -> int:
+        """Ranks above d that the relaxation is climbed to."""
+        return 7 if self.is_lifted else 3
 
     def surrogate(self, point: Point) -> Surrogate:
         """The problem of the tangent minorants at an estimate, which touches the cost there.

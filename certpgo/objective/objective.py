@@ -78,7 +78,7 @@ class Objective(Speaking, ABC):
     most_steps: Any = 600
     polished: ClassVar[float] = 1e-8
     #: Ranks above d that the relaxation is climbed to.
-    most_ranks: ClassVar[int] = 7
+    most_ranks: Any = 7
 
     @property
     def _headline(self) -> str:

@@ -109,7 +109,7 @@ class Stop:
         """Seconds until the deadline, infinite without one."""
         return self.deadline - time.monotonic()
 
-    def hurry(self, seconds: float) -> None:
+    def limit_time(self, seconds: float) -> None:
         """Bring the deadline forward, to at most so many seconds from now."""
         self.deadline = min(self.deadline, time.monotonic() + seconds)
 
@@ -117,7 +117,7 @@ class Stop:
     def for_at_most(self, seconds: float = math.inf) -> Iterator[None]:
         """Limit a phase that must leave time for others; at its end the deadline is as before."""
         whole = self.deadline
-        self.hurry(seconds)
+        self.limit_time(seconds)
         try:
             yield
         finally:
@@ -196,20 +196,20 @@ class Stop:
 
 
 @dataclass
-class Hopeful:
+class EarlyStopping:
     """A monitor that stops descents which, at their pace, would stay above the best.
 
     Attributes
     ----------
     stop : the monitor of all phases
     best : cost that is to be reached
-    hope : steps, each as good as the last ones, within which it must be
+    steps : each as good as the last ones, within which it must be
     over : number of last steps that make the pace; single ones may be short where a saddle is near
     """
 
     stop: Stop
     best: float
-    hope: float
+    steps: float
     over: int = 1
     costs: list[float] = field(default_factory=list)
 
@@ -219,4 +219,4 @@ class Hopeful:
             return self.stop(iteration)
         self.costs = [*self.costs, iteration.cost][-self.over - 1 :]
         fallen = self.costs[0] - iteration.cost if len(self.costs) > self.over else math.inf
-        return self.stop(iteration) or iteration.cost - self.best > self.hope * fallen / self.over
+        return self.stop(iteration) or iteration.cost - self.best > self.steps * fallen / self.over

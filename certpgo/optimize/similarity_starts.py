@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from certpgo.errors import NumericalError
@@ -16,12 +14,18 @@ from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.optimize.initialization import Start, start_of
 
 
-def starts(problem: SimilarityProblem) -> list[Callable[[], Start]]:
-    """How starts of descents are computed: the nearest to a basin, then the least shrunk."""
-    return [
-        lambda: Start(problem.linear_start(), "linear relaxation"),
-        lambda: Start(separate_start(problem), "scales, then poses"),
-    ]
+def nearest_start(problem: SimilarityProblem) -> Start:
+    """The nearest to a minimum."""
+    return Start(problem.linear_start(), "linear relaxation")
+
+
+def least_shrunk_start(problem: SimilarityProblem) -> Start:
+    """See `separate_start`."""
+    return Start(separate_start(problem), "scales, then poses")
+
+
+#: How starts are computed, the nearest to a minimum first.
+STARTS = (nearest_start, least_shrunk_start)
 
 
 def first_start(problem: SimilarityProblem) -> Start:
@@ -32,11 +36,10 @@ def first_start(problem: SimilarityProblem) -> Start:
     NumericalError
         The weights are too uneven for all.
     """
-    nearest, other = starts(problem)
     try:
-        return nearest()
+        return nearest_start(problem)
     except (NumericalError, np.linalg.LinAlgError):
-        return other()
+        return least_shrunk_start(problem)
 
 
 def separate_start(problem: SimilarityProblem) -> Estimate:

@@ -6,9 +6,11 @@ has a negative eigenvalue, its vector is a way down in new dimensions, where des
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from typing import cast
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from operator import attrgetter
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -30,7 +32,7 @@ from certpgo.optimize.progress import Progress, Stop
 from certpgo.optimize.solution import Level, Status
 
 #: Stationarity, radians, and steps of a descent at one rank, where translations are eliminated.
-TOLERANCE, STEPS = 1e-8, 100
+CLOSE = {"tolerance": 1e-8, "max_iterations": 100}
 #: The same of Levenberg and Marquardt's method: bounds of such costs need all digits.
 STATIONARY, MOST = 1e-11, 400
 #: Shifts that make a scaled certificate matrix definite.
@@ -54,16 +56,35 @@ class Stair:
     point : stationary, if it converged
     cost : the cost there
     status : how the descent ended
+    counts : of its work, where translations are eliminated
     """
 
     point: Lift
     cost: float
     status: Status
+    counts: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def level(self) -> Level:
         """The rank, with what was reached there."""
         return Level(self.point.rank, self.cost, self.status)
+
+
+class WayDown(NamedTuple):
+    """Where descent at a higher rank begins.
+
+    Attributes
+    ----------
+    eigenvalue : the smallest one of the certificate matrix
+    point : of that rank or a lower one
+    rank : the higher rank
+    direction : (n, d) of the first step, see `low_rank_descent.leave`; None if that was made
+    """
+
+    eigenvalue: float
+    point: Point
+    rank: int
+    direction: FloatArray | None = None
 
 
 def climb(
@@ -72,6 +93,10 @@ def climb(
     highest: int,
     stop: Stop,
     monitor: Monitor | None = None,
+    *,
+    accuracy: Callable[[], Mapping[str, Any]] = lambda: CLOSE,
+    goes_on: Callable[[Point, float], bool] | None = None,
+    next_point: Callable[[Stair], Point] = attrgetter("point"),
 ) -> Iterator[Stair]:
     """The ends of descents at rising ranks, until there is no way down or a stop is requested.
 
@@ -80,78 +105,89 @@ def climb(
     start : stationary if its rank is d; above, the first descent begins there
     highest : the largest rank
     monitor : of the descents, where it is not ``stop``
+    accuracy : of a descent where translations are eliminated, as parameters of
+        `certpgo.optimize.low_rank_descent.descend`; is called before each
+    goes_on : is called with a point and the smallest eigenvalue of the certificate matrix there,
+        before a descent from it; by default, that follows if the eigenvalue is negative beyond
+        rounding
+    next_point : where the next descent begins, by default at the end of the last one
 
     Raises
     ------
     NumericalError
         No factorization, no convergence, or a stop before a way down was found.
     """
-    following: Lift | None
-    if start.rotations.shape[1] > problem.d:
-        following = Lift(start.rotations, start.translations)
-    else:
-        following = way_down(problem, start, stop)
-    while following is not None and following.rank <= highest:
-        end = _minimised(problem, following, stop, monitor or stop)
-        yield end
-        if end.status is Status.INTERRUPTED:
+    monitor = monitor or stop
+    noise = resolution(cast("Problem", problem)) if problem.eliminates else RESOLUTION
+    goes_on = goes_on or (lambda _, eigenvalue: eigenvalue < -noise)
+    point, rank = start, start.rotations.shape[1]
+    if rank > problem.d:
+        given = WayDown(-math.inf, Lift(start.rotations, start.translations), rank)
+        yield (end := _minimised(problem, given, stop, monitor, accuracy))
+        point = next_point(end)
+    while not stop.should_stop():
+        with stop.watch.phase("escape"):
+            way = way_down(problem, point, rank, stop.should_stop)
+        if way is None or not goes_on(point, way.eigenvalue) or way.rank > highest:
             return
-        following = way_down(problem, end.point, stop)
+        yield (end := _minimised(problem, way, stop, monitor, accuracy))
+        point, rank = next_point(end), way.rank
 
 
-def way_down(problem: Problem | LiftedDistances, point: Point, stop: Stop) -> Lift | None:
-    """A lower point of the next rank; None where the certificate matrix has no way down.
+def way_down(
+    problem: Problem | LiftedDistances,
+    point: Point,
+    rank: int,
+    should_stop: Callable[[], bool] = lambda: False,
+) -> WayDown | None:
+    """The way from a point to above a rank, along the smallest eigenvalue; or None.
+
+    Parameters
+    ----------
+    should_stop : is called before each factorization and each solve, where translations are not
+        eliminated
 
     Raises
     ------
     NumericalError
         No factorization, no convergence, or a stop.
     """
-    with stop.watch.phase("escape"):
-        if not problem.eliminates:
-            return escape(cast("Climbing", problem), point, stop.should_stop)
-        form = cast("Problem", problem)
-        eigenvalue, direction = negative_curvature(form, point)
-        if -eigenvalue <= resolution(form):
-            return None
-        above = lifted(point, point.rotations.shape[1] + 1)
-        return low_rank.leave(form, form.with_optimal_translations(above), direction)
+    if not problem.eliminates:
+        return _lower(cast("Climbing", problem), point, should_stop)
+    eigenvalue, direction = negative_curvature(cast("Problem", problem), point)
+    return WayDown(eigenvalue, point, rank + 1, direction)
 
 
 def _minimised(
-    problem: Problem | LiftedDistances, start: Lift, stop: Stop, monitor: Monitor
+    problem: Problem | LiftedDistances,
+    way: WayDown,
+    stop: Stop,
+    monitor: Monitor,
+    accuracy: Callable[[], Mapping[str, Any]],
 ) -> Stair:
-    """The end of descent at the rank of a point."""
+    """The end of descent along a way."""
     if problem.eliminates:
         found = low_rank.descend(
             cast("Problem", problem),
-            start,
-            start.rank,
-            tolerance=TOLERANCE,
-            max_iterations=STEPS,
+            way.point,
+            way.rank,
+            direction=way.direction,
             monitor=monitor,
             watch=stop.watch,
+            **accuracy(),
         )
-        return Stair(found.point, found.cost, found.status)
+        return Stair(found.point, found.cost, found.status, found.counts)
     progress = Progress(monitor, STATIONARY, MOST, stop.watch)
-    here = cast("Climbing", problem).linearized(start)
+    here = cast("Climbing", problem).linearized(way.point)
     end = minimise(here, DampedSteps(here), progress)
     return Stair(end.point, end.cost, stop.request or progress.status)
 
 
-def escape(
-    problem: Climbing,
-    point: Point,
-    asked: Callable[[], bool] = lambda: False,
-) -> Lift | None:
+def _lower(problem: Climbing, point: Point, should_stop: Callable[[], bool]) -> WayDown | None:
     """A lower point of the next rank, where translations are not eliminated; None without one.
 
     Along an eigenvector of a negative eigenvalue of the certificate matrix of the problem that
     touches the cost there, whose curvature in a new dimension is that of the cost.
-
-    Parameters
-    ----------
-    asked : whether to stop; called before each factorization and each solve
     """
     here = problem.blocks(point)
     below, _ = next(problem.tangents(here))
@@ -162,20 +198,21 @@ def escape(
     root = np.sqrt(np.maximum(problem.row_weights, np.finfo(float).tiny))
     A = divided(S, root)
     # The motions of the whole have eigenvalue zero, and must not hide the one that is looked for.
-    value, v = smallest_eigenpair(below, A, here.rank + MORE, asked)
+    value, v = smallest_eigenpair(below, A, here.rank + MORE, should_stop)
     if value > -RESOLUTION:
         return None
     rows = layout.unpack(v / root)
     rows[problem.root, :moved] = 0.0
-    return _leave(problem, here, below.rising(rows))
+    lower = _leave(problem, here, below.rising(rows))
+    return None if lower is None else WayDown(value, lower, lower.rank)
 
 
 def smallest_eigenpair(
-    below: PoseProblem, A: CSC, pairs: int, asked: Callable[[], bool]
+    below: PoseProblem, A: CSC, pairs: int, should_stop: Callable[[], bool]
 ) -> tuple[float, FloatArray]:
     """The smallest eigenvalue, of as many that are computed together, and its vector."""
     for shift in SHIFTS:
-        if asked():
+        if should_stop():
             raise NumericalError(STOPPED)
         shifted = add_to_diagonal(A, shift)
         factor = below.symbolic(shifted).factor(shifted)
@@ -183,7 +220,7 @@ def smallest_eigenpair(
             continue
 
         def solve(B: FloatArray, factor: Factor = factor) -> FloatArray:
-            if asked():
+            if should_stop():
                 raise NumericalError(STOPPED)
             return factor.solve(B)
 

@@ -22,7 +22,7 @@ from certpgo.objective.choose_cost import Judged, certifiable
 from certpgo.objective.truncated_problem import rejecting
 from certpgo.optimize.monitor import Iteration, Monitor, silent
 from certpgo.optimize.notebook import watched
-from certpgo.optimize.progress import Hopeful
+from certpgo.optimize.progress import EarlyStopping
 from certpgo.optimize.solution import Status
 from certpgo.solve import bounding
 from certpgo.solve.minima import elsewhere, local_minimum
@@ -232,7 +232,7 @@ class Judge:
             return begun
         other, monitor = self._elsewhere(), None
         if other is not None and normalized.is_sharp(other):
-            monitor = Hopeful(normalized.stop, other.cost, HOPE, RECENT)
+            monitor = EarlyStopping(normalized.stop, other.cost, HOPE, RECENT)
         return local_minimum(normalized, begun.point, True, self._best, monitor)
 
     def _with_best_bound(self, minimum: LocalMinimum) -> LocalMinimum:

@@ -109,9 +109,9 @@ def _starts(normalized: NormalizedProblem[Any]) -> Iterator[Estimate]:
     if not problem.takes_scales:
         yield _near_relaxation_of_f(normalized, problem) or _spectral(normalized, problem)
         return
-    for start in similarity_starts.starts(problem):
+    for start in similarity_starts.STARTS:
         with suppress(NumericalError, np.linalg.LinAlgError):
-            yield start().estimate
+            yield start(problem).estimate
 
 
 def _spectral(normalized: NormalizedProblem[Any], problem: Any) -> Estimate:

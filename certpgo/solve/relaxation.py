@@ -38,8 +38,6 @@ PROJECTIONS = 12
 OUT = 0.3
 #: Share of the remaining time for the climb; the rest is for descents from its end.
 CLIMB_SHARE = 0.7
-#: Ranks above d that the relaxation is climbed to.
-RANKS = 7
 #: Share of the cost by which a bound may miss the cost of a point, to be sharp.
 SHARP = 1e-7
 
@@ -70,9 +68,9 @@ class Relaxed:
     highest : the largest rank
     """
 
-    def __init__(self, problem: LiftedDistances, stop: Stop, highest: int | None = None) -> None:
+    def __init__(self, problem: LiftedDistances, stop: Stop, highest: int) -> None:
         self.problem, self.stop = problem, stop
-        self.highest = max(highest or problem.d + RANKS, problem.d + problem.whole.dimensions)
+        self.highest = max(highest, problem.d + problem.whole.dimensions)
         self.rng = np.random.default_rng(0)
         self.point = self.start()
         self.bound: DualBound | None = None
@@ -94,8 +92,9 @@ class Relaxed:
         return Lift(point.rotations, np.concatenate([t, out], axis=1))
 
     def bounds(self) -> Iterator[DualBound | None]:
-        """Climb to the minimum, or to what is found before a limit; the bound at each rank."""
-        with suppress(NumericalError, np.linalg.LinAlgError):
+        """Climb to the minimum, or to what is found in its share of the time; each rank's bound."""
+        limited = self.stop.for_at_most(CLIMB_SHARE * self.stop.remaining)
+        with limited, suppress(NumericalError, np.linalg.LinAlgError):
             for end in climb(self.problem, self.point, self.highest, self.stop):
                 self.point = end.point
                 self.levels.append(end.level)
@@ -116,7 +115,9 @@ class Relaxed:
         basis = main_subspace(point.subset(self.problem.poses))
         for _ in range(PROJECTIONS):
             for B in self.problem.whole.frames(basis):
-                yield Estimate(so.project(B.T @ point.rotations), translations_of(point) @ B)
+                with self.stop.watch.phase("round"):
+                    R = so.project(B.T @ point.rotations)
+                yield Estimate(R, translations_of(point) @ B)
             basis = np.linalg.qr(self.rng.standard_normal((point.rank, point.d)))[0]
 
     @property
@@ -135,10 +136,9 @@ def near_relaxation(normalized: NormalizedProblem[InformationProblem]) -> LocalM
     stop, form = normalized.stop, normalized.eased.lifted_form
     if form is None:
         return None
-    relaxed = Relaxed(form, stop)
-    with stop.for_at_most(CLIMB_SHARE * stop.remaining):
-        for _ in relaxed.bounds():
-            pass
+    relaxed = Relaxed(form, stop, form.d + normalized.problem.most_ranks)
+    for _ in relaxed.bounds():
+        pass
     best: LocalMinimum | None = None
     for start in relaxed.projections():
         if best is not None and (stop.should_stop() or normalized.is_closed(best)):

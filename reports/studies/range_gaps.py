@@ -192,7 +192,8 @@ def lowest_mean(problem: LiftedDistances, starts: list[Lift], scale: float, copi
 
 def climbed(normalized: NormalizedProblem) -> Relaxed:
     """The relaxation at its minimum."""
-    relaxed = Relaxed(normalized.problem.lifted_form, normalized.stop)
+    problem = normalized.problem
+    relaxed = Relaxed(problem.lifted_form, normalized.stop, problem.d + problem.most_ranks)
     for _ in relaxed.bounds():
         pass
     return relaxed

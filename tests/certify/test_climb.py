@@ -47,8 +47,26 @@ def test_a_wound_cycle_unwinds_at_a_higher_rank():
     assert costs == sorted(costs, reverse=True)
     assert costs[-1] < 1e-9 < 1.0 < costs[0]
     assert not list(climb(problem, wound, 3, Stop()))
-    stopped = list(climb(problem, wound, 5, Stop(), lambda step: True))
+    stop = Stop(lambda step: True)
+    stopped = list(climb(problem, wound, 5, stop))
     assert [stair.status for stair in stopped] == [Status.INTERRUPTED]
+    assert not list(climb(problem, wound, 5, stop))
+
+
+def test_a_climb_may_go_on_elsewhere_and_end_early():
+    """It then descends at the next rank all the same."""
+    instance, wound = winding_cycle(12, 0.0, 1)
+    problem, asked = RotationProblem(instance.graph), []
+
+    def twice(point, eigenvalue):
+        asked.append((point.rotations.shape[1], eigenvalue))
+        return len(asked) <= 2
+
+    stairs = list(climb(problem, wound, 9, Stop(), goes_on=twice, next_point=lambda _: wound))
+    assert [stair.point.rank for stair in stairs] == [4, 5]
+    assert [rank for rank, _ in asked] == [3] * 3
+    assert all(eigenvalue < -0.1 for _, eigenvalue in asked)
+    assert all(stair.counts["factorizations"] > 0 for stair in stairs)
 
 
 def test_a_missed_negative_eigenvalue_is_computed_again():

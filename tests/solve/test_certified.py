@@ -1,6 +1,5 @@
 """The certified pipeline: golden optima, the way out of wound-up starts, laws, interruptions."""
 
-import importlib
 import math
 import os
 import signal
@@ -24,6 +23,7 @@ from certpgo.linalg import factor
 from certpgo.linalg import rotations as so
 from certpgo.objective.problem import RotationProblem, problem_of
 from certpgo.optimize import low_rank_descent as low_rank
+from certpgo.optimize import staircase
 from certpgo.optimize.curvature import resolution
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.methods.low_rank import LowRank
@@ -31,9 +31,9 @@ from certpgo.optimize.monitor import Iteration, silent
 from certpgo.optimize.progress import Stop
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 from certpgo.optimize.solution import Level, Status
-from certpgo.solve import bounding, staircase
+from certpgo.solve import bounding, endings, search_loop
+from certpgo.solve import search as plans
 from certpgo.solve.search_loop import Search
-from certpgo.solve.staircase import Staircase
 
 #: DESIGN section 5: SE-Sync's weights, poses and rotations alone.
 OPTIMA = {
@@ -455,7 +455,7 @@ def test_no_time_at_all_still_gives_an_estimate(d):
 
 
 def test_a_deadline_after_the_search_is_not_the_reason_of_the_verdict(clock, monkeypatch):
-    certificate = Search.certificate
+    certificate = endings.certificate
 
     def late(search):
         clock.now = 2.0
@@ -464,7 +464,7 @@ def test_a_deadline_after_the_search_is_not_the_reason_of_the_verdict(clock, mon
     graph = winding_cycle(40, 1e-8, 0)[0].graph
     options = {"time_limit": 1.0, "atol": 0.0, "tier": "standard"}
     expected = solve(graph, **options).certificate.reason
-    monkeypatch.setattr(Search, "certificate", late)
+    monkeypatch.setattr(endings, "certificate", late)
     answer = solve(graph, **options)
     assert (answer.verdict, answer.solution.status) == (Verdict.UNDECIDED, Status.CONVERGED)
     assert answer.certificate.reason == expected
@@ -508,7 +508,7 @@ def shifts_alone(monkeypatch):
 @pytest.mark.usefixtures("shifts_alone")
 @pytest.mark.parametrize("tier", [None, "proof"])
 def test_a_proof_that_the_deadline_leaves_out_is_a_stop(clock, monkeypatch, tier):
-    certificate = Search.certificate
+    certificate = endings.certificate
 
     def late(search):
         clock.now = 2.0
@@ -516,7 +516,7 @@ def test_a_proof_that_the_deadline_leaves_out_is_a_stop(clock, monkeypatch, tier
 
     graph = corridor(400, np.random.default_rng(0)).graph
     assert solve(graph, atol=1e-13, time_limit=1.0, tier=tier).verdict is Verdict.CERTIFIED
-    monkeypatch.setattr(Search, "certificate", late)
+    monkeypatch.setattr(endings, "certificate", late)
     answer = solve(graph, atol=1e-13, time_limit=1.0, tier=tier)
     assert answer.solution.status is Status.TIME_LIMIT
     assert answer.verdict is (Verdict.BOUNDED if tier is None else Verdict.UNDECIDED)
@@ -717,7 +717,7 @@ def test_the_values_of_the_file_are_tried_where_the_first_descent_is_stuck(monke
     usual = solve(instance)
     assert (solve(kept).cost, solve(kept).start) == (usual.cost, usual.start)
     assert len(solve(kept).solution.trace) == len(usual.solution.trace)
-    monkeypatch.setattr(staircase, "start_of", lambda problem: Start(wound, "wound"))
+    monkeypatch.setattr(plans, "start_of", lambda problem: Start(wound, "wound"))
     answer = solve(kept)
     assert certified_at(answer, usual.cost)
     assert (answer.start, len(answer.levels)) == ("the initial values of the file", 1)
@@ -729,7 +729,7 @@ def test_the_values_of_the_file_are_tried_where_the_first_descent_is_stuck(monke
 
 
 def test_widespread_disagreement_ends_the_climb_early(monkeypatch):
-    monkeypatch.setattr(staircase, "OUTLIERS_PATIENCE", 0.0)
+    monkeypatch.setattr(search_loop, "OUTLIERS_PATIENCE", 0.0)
     rng = np.random.default_rng(1)
     graph, _, _ = pose_graph(rng, 15, 3, noise=0.02, weights=False)
     R, wrong = graph.rotations.copy(), np.arange(14, graph.num_edges, 3)
@@ -813,20 +813,16 @@ def test_a_bound_that_rounding_limits_is_computed_once(monkeypatch):
 
 
 @pytest.mark.parametrize("over", [0.5, 2.0])
-def test_only_an_eigenvalue_beyond_rounding_is_a_way_down(monkeypatch, over):
+def test_only_an_eigenvalue_beyond_rounding_is_a_way_down(over):
     problem = problem_of(winding_cycle(6, 0.3, 0)[0].graph)
     normalized = NormalizedProblem.of(problem, Tier.STANDARD, 0.0, 0.0)
-    search = Staircase(problem, normalized, SolveSettings())
+    search = Search(plans.CHORDAL, problem, normalized, SolveSettings())
     search.begin(None)
     search.levels = [Level(3, search.best.cost, search.best.status)]
     eigenvalue = -over * resolution(normalized.problem)
-    direction = np.ones((6, 3))
-    monkeypatch.setattr(staircase, "negative_curvature", lambda *_: (eigenvalue, direction))
     point = search.best.estimate
-    found, _ = search.way_down(point)
-    assert (found, search.floor) == (
-        (None, normalized.problem.cost(point)) if over < 1.0 else (eigenvalue, -math.inf)
-    )
+    assert plans.goes_on(search, point, eigenvalue) == (over > 1.0)
+    assert search.floor == (normalized.problem.cost(point) if over < 1.0 else -math.inf)
     assert search.has_reached_the_floor == (over < 1.0)
 
 
@@ -856,16 +852,18 @@ def test_the_judge_agrees_and_grids_are_certified():
     assert answer.cost < problem.cost(instance.truth)
 
 
-@pytest.mark.parametrize("where", ["negative_curvature", "low_rank.descend"])
+@pytest.mark.parametrize(
+    "where",
+    [(staircase, "negative_curvature"), (low_rank, "descend")],
+    ids=["curvature", "descent"],
+)
 def test_an_error_in_the_climb_loses_nothing(monkeypatch, where):
     instance, wound = winding_cycle(20, 0.0, 1)
 
     def fails(*args, **kwargs):
         raise NumericalError("not today")
 
-    module, _, name = where.rpartition(".")
-    place = "certpgo.optimize.low_rank_descent" if module else "certpgo.solve.staircase"
-    monkeypatch.setattr(importlib.import_module(place), name, fails)
+    monkeypatch.setattr(*where, fails)
     problem = RotationProblem(instance.graph)
     answer = solve_from(instance.graph, wound)
     assert honest(answer, problem)
@@ -925,13 +923,13 @@ def test_a_search_stopped_before_its_proof_claims_none():
     instance, _ = winding_cycle(6, 0.3, 0)
     problem = problem_of(instance.graph)
     normalized = NormalizedProblem.of(problem, Tier.STANDARD, 1e-5, 1e-12)
-    search = Staircase(problem, normalized, SolveSettings(tier=Tier.STANDARD))
+    search = Search(plans.CHORDAL, problem, normalized, SolveSettings(tier=Tier.STANDARD))
     search.begin(None)
     assert search.is_certified
     search.stop.deadline = -math.inf
-    assert search.certificate().verdict is Verdict.CERTIFIED
+    assert endings.certificate(search).verdict is Verdict.CERTIFIED
     search.tier = Tier.PROOF
-    stopped = search.certificate()
+    stopped = endings.certificate(search)
     assert (stopped.verdict, stopped.tier) == (Verdict.UNDECIDED, Tier.PROOF)
     assert stopped.lower_bound == 0.0
 

@@ -21,6 +21,7 @@ from certpgo import (
 )
 from certpgo.certify.normalized import NormalizedProblem
 from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.graph.kinds import Node
 from certpgo.graph.relaxed_point import Lift
 from certpgo.io.datasets.synthetic import helix
 from certpgo.linalg import rotations as so
@@ -30,12 +31,13 @@ from certpgo.objective.lifted_distances import LiftedDistances
 from certpgo.objective.signed_weights import quarter_turn
 from certpgo.objective.term import Term
 from certpgo.objective.truncated_problem import rejecting
-from certpgo.optimize.levenberg_marquardt import descend, minimise
+from certpgo.optimize.descent_loop import minimise
+from certpgo.optimize.levenberg_marquardt import DampedSteps, descend
 from certpgo.optimize.low_rank_descent import orthonormal
 from certpgo.optimize.monitor import Stopwatch, silent
 from certpgo.optimize.progress import Progress
 from certpgo.optimize.solution import Status
-from certpgo.optimize.staircase import escape
+from certpgo.optimize.staircase import way_down
 from certpgo.solve import search_loop
 from certpgo.solve.relaxation import Relaxed, range_bound
 
@@ -71,8 +73,8 @@ def anywhere(rng, problem, rises):
 
 def stationary(problem, point):
     """The end of a descent at the rank of a point."""
-    form = problem.lifted_form
-    return minimise(form.linearized(point), Progress(silent, 1e-11, 400, Stopwatch()))
+    here = problem.lifted_form.linearized(point)
+    return minimise(here, DampedSteps(here), Progress(silent, 1e-11, 400, Stopwatch()))
 
 
 def written_out(problem, point):
@@ -479,7 +481,7 @@ def test_rounding_of_lengths_does_not_stall_descents(seed, d):
 def test_ways_down_are_not_looked_for_after_a_stop():
     problem, _, _ = measured(2, 3, noise=1.0, poses=12, points=4)
     normalized = NormalizedProblem.of(problem, "standard", 0.0, 0.0)
-    relaxed = Relaxed(normalized.problem.lifted_form, normalized.stop)
+    relaxed = Relaxed(normalized.problem.lifted_form, normalized.stop, 10)
     point = stationary(problem, relaxed.point).point
     asked = []
 
@@ -487,9 +489,9 @@ def test_ways_down_are_not_looked_for_after_a_stop():
         asked.append(None)
         return len(asked) == 3
 
-    assert escape(problem.lifted_form, point) is not None
+    assert way_down(problem.lifted_form, point, point.rank) is not None
     with pytest.raises(NumericalError, match="stopped before"):
-        escape(problem.lifted_form, point, third)
+        way_down(problem.lifted_form, point, point.rank, third)
     assert len(asked) == 3
 
 
@@ -565,7 +567,7 @@ def test_what_is_refused():
     with pytest.raises(GraphError, match="2 components of 2, 1 nodes"):
         certifiable(pair.with_ranges(Ranges(3, [[0, 1]], [1.0], [1.0])))
     points = PoseGraph(RotationGraph(2, [[0, 1]], np.eye(2)[None], [0.0]), [[0.0, 0.0]], [1.0])
-    points = replace(points, points=np.ones(2, dtype=bool))
+    points = replace(points, nodes=np.full(2, Node.POINT))
     with pytest.raises(GraphError, match="no poses"):
         certifiable(points.with_ranges(Ranges(2, [[0, 1]], [1.0], [1.0])))
     with pytest.raises(GraphError, match="must be connected"):

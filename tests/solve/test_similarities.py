@@ -17,7 +17,7 @@ from certpgo.io.datasets.monocular import random_maps
 from certpgo.linalg import rotations as so
 from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.optimize.levenberg_marquardt import descend
-from certpgo.optimize.similarity_starts import starts
+from certpgo.optimize.similarity_starts import STARTS
 from certpgo.solve.reweighing import reweigh
 
 noises = st.sampled_from([0.05, 0.2, 0.4])
@@ -219,7 +219,7 @@ def test_all_starts_lead_to_the_optimum_where_noise_is_small():
     problem = SimilarityProblem(graph)
     best = certpgo.solve(graph)
     assert best.verdict == "CERTIFIED"
-    for start in (compute() for compute in starts(problem)):
+    for start in (compute(problem) for compute in STARTS):
         assert descend(problem, start.estimate).cost == pytest.approx(best.cost, rel=1e-9)
 
 
