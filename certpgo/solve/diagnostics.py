@@ -140,8 +140,9 @@ def _misclosure(graph: Graph) -> float | None:
     independent = graph.num_edges - graph.num_nodes + 1
     if independent != 1 or not (graph.measures_rotation.all() and graph.is_connected):
         return None
-    along_tree = tree_initialization(graph)
-    return math.degrees(RotationProblem(graph).residual_angles(along_tree).max())
+    alone = graph.rotations_alone
+    along_tree = tree_initialization(alone)
+    return math.degrees(RotationProblem(alone).residual_angles(along_tree).max())
 
 
 def kinds_in_words(instance: Instance) -> list[str]:

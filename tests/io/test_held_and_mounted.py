@@ -583,7 +583,7 @@ def test_parts_of_rotations_alone_are_of_rotations_and_keep_what_is_held(tmp_pat
     path.write_text("\n".join([*values, "FIX 0 2", *edges]) + "\n")
     alone = rotations_alone(certpgo.read(path, quiet=True))
     parts = connected_parts(alone, "each")
-    assert [type(part.graph).__name__ for part in parts] == ["RotationGraph"] * 2
+    assert [part.graph.kind for part in parts] == ["rotations"] * 2
     assert [part.pairs.tolist() for part in parts] == [[[0, 1], [1, 2], [0, 2]], [[5, 6]]]
     assert parts[0].known_numbers.tolist() == [0, 1, -1]
     # Held 25 degrees apart, where the two measurements say 0: each is off by half of that.

@@ -140,6 +140,8 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
 
 def _instance(arrays: _Arrays, source: str) -> Instance:
     n = int(arrays["num_nodes"])
+    if len(arrays["ids"]) != n:
+        raise InputError(f"ids must be {n} distinct integers")
     rotation = RotationGraph(n, arrays["edges"], arrays["rotations"], arrays["kappa"])
     graph: Graph = rotation
     information, ranges = _information(arrays), _ranges(arrays, n)
