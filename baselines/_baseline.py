@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
 from certpgo.graph.capabilities import require_capable
-from certpgo.objective.choose_cost import InformationProblem
+from certpgo.objective.choose_cost import Sum
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.optimize.iterative import Settings
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
@@ -47,7 +47,7 @@ class Baseline(Settings):
         raise NotImplementedError
 
     def prepared(
-        self, problem: Problem | InformationProblem, initial: Estimate | None = None
+        self, problem: Problem | Sum, initial: Estimate | None = None
     ) -> Callable[[], Any]:
         """A function that runs the method alone, for timing, and returns GTSAM's Values.
 
@@ -65,7 +65,7 @@ class Baseline(Settings):
 
     def solve(
         self,
-        problem: Problem | InformationProblem,
+        problem: Problem | Sum,
         *,
         initial: Estimate | None = None,
         monitor: Monitor = silent,
@@ -96,10 +96,10 @@ class Baseline(Settings):
             note=outcome.note or model.note,
         )
 
-    def _check(self, problem: Problem | InformationProblem) -> None:
-        if isinstance(problem, InformationProblem):
-            if problem.edge_cost.name not in self.own_costs:
-                raise InputError(f"this method does not minimise {problem.edge_cost.title}")
+    def _check(self, problem: Problem | Sum) -> None:
+        if isinstance(problem, Sum):
+            if problem.cost_name not in self.own_costs:
+                raise InputError(f"this method does not minimise {problem.title}")
             return
         require_capable(problem.graph, "isotropic method")
         if not (self.poses if isinstance(problem, PoseProblem) else self.rotations):

@@ -19,7 +19,7 @@ from certpgo.errors import CertPGOError, InputError, MissingDependency, Numerica
 from certpgo.graph import Estimate
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.choose_cost import InformationProblem
+from certpgo.objective.choose_cost import Sum
 from certpgo.objective.gtsam_graph import factors_of
 from certpgo.objective.problem import PoseProblem, Problem
 
@@ -124,14 +124,14 @@ def chordal_model(problem: Problem) -> Model:
     return Model(kind, graph, list(range(problem.n)), CHORDAL)
 
 
-def model_of(problem: Problem | InformationProblem, source: str | None) -> Model:
+def model_of(problem: Problem | Sum, source: str | None) -> Model:
     """The problem's own factors under GTSAM's cost.
 
     For F, the file's own factors if GTSAM reads them all, isotropic ones otherwise.
 
     Keys are the file's node ids; in ascending order they are the problem's nodes.
     """
-    if isinstance(problem, InformationProblem):
+    if isinstance(problem, Sum):
         return Model(f"Pose{problem.d}", factors_of(problem), list(range(problem.n)), FULL)
     if source is None:
         return isotropic_model(problem)

@@ -7,7 +7,7 @@ import time
 from certpgo.errors import NumericalError
 from certpgo.graph import Instance
 from certpgo.graph.streaming import arrivals
-from certpgo.objective.choose_cost import information_problem
+from certpgo.objective.choose_cost import objective_of
 from certpgo.objective.gtsam_graph import factors_of
 
 from ._gtsam import library, sentence
@@ -40,7 +40,7 @@ def updates(instance: Instance, count: int | None = None) -> tuple[list[float], 
 
 def _updates(instance: Instance, factorization: str, count: int | None) -> list[float]:
     gtsam = library()
-    factors = factors_of(information_problem(instance, "gtsam"))
+    factors = factors_of(objective_of(instance, "gtsam"))
     kind = f"Pose{instance.graph.d}"
     pose, dimension = getattr(gtsam, kind), 3 * instance.graph.d - 3
     parameters = gtsam.ISAM2Params()

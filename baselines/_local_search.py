@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Literal
 
 from certpgo.errors import InputError, SpecError
 from certpgo.graph import Estimate
-from certpgo.objective.choose_cost import InformationProblem
+from certpgo.objective.choose_cost import Sum
 from certpgo.objective.costs.gtsam import GtsamCost
 from certpgo.objective.problem import Problem
 from certpgo.optimize.monitor import Stopwatch
@@ -48,7 +48,7 @@ class LocalSearch(Baseline):
 
     def ready(
         self,
-        problem: Problem | InformationProblem,
+        problem: Problem | Sum,
         initial: Estimate | None,
         watch: Stopwatch,
     ) -> tuple[Model, Callable[[], Outcome]]:
@@ -71,9 +71,7 @@ class LocalSearch(Baseline):
 
         return model, run
 
-    def _start(
-        self, model: Model, problem: Problem | InformationProblem, initial: Estimate | None
-    ) -> Any:
+    def _start(self, model: Model, problem: Problem | Sum, initial: Estimate | None) -> Any:
         if initial is not None:
             return model.values(initial)
         if self.start == "file":
@@ -83,7 +81,7 @@ class LocalSearch(Baseline):
         if problem.d == 3:
             return initialization(model)()
         # LAGO refuses correlated information, so it gets the isotropic factors.
-        chordal = problem.chordal if isinstance(problem, InformationProblem) else problem
+        chordal = problem.chordal if isinstance(problem, Sum) else problem
         simple = isotropic_model(chordal)
         return model.values(simple.estimate(initialization(simple)()))
 

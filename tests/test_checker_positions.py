@@ -130,7 +130,7 @@ def test_proves_landmarks_and_priors(tmp_path, d, whole, far):
     assert "with full information, and of positions" in said.about
     assert "with 3 landmarks, with 2 priors" in said.about
     # The exact cost of the stored estimate, of the lines in the file.
-    problem = certpgo.objective.choose_cost.information_problem(instance, "g2o")
+    problem = certpgo.objective.choose_cost.objective_of(instance, "g2o")
     estimate = certpgo.solve(instance, cost="g2o").estimate
     assert problem.cost(estimate) == pytest.approx(said.upper, rel=1e-7)
     graph = checker.read_graph(path.read_bytes(), proofs.claim_of(arrays), None)

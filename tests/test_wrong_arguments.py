@@ -11,7 +11,7 @@ import certpgo
 from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate, Instance
 from certpgo.io.datasets.synthetic import helix
-from certpgo.objective.choose_cost import costs_of, information_problem
+from certpgo.objective.choose_cost import costs_of, objective_of
 from certpgo.solve.comparison import compare
 from certpgo.solve.metrics import trajectory_errors
 from certpgo.solve.settings import SolveSettings
@@ -65,7 +65,7 @@ def calls(of):
     graph, read, estimate, folder = of["graph"], of["read"], of["estimate"], of["folder"]
     rotation, proof = graph.rotations_alone, folder / "p.cert"
     certpgo.write_proof(proof, of["path"], read, estimate, of["certificate"])
-    under = information_problem(read, "g2o")
+    under = objective_of(read, "g2o")
     newton, problem = certpgo.get_solver("newton")(), of["problem"]
     marginals = certpgo.Marginals(of["problem"], estimate)
     return {
@@ -117,7 +117,7 @@ def calls(of):
         "comparison.compare": (lambda *a: list(compare(*a)), graph, []),
         "metrics.trajectory_errors": (trajectory_errors, estimate, estimate),
         "choose_cost.costs_of": (costs_of, read),
-        "choose_cost.information_problem": (information_problem, read, "g2o"),
+        "choose_cost.objective_of": (objective_of, read, "g2o"),
         "check": (certpgo.check, of["path"], proof),
         "fit_logarithms": (certpgo.fit_logarithms, graph),
         "from_gtsam": (certpgo.from_gtsam, graph, estimate),
@@ -185,7 +185,7 @@ METHODS += [f"Estimate.{name}" for name in ("anchored", "moved", "subset", "with
 METHODS += [f"Graph.{name}" for name in ("reweighted", "subgraph", "with_edges", "with_weights")]
 METHODS += [f"PoseProblem.{name}" for name in ("cost", "gradient", "residual_angles")]
 METHODS += ["Instance.with_edges", "get_solver().solve", "comparison.compare"]
-METHODS += [f"choose_cost.{name}" for name in ("costs_of", "information_problem")]
+METHODS += [f"choose_cost.{name}" for name in ("costs_of", "objective_of")]
 METHODS += ["metrics.trajectory_errors"]
 METHODS += [f"plot.{name}" for name in ("bounds", "convergence", "residuals", "spectrum")]
 

@@ -25,7 +25,7 @@ from certpgo.graph import Estimate
 from certpgo.graph.bridges import bridges
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.truncated import Truncation
-from certpgo.objective.truncated_problem import TruncatedProblem
+from certpgo.objective.truncated_cost import TruncatedCost
 
 #: Columns of measurements that are grouped at once.
 MANY = 1500
@@ -74,7 +74,7 @@ def worth_keeping(normalized: Truncated, estimate: Estimate, prices: FloatArray)
         group = waiting.pop()
         priced = problem.prices.copy()
         priced[kept[group]] = prices[kept[group]]
-        with_group = replace(normalized, problem=TruncatedProblem(problem.whole, priced))
+        with_group = replace(normalized, problem=TruncatedCost(problem.whole, priced))
         weights = np.zeros((len(priced), found.b, found.b))
         weights[problem.rejected], weights[kept[group]] = W_rejected, W[group]
         weights = weights[with_group.problem.rejected]
@@ -91,7 +91,7 @@ def _holds(truncated: Truncated, point: Estimate, cost: float, least: float, W: 
     return bound is not None and bound.value >= least
 
 
-def _is_bridge(problem: TruncatedProblem, kept: IntArray) -> BoolArray:
+def _is_bridge(problem: TruncatedCost, kept: IntArray) -> BoolArray:
     """(k,) which measurements fit in any case, as nothing else checks them, rejected or not."""
     graph = problem.graph
     pairs = np.sort(graph.edges, axis=1)

@@ -7,14 +7,14 @@ import numpy as np
 from certpgo import checker
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.truncated import Truncation
-from certpgo.objective.truncated_problem import TruncatedProblem
+from certpgo.objective.truncated_cost import TruncatedCost
 
 #: Shares by which centres move away from measurements until these reach their prices.
 OUT = tuple(2.0**-k for k in range(50, 26, -4))
 
 
 def claimed_rejections(
-    graph: checker.Graph, problem: TruncatedProblem, at: Truncation, W: FloatArray
+    graph: checker.Graph, problem: TruncatedCost, at: Truncation, W: FloatArray
 ) -> checker.Rejections:
     """What minorants with weights W claim; those whose prices are not reached get none."""
     moved, C = at.moved, at.centres(W)

@@ -17,7 +17,7 @@ from certpgo.errors import GraphError
 from certpgo.graph.bridges import bridges
 from certpgo.graph.scale import typical
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.truncated_problem import TruncatedProblem
+from certpgo.objective.truncated_cost import TruncatedCost
 
 #: How many times the typical weight of other measurements a bridge may have, and one in a cycle,
 #: which then loses about one over that of the cost.
@@ -33,12 +33,12 @@ def eased(problem: AnyProblem, *, cycles: bool = True) -> AnyProblem:
     ----------
     cycles : whether also in cycles, which moves the optimum a little
     """
-    if isinstance(problem, TruncatedProblem):
+    if isinstance(problem, TruncatedCost):
         # Not its surrogate: minorants may be below zero, and lower weights would raise these, were
         # it by rounding.
         whole = eased(problem.whole, cycles=cycles)
         same = whole is problem.whole
-        return problem if same else cast("AnyProblem", TruncatedProblem(whole, problem.prices))
+        return problem if same else cast("AnyProblem", TruncatedCost(whole, problem.prices))
     if problem.takes_scales:
         return problem
     graph = problem.graph

@@ -24,9 +24,9 @@ from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import Problem
 from certpgo.objective.truncated import FLATTEST
-from certpgo.objective.truncated_problem import TruncatedProblem
+from certpgo.objective.truncated_cost import TruncatedCost
 
-Truncated = NormalizedProblem[TruncatedProblem]
+Truncated = NormalizedProblem[TruncatedCost]
 
 
 def bound_with(
@@ -62,12 +62,12 @@ def bound_with(
     return replace(found, ambiguous=problem.rejected[left_out])
 
 
-def below_with(problem: TruncatedProblem, point: Estimate, W: FloatArray) -> Problem:
+def below_with(problem: TruncatedCost, point: Estimate, W: FloatArray) -> Problem:
     """The quadratic problem of minorants of weights W."""
     return cast("Problem", problem.surrogate(point, W).problem)
 
 
-def resistances(problem: TruncatedProblem, point: Estimate) -> Resistances | None:
+def resistances(problem: TruncatedCost, point: Estimate) -> Resistances | None:
     """Those of the rejected measurements there; None if the kept ones have no bound there."""
     at = problem.truncation(point)
     below = below_with(problem, point, np.zeros_like(at.plain()))

@@ -131,7 +131,7 @@ class Followed:
     @cached_property
     def fit(self) -> Fit | None:
         """chi^2 of all measurements, if they came and none is put aside."""
-        from certpgo.objective.choose_cost import certifiable
+        from certpgo.objective.choose_cost import objective_of
         from certpgo.solve.fit import fit_of
 
         if not self.ended or self.rejected:
@@ -139,7 +139,7 @@ class Followed:
         instance, estimate = self.best()
         if self.whole is None:
             instance = replace(instance, options=self.options)
-        return fit_of(instance, certifiable(instance, self.cost), estimate)
+        return fit_of(instance, objective_of(instance, self.cost), estimate)
 
     @property
     def sentence(self) -> str:

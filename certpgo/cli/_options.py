@@ -92,8 +92,8 @@ MaxDifference = Annotated[
 
 def _known(cost: str) -> str:
     """The name of a cost, if there is such a cost."""
-    if cost not in (CHORDAL, *COSTS):
-        raise typer.BadParameter(str(SpecError.unknown("cost", cost, [CHORDAL, *COSTS])))
+    if cost not in COSTS:
+        raise typer.BadParameter(str(SpecError.unknown("cost", cost, list(COSTS))))
     return cost
 
 
@@ -102,7 +102,7 @@ CostOption = Annotated[
     typer.Option(
         "--cost",
         parser=_known,
-        metavar="|".join((CHORDAL, *COSTS)),
+        metavar="|".join(COSTS),
         show_default="g2o for g2o files with information, chordal for others",
         help="Cost to minimise or to judge by: chordal (F, with isotropic weights), or that of g2o "
         "or GTSAM with the file's full information matrices.",

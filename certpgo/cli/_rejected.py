@@ -26,11 +26,11 @@ def posing(
     """
     from certpgo.graph.phrases import counted
     from certpgo.io.rejections import read_rejected
-    from certpgo.objective.choose_cost import CHORDAL, certifiable
-    from certpgo.objective.truncated_problem import rejecting
+    from certpgo.objective.choose_cost import CHORDAL, objective_of
+    from certpgo.objective.truncated_cost import rejecting
 
     if rejected is None:
-        return lambda parts: [(part, certifiable(part, cost)) for part in parts]
+        return lambda parts: [(part, objective_of(part, cost)) for part in parts]
     choice = read_rejected(rejected, instance)
     of_cost = choice.of_cost or CHORDAL
     priced = quantile is None and cost == of_cost
@@ -48,8 +48,8 @@ def posing(
             said = counted(elsewhere, "rejected measurement{s}")
             notice(f"{part.name}: {said} of {len(choice.numbers)} not between its nodes")
         if elsewhere and not len(edges):
-            return [(part, certifiable(part, cost))]
+            return [(part, objective_of(part, cost))]
         prices = prices if priced else None
-        return [(part, rejecting(certifiable(part, cost), edges, quantile, prices=prices))]
+        return [(part, rejecting(objective_of(part, cost), edges, quantile, prices=prices))]
 
     return truncated

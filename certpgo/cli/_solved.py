@@ -338,9 +338,9 @@ class Solved(Result):
     @property
     def _problem(self) -> Certifiable:
         """The problem that the estimate solves."""
-        from certpgo.objective.choose_cost import certifiable
+        from certpgo.objective.choose_cost import objective_of
 
-        posed: Any = certifiable(self.part, self.asked.cost)
+        posed: Any = objective_of(self.part, self.asked.cost)
         if self.solution.weights is None:
             return cast("Certifiable", posed)
         return cast("Certifiable", self.solution.judged(posed))

@@ -128,13 +128,14 @@ def _parts(
         It cannot be read, is not connected, or does not have this cost.
     """
     from certpgo.io.timestamps import timed
-    from certpgo.objective.choose_cost import problem_under
+    from certpgo.objective.choose_cost import objective_of, require_poses_alone
 
     instance = timed(reading.open(source, notices=False), timestamps)
     parts = reading.parts(instance)
     under = chosen_cost(cost, instance)
     for part in parts:
-        problem_under(part, under)
+        require_poses_alone(part)
+        objective_of(part, under)
     return parts, under
 
 
@@ -323,10 +324,10 @@ def _available() -> tuple[Competitor, ...]:
 def _named(methods: str | None, cost: str | None) -> list[str] | None:
     """The methods that are named; a SpecError if one is no label under a cost and no method."""
     from certpgo import registry
-    from certpgo.objective.choose_cost import CHORDAL, COSTS
+    from certpgo.objective.choose_cost import COSTS
     from certpgo.solve.comparison import methods_under
 
-    costs = (CHORDAL, *COSTS) if cost is None else (cost,)
+    costs = tuple(COSTS) if cost is None else (cost,)
     labels = {one.label for under in costs for one in methods_under(under, _available())}
     known = labels.union(registry.solver_names())
     names = None if methods is None else methods.split(",")

@@ -156,25 +156,24 @@ def _add(
 
 def _costs(cost: str | None, instance: Instance, proof: Path | None) -> Sequence[str]:
     """The costs to enter: one that is chosen, else all; of a proof its own default."""
-    from certpgo.objective.choose_cost import CHORDAL, COSTS, own_cost
+    from certpgo.objective.choose_cost import COSTS, own_cost
 
     if cost is not None:
         return (cost,)
-    return (own_cost(instance),) if proof is not None else (CHORDAL, *COSTS)
+    return (own_cost(instance),) if proof is not None else tuple(COSTS)
 
 
 def _recognise(
     held: Register, instance: Instance, cost: str | None, estimate: Estimate | None, json: bool
 ) -> int:
     """Say what is known of a graph; with an estimate, how far that is from it."""
-    from certpgo.objective.choose_cost import certifiable
+    from certpgo.objective.choose_cost import objective_of
     from certpgo.optima import recognise
 
     found = [one for one in recognise(instance, held) if cost in (None, one.optimum.cost)]
     costs = [] if estimate is None else [one.optimum.cost for one in found]
-    above = {
-        cost: certifiable(instance, cost).enclosure(cast("Estimate", estimate))[1] for cost in costs
-    }
+    of = {cost: objective_of(instance, cost) for cost in costs}
+    above = {cost: f.enclosure(cast("Estimate", estimate))[1] for cost, f in of.items()}
     if json:
         document(
             [

@@ -1,10 +1,10 @@
-"""The costs of other programs, edge by edge, and their minorants."""
+"""Which cost a graph has: F, or that of another program, and what it knows."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -14,36 +14,36 @@ from certpgo.graph.dataset import graph_of
 from certpgo.graph.kinds import Kind
 from certpgo.graph.phrases import counted
 from certpgo.graph.priors import require_determined, require_held
-from certpgo.objective.chordal_cost import ChordalCost
 from certpgo.objective.costs import CHORDAL, COSTS
-from certpgo.objective.edge_cost import EdgeCost
-from certpgo.objective.information_problem import InformationProblem
+from certpgo.objective.costs.chordal import ChordalCost
 from certpgo.objective.objective import Objective, Surrogate
 from certpgo.objective.problem import SCALED, Problem, problem_of
 from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.objective.sum import Sum
-from certpgo.objective.truncated_problem import TruncatedProblem
+from certpgo.objective.truncated_cost import TruncatedCost
 
 #: What estimates are certified for.
-Certifiable = Problem | InformationProblem
+Certifiable = Problem | Sum
 #: What they are judged for, with rejections among them.
-Judged = Certifiable | TruncatedProblem
+Judged = Certifiable | TruncatedCost
+
+#: What is said of other costs there.
+OF_SCALES = (
+    "with nodes of unknown scale the cost is F (--cost chordal) or, of certpgo solve "
+    "--scales-within, that of logarithms"
+)
 
 __all__ = [
     "CHORDAL",
     "COSTS",
     "Certifiable",
-    "InformationProblem",
     "Judged",
     "SimilarityProblem",
     "Surrogate",
-    "certifiable",
+    "Sum",
     "costs_of",
-    "edge_cost",
-    "information_problem",
+    "objective_of",
     "own_cost",
-    "problem_under",
-    "similarity_problem",
 ]
 
 
@@ -67,12 +67,13 @@ def costs_of(instance: Instance) -> tuple[str, ...]:
     """The costs that an instance can be certified under, that of `own_cost` first."""
     require(instance, Instance, "an Instance")
     own, graph = own_cost(instance), instance.graph
-    known = (CHORDAL, *(cost for cost in COSTS if _takes(graph, cost)))
-    return own, *(cost for cost in known if cost != own)
+    return own, *(cost for cost in COSTS if cost != own and _takes(graph, cost))
 
 
 def _takes(graph: Graph, cost: str, *, more: bool = False) -> bool:
-    """Whether a graph has poses and definite information matrices alone, and the cost takes it."""
+    """Whether a graph has what the cost needs: of F alone, no definite information matrices."""
+    if cost == CHORDAL:
+        return True
     if not graph.has_positions:
         return False
     return bool(graph.is_definite.all()) and not _unknown_to(cost, graph, more=more)
@@ -93,135 +94,104 @@ def _unknown_to(cost: str, graph: Graph, *, more: bool = False) -> str:
     return ""
 
 
-def problem_under(
-    posed: Graph | Instance | Problem | InformationProblem, cost: str | None = None
-) -> Problem | InformationProblem:
-    """The problem under a cost: ``"chordal"``, or see `information_problem`.
-
-    Parameters
-    ----------
-    posed : a graph or an instance; or a problem, which has its cost already and takes no other
-    cost : by default that of `own_cost`
-
-    Raises
-    ------
-    InputError
-        A cost of another program, and a problem that has its own, or no information matrices; or an
-        instance with measurements of other kinds, which are `certifiable`'s.
-    """
-    if cost is not None:
-        require(cost, str, "the name of a cost")
-    said = source_of(posed)
-    unposed = _graph_of(posed)
-    if unposed.blocks:
-        others = unposed.blocks[0].kind.plural
-        for_these = "for certpgo solve, certify and merge, and sessions, alone"
-        raise InputError(f"{said}graphs with {others} are {for_these}")
-    if unposed.has_scales:
-        raise InputError(f"{said}{SCALED}")
-    if isinstance(posed, Objective):
-        if cost not in (None, posed.cost_name):
-            own = f"this problem has {posed.cost_name!r}"
-            raise InputError(f"cost={cost!r} is a choice for graphs: {own}")
-        if len(posed.rejected):
-            raise InputError("a truncated cost is certified, not solved: take its `whole`")
-        return posed
-    graph = graph_of(posed)
-    if isinstance(posed, Instance) and graph.is_partial:
-        require_determined(graph, posed.named)
-    chosen = own_cost(graph) if cost is None else cost
-    if chosen not in (CHORDAL, *COSTS):
-        raise SpecError.unknown("cost", chosen, [CHORDAL, *COSTS])
-    return problem_of(graph) if chosen == CHORDAL else information_problem(posed, chosen)
-
-
-def certifiable(
+def objective_of(
     posed: Graph | Instance | Certifiable | SimilarityProblem, cost: str | None = None
 ) -> Certifiable:
-    """The problem as of `problem_under`, of measurements of any kinds."""
-    if isinstance(posed, SimilarityProblem):
-        return posed
-    graph = _graph_of(posed)
-    if graph.has_scales:
-        return similarity_problem(posed, cost)
-    if graph.blocks:
-        return _problem_of_blocks(cast("Graph | Instance", posed), cost)
-    return problem_under(posed, cost)
-
-
-def _problem_of_blocks(measured: Graph | Instance, cost: str | None) -> Certifiable:
-    """The problem of measurements of several kinds."""
-    chosen, graph = own_cost(measured) if cost is None else cost, graph_of(measured)
-    if chosen not in (CHORDAL, *COSTS):
-        raise SpecError.unknown("cost", chosen, [CHORDAL, *COSTS])
-    if chosen != CHORDAL:
-        return information_problem(measured, chosen)
-    if isinstance(measured, Instance):
-        require_held(graph, measured.named)
-    if graph.has_couplings:
-        lacks = "are for isotropic weights, not for matrix weights or directions alone"
-        raise InputError(f"{source_of(measured)}measured {graph.blocks[0].kind.plural} {lacks}")
-    return InformationProblem(edge_cost(graph, CHORDAL))
-
-
-def _graph_of(posed: object) -> Any:
-    graph = getattr(posed, "graph", posed)
-    require(graph, Graph, "a graph, an instance or a problem")
-    return graph
-
-
-def similarity_problem(
-    posed: Graph | Instance | Certifiable | SimilarityProblem, cost: str | None = None
-) -> SimilarityProblem:
-    """The problem of a graph with nodes of unknown scale, or of an instance with one.
-
-    Raises
-    ------
-    InputError
-        No scale is unknown; it has distances too; or a cost of another program.
-    """
-    source = source_of(posed)
-    if cost not in (None, CHORDAL):
-        said = "with nodes of unknown scale the cost is F (--cost chordal) or, of certpgo solve "
-        said += "--scales-within, that of logarithms"
-        raise InputError(f"{source}{said}")
-    if isinstance(posed, SimilarityProblem):
-        return posed
-    graph = _graph_of(posed)
-    if not graph.has_scales:
-        raise InputError(f"{source}no nodes of unknown scale")
-    if isinstance(posed, Instance) and graph.is_partial:
-        require_determined(graph, posed.named)
-    return SimilarityProblem(graph)
-
-
-def information_problem(measured: Graph | Instance, cost: str) -> InformationProblem:
-    """The problem of measurements under the cost of another program.
+    """What is minimised of measurements: F where it is a quadratic form, else a sum of terms.
 
     Parameters
     ----------
-    measured : with information matrices, as read from a file that has some
-    cost : the name of one of `COSTS`, such as ``"g2o"`` or ``"gtsam"``
+    posed : a graph or an instance; or an objective, which has its cost already and takes no other
+    cost : the name of one of `COSTS`; by default that of `own_cost`
 
     Raises
     ------
     SpecError
         An unknown cost.
     InputError
-        There are no poses or no information matrices, or some are not positive definite.
+        A cost of another program, and an objective that has its own, or measurements that the cost
+        does not know; there are no poses or no information matrices, or some are not positive
+        definite.
     """
-    require(measured, Instance | Graph, "a graph or an instance")
-    require(cost, str, "the name of a cost")
-    if cost not in COSTS:
-        raise SpecError.unknown("cost", cost, list(COSTS))
+    if cost is not None:
+        require(cost, str, "the name of a cost")
+    if isinstance(posed, Objective):
+        return _of_own_cost(posed, cost)
+    graph, said = _graph_of(posed), source_of(posed)
+    if graph.has_scales and cost not in (None, CHORDAL):
+        raise InputError(f"{said}{OF_SCALES}")
+    chosen = own_cost(graph) if cost is None else cost
+    if chosen not in COSTS:
+        raise SpecError.unknown("cost", chosen, list(COSTS))
+    return _under_f(posed) if chosen == CHORDAL else _under(chosen, posed)
+
+
+def _under_f(measured: Graph | Instance) -> Certifiable:
+    """F, a sum of terms where it is no quadratic form."""
+    graph: Any = graph_of(measured)
+    named = measured.named if isinstance(measured, Instance) else None
+    if named is not None and graph.blocks:
+        require_held(graph, named)
+    elif named is not None and graph.is_partial:
+        require_determined(graph, named)
+    if graph.has_scales:
+        return SimilarityProblem(graph)
+    if not graph.blocks:
+        return problem_of(graph)
+    if graph.has_couplings:
+        lacks = "are for isotropic weights, not for matrix weights or directions alone"
+        raise InputError(f"{source_of(measured)}measured {graph.blocks[0].kind.plural} {lacks}")
+    return Sum(graph, ChordalCost)
+
+
+def _of_own_cost(posed: Certifiable, cost: str | None) -> Certifiable:
+    """The objective itself, unless another cost is asked for."""
+    if cost not in (None, posed.cost_name):
+        own = f"this problem has {posed.cost_name!r}"
+        raise InputError(f"cost={cost!r} is a choice for graphs: {own}")
+    if len(posed.rejected):
+        raise InputError("a truncated cost is certified, not solved: take its `whole`")
+    return posed
+
+
+def _under(cost: str, measured: Graph | Instance) -> Sum:
+    """The sum of terms with another program's cost of relative poses."""
     graph = informed(measured, cost)
     if said := _unknown_to(cost, graph):
         raise InputError(f"{source_of(measured)}{said}")
-    graph = weighed_by(cost, graph)
-    problem = InformationProblem(edge_cost(graph, cost))
+    if isinstance(measured, Instance) and graph.is_partial and not graph.blocks:
+        require_determined(graph, measured.named)
+    problem = Sum(weighed_by(cost, graph), COSTS[cost])
     # No path, as tables keep it.
     refuse(problem.unbounded, measured.name if isinstance(measured, Instance) else "")
     return problem
+
+
+def require_poses_alone(posed: Graph | Instance) -> None:
+    """Refuse, by an InputError, what is for `certpgo.solve` and `certify` alone.
+
+    That is: blocks of other measurements, and nodes of unknown scale.
+    """
+    graph, said = _graph_of(posed), source_of(posed)
+    if graph.blocks:
+        others = graph.blocks[0].kind.plural
+        for_these = "for certpgo solve, certify and merge, and sessions, alone"
+        raise InputError(f"{said}graphs with {others} are {for_these}")
+    if graph.has_scales:
+        raise InputError(f"{said}{SCALED}")
+
+
+def require_scales(posed: Graph | Instance | Objective) -> None:
+    """Refuse what has no nodes of unknown scale by an InputError."""
+    if not _graph_of(posed).has_scales:
+        raise InputError(f"{source_of(posed)}no nodes of unknown scale")
+
+
+def _graph_of(posed: object) -> Any:
+    if isinstance(posed, Objective):
+        return posed.graph
+    require(posed, Instance | Graph, "a graph, an instance or a problem")
+    return graph_of(posed)  # type: ignore[arg-type]
 
 
 def weighed_by(cost: str, graph: Graph) -> Graph:
@@ -235,13 +205,6 @@ def weighed_by(cost: str, graph: Graph) -> Graph:
     factors = np.full(graph.num_edges, 0.25 if about == "quaternion" else 4.0)
     stated = replace(information, about=about)
     return replace(graph, kappa=factors * graph.kappa, information=stated)
-
-
-def edge_cost(graph: Graph, cost: str) -> EdgeCost:
-    """The cost of that name in `COSTS`, for measurements of poses, positions or rotations."""
-    if not (graph.is_partial or graph.blocks):
-        return COSTS[cost](graph)
-    return Sum(graph, ChordalCost if cost == CHORDAL else COSTS[cost])
 
 
 def source_of(posed: object) -> str:

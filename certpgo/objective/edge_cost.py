@@ -20,7 +20,7 @@ from certpgo.graph.information import RotationAbout, unmeasured
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import Ball
 from certpgo.linalg.rotations import rotation_defect
-from certpgo.objective.term import EdgeTerm, Placed
+from certpgo.objective.term import EdgeTerm
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,16 +71,6 @@ class EdgeCost(EdgeTerm):
         """What it is, in the words of the program's users."""
 
     @property
-    def whole(self) -> Graph:
-        """The graph with an edge for each measurement: for each edge its own."""
-        return self.graph
-
-    @property
-    def terms(self) -> tuple[Placed, ...]:
-        """The terms that it is a sum of: itself."""
-        return (Placed(np.arange(self.graph.num_edges), self),)
-
-    @property
     def is_definite(self) -> BoolArray:
         """(m,) which measurements have a cost that grows with all of their residuals."""
         return self.graph.is_definite
@@ -107,10 +97,6 @@ class EdgeCost(EdgeTerm):
         back = np.swapaxes(self.graph.rotations, 1, 2)
         y = (back @ (v - self.graph.translations)[:, :, None])[:, :, 0]
         return y, back @ Q
-
-    def lengths_of_blocks(self, v: FloatArray, Q: FloatArray) -> FloatArray:
-        """(k,) norms of the residuals of other measurements than edges, metres: none."""
-        return np.zeros(0)
 
     def bend(self, v: FloatArray) -> FloatArray:
         """(m,) y^T T y for moves v of the translations, T of the information."""

@@ -3,37 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from certpgo.graph import Estimate
-from certpgo.graph.relaxed_point import Point, translations_of
+from certpgo.graph.relaxed_point import translations_of
 from certpgo.linalg import compiled
-from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.objective.angle_functions import C
 from certpgo.objective.edge_cost import EdgeCost
 from certpgo.objective.operators import lever
-from certpgo.objective.term import Term
+from certpgo.objective.term import Term, relative
+from certpgo.objective.terms import Placed
 
 #: What tells the kernel's residuals apart: the series of logarithms.
 _SERIES = {"quaternion": None, "logarithm": np.array(C)}
-
-
-def relative(
-    edges: IntArray, arms: FloatArray | None, point: Point
-) -> tuple[FloatArray, FloatArray]:
-    """(m, d) vectors v = R_i^T (t_j + R_j a - t_i) and (m, d, d) rotations Q = R_i^T R_j.
-
-    Of these edges (m, 2), with arms (m, d) at their second nodes or None for zeros.
-    """
-    i, j = edges.T
-    R, t = point.rotations, translations_of(point)
-    back = np.swapaxes(R[i], 1, 2)
-    v, Q = (back @ (t[j] - t[i])[:, :, None])[:, :, 0], back @ R[j]
-    return v if arms is None else v + (Q @ arms[:, :, None])[:, :, 0], Q
 
 
 class EdgeEquations:
@@ -42,9 +30,9 @@ class EdgeEquations:
     Poses move by world-frame translations, then body-frame rotations: p coordinates.
     """
 
-    def __init__(self, cost: EdgeCost, n: int) -> None:
-        self._m = len(cost.edges)
-        self._parts = [(rows, _Equations(term, n)) for rows, term in cost.terms]
+    def __init__(self, terms: Sequence[Placed], n: int) -> None:
+        self._m = sum(len(rows) for rows, _ in terms)
+        self._parts = [(rows, _Equations(term, n)) for rows, term in terms]
 
     @property
     def has_more(self) -> bool:
@@ -134,7 +122,7 @@ class _Equations:
     def _linearized(self, point: Estimate) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Residuals (m, k) and their derivatives by the first and the second pose, (m, k, p)."""
         edges, arms = self._term.edges, self._term.arms
-        v, Q = relative(edges, arms, point)
+        v, Q = self._term.relative(point)
         e, in_v, in_w = self._term.linearized(v, Q)
         # v moves by R_i^T (dt_j - dt_i) + v x w_i - Q (a x w_j), and Q by Q exp(w_j - Q^T w_i).
         by_t = in_v @ np.swapaxes(point.rotations[edges[:, 0]], 1, 2)

@@ -14,9 +14,8 @@ from certpgo.graph.observations import Observations
 from certpgo.graph.relaxed_point import Point, translations_of
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective import operators
-from certpgo.objective.edge_equations import relative
 from certpgo.objective.objective import Objective
-from certpgo.objective.term import term_of
+from certpgo.objective.term import relative, term_of
 
 #: Residual over the numbers it is the difference of: what solving linear equations of a large map
 #: leaves. From here on, bounds on rounding are small against the square of a residual.

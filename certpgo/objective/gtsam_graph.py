@@ -6,6 +6,7 @@ is translation first.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
@@ -17,9 +18,9 @@ from certpgo.io.gtsam_values import estimate_from_values
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective import gtsam_similarities
 from certpgo.objective.costs.gtsam import GtsamCost
-from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.similarity_problem import SimilarityProblem
-from certpgo.objective.truncated_problem import TruncatedProblem
+from certpgo.objective.sum import Sum
+from certpgo.objective.truncated_cost import TruncatedCost
 
 _BETWEEN = {"BetweenFactorPose2": 2, "BetweenFactorPose3": 3}
 #: The robust noise whose cost is truncated least squares.
@@ -27,9 +28,7 @@ TRUNCATED = "TruncatedLeastSquares"
 _PRIORS = ("PriorFactorPose2", "PriorFactorPose3")
 
 
-def from_gtsam(
-    graph: Any, values: Any
-) -> tuple[InformationProblem | TruncatedProblem | SimilarityProblem, Estimate]:
+def from_gtsam(graph: Any, values: Any) -> tuple[Sum | TruncatedCost | SimilarityProblem, Estimate]:
     """The problem of a factor graph's relative poses under GTSAM's own cost, and the estimate.
 
     The cost is twice GTSAM's error. Node k is the k-th key of the values, ascending. One prior on a
@@ -38,7 +37,7 @@ def from_gtsam(
     A robust noise model is no cost that can be certified. Its factor gets the weight that it has at
     the values: at an optimum of GTSAM's, that cost is stationary too, but it is another one, as its
     title says. With truncated least squares, factors that are cut off at the values cost at most
-    what GTSAM says, and the others are kept: the problem is then a `TruncatedProblem`.
+    what GTSAM says, and the others are kept: the problem is then a `TruncatedCost`.
 
     Factors of similarities, whose cost of logarithms has no quadratic form below it, become a
     problem of F with the weights of their noise: a `SimilarityProblem`, with all scales unknown.
@@ -134,9 +133,7 @@ def _is_robust(factor: Any) -> bool:
     return type(factor.noiseModel()).__name__ == "Robust"
 
 
-def _as_robust(
-    problem: InformationProblem, factors: list[Any], costs: FloatArray
-) -> InformationProblem | TruncatedProblem:
+def _as_robust(problem: Sum, factors: list[Any], costs: FloatArray) -> Sum | TruncatedCost:
     """The problem with the weights of robust noise for these costs, or with truncated ones."""
     weights, prices, kernels = np.ones(len(costs)), np.full(len(costs), np.inf), set[str]()
     for k in (k for k, factor in enumerate(factors) if _is_robust(factor)):
@@ -148,21 +145,19 @@ def _as_robust(
             prices[k] = 2.0 * kernel.loss(distance)
     if kernels:
         named = " and ".join(sorted(kernels))
-        cost = GtsamCost(problem.graph, f"with the weights of {named} at the given values")
-        problem = problem.with_cost(cost).reweighted(weights)
+        said = f"with the weights of {named} at the given values"
+        problem = replace(problem.reweighted(weights), remark=said)
         prices = prices[weights > 0.0]
-    return TruncatedProblem(problem, prices) if np.isfinite(prices).any() else problem
+    return TruncatedCost(problem, prices) if np.isfinite(prices).any() else problem
 
 
 def _require_problem(problem: object) -> None:
     """Refuse anything but a problem of other costs by an InputError."""
-    if not isinstance(problem, InformationProblem):
-        raise InputError(f"to_gtsam takes an InformationProblem, not {kind_of(problem)}")
+    if not isinstance(problem, Sum):
+        raise InputError(f"to_gtsam takes a Sum, not {kind_of(problem)}")
 
 
-def to_gtsam(
-    problem: InformationProblem | SimilarityProblem | Graph, estimate: Estimate
-) -> tuple[Any, Any]:
+def to_gtsam(problem: Sum | SimilarityProblem | Graph, estimate: Estimate) -> tuple[Any, Any]:
     r"""The factor graph and values of a problem and an estimate, with keys 0 ... n-1.
 
     ``graph.error(values)`` is half the cost under ``"gtsam"``; no prior is added. Of similarities,
@@ -180,11 +175,11 @@ def to_gtsam(
     --------
     >>> from pathlib import Path
     >>> import certpgo
-    >>> from certpgo.objective.choose_cost import information_problem
+    >>> from certpgo.objective.choose_cost import objective_of
     >>> line = "EDGE_SE2 {} {} 1 0 1.57 100 3 0 200 1 50"
     >>> edges = ((0, 1), (1, 2), (2, 3), (3, 0))
     >>> _ = Path("square.g2o").write_text("\n".join(line.format(*edge) for edge in edges))
-    >>> problem = information_problem(certpgo.read("square.g2o"), "gtsam")
+    >>> problem = objective_of(certpgo.read("square.g2o"), "gtsam")
     >>> best = certpgo.solve(problem)
     >>> graph, values = certpgo.to_gtsam(problem, best.estimate)
     >>> abs(2 * graph.error(values) - best.cost) < 1e-9
@@ -199,7 +194,7 @@ def to_gtsam(
         )
         return similar
     _require_problem(problem)
-    problem = cast("InformationProblem", problem)
+    problem = cast("Sum", problem)
     problem.check(estimate)
     graph, gtsam = factors_of(problem), _library()
     t, values = estimate.translations, gtsam.Values()
@@ -210,7 +205,7 @@ def to_gtsam(
     return graph, values
 
 
-def factors_of(problem: InformationProblem) -> Any:
+def factors_of(problem: Sum) -> Any:
     """The factor graph of `to_gtsam`."""
     for block in problem.measured.blocks:
         raise InputError(f"to_gtsam takes relative poses, not {block.kind.plural}")
@@ -234,9 +229,7 @@ def _library() -> Any:
     return gtsam
 
 
-def _problem(
-    n: int, edges: IntArray, poses: FloatArray, information: FloatArray
-) -> InformationProblem:
+def _problem(n: int, edges: IntArray, poses: FloatArray, information: FloatArray) -> Sum:
     d = poses.shape[-1] - 1
     # As for files: harmonic means over the axes of either block.
     inverse_R, inverse_t = (
@@ -247,7 +240,7 @@ def _problem(
     rotation = RotationGraph(n, edges, poses[:, :d, :d], kappa)
     stated = Information.of(information, "gtsam")
     graph = PoseGraph(rotation, poses[:, :d, d], d / inverse_t, information=stated)
-    return InformationProblem(GtsamCost(graph))
+    return Sum(graph, GtsamCost)
 
 
 def _information(factor: Any, d: int) -> FloatArray:

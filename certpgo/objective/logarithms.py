@@ -36,7 +36,7 @@ from certpgo.objective.similarity_problem import SimilarityProblem
 ROUNDED = 1e-13
 
 
-class LogarithmProblem:
+class LogarithmCost:
     """Minimise the cost of logarithms over similarities; see `certpgo.fit_logarithms`.
 
     Parameters

@@ -25,7 +25,7 @@ class NormalEquations:
 
     Attributes
     ----------
-    problem : an `InformationProblem`
+    problem : a `certpgo.objective.sum.Sum`
     cost : the cost there
     gradient : (N,) half its gradient
     """
@@ -69,7 +69,7 @@ class NormalEquations:
         return 10.0 * damping or FIRST_DAMPING
 
     def stationarity(self, scale: FloatArray) -> float:
-        """The largest gradient over ``scale``, see `InformationProblem.stationarity`."""
+        """The largest gradient over ``scale``, see `Sum.stationarity`."""
         unpack = self.problem.tangent_layout.unpack
         length = self.problem.length
         return largest_step(unpack(self.gradient), unpack(scale), self.problem.d, length)

@@ -6,10 +6,9 @@ one, and Q = R_i^T R_j. So does everything here: a term knows no estimate and no
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from certpgo.graph import Graph
 from certpgo.graph.estimate import Estimate
 from certpgo.graph.information import unmeasured
 from certpgo.graph.observations import Observations
-from certpgo.graph.relaxed_point import translations_of
+from certpgo.graph.relaxed_point import Point, translations_of
 from certpgo.graph.scale import Scale
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import Ball
@@ -87,6 +86,10 @@ class Term(ABC):
         """(k,) what is measured: residuals are differences of such numbers, in the same unit."""
         return np.zeros(len(self.edges))
 
+    def relative(self, point: Point) -> tuple[FloatArray, FloatArray]:
+        """(k, d) vectors v and (k, d, d) rotations Q of the measurements at a point."""
+        return relative(self.edges, self.arms, point)
+
     @abstractmethod
     def residuals(self, v: FloatArray, Q: FloatArray) -> FloatArray:
         """(k, r) residuals."""
@@ -133,14 +136,6 @@ class Term(ABC):
         found = self.enclosures(v, Q)
         return found.lower, found.upper
 
-    def enclosure(self, estimate: Estimate) -> tuple[float, float]:
-        """Lower and upper bounds on the sum of the costs, with translations taken as stored."""
-        try:
-            low, high = map(math.fsum, self.edge_enclosures(estimate))
-        except OverflowError:
-            return -math.inf, math.inf
-        return math.nextafter(low, -math.inf), math.nextafter(high, math.inf)
-
 
 @dataclass(frozen=True, eq=False)
 class EdgeTerm(Term):
@@ -169,16 +164,18 @@ class EdgeTerm(Term):
         return Scale.informed(self.graph)
 
 
-class Placed(NamedTuple):
-    """A term of a sum.
+def relative(
+    edges: IntArray, arms: FloatArray | None, point: Point
+) -> tuple[FloatArray, FloatArray]:
+    """(m, d) vectors v = R_i^T (t_j + R_j a - t_i) and (m, d, d) rotations Q = R_i^T R_j.
 
-    Attributes
-    ----------
-    rows : (k,) its measurements among all, ascending
+    Of these edges (m, 2), with arms (m, d) at their second nodes or None for zeros.
     """
-
-    rows: IntArray
-    term: Term
+    i, j = edges.T
+    R, t = point.rotations, translations_of(point)
+    back = np.swapaxes(R[i], 1, 2)
+    v, Q = (back @ (t[j] - t[i])[:, :, None])[:, :, 0], back @ R[j]
+    return v if arms is None else v + (Q @ arms[:, :, None])[:, :, 0], Q
 
 
 def term_of(block: Observations) -> Term:

@@ -35,8 +35,8 @@ from certpgo.graph.relaxed_point import Point
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import Ball, sums
 from certpgo.linalg.rotations import rotation_defect
-from certpgo.objective.edge_equations import relative
 from certpgo.objective.minorants import Minorants
+from certpgo.objective.term import relative
 
 #: Weights over those of the measurement beyond which an edge has no minorant, as its cost is too
 #: close to its price, and below which a cost under the price counts as zero.

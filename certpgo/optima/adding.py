@@ -25,7 +25,7 @@ from certpgo.graph import Estimate, Instance
 from certpgo.graph.graph import require_connected
 from certpgo.io.pipes import readable
 from certpgo.io.writing import folder_to_write, write_whole
-from certpgo.objective.choose_cost import CHORDAL, COSTS, Certifiable, certifiable
+from certpgo.objective.choose_cost import CHORDAL, COSTS, Certifiable, objective_of
 from certpgo.optima.fingerprint import fingerprint
 from certpgo.optima.recognition import sizes_of
 from certpgo.optima.register import Absent, Optimum, Register, is_name, merged_names
@@ -133,7 +133,7 @@ def prepare(
     name = name or instance.name
     try:
         require_connected(instance.measurements)
-        problem = certifiable(instance, cost)
+        problem = objective_of(instance, cost)
     except CertPGOError as error:
         reason = str(error).removeprefix(f"{instance.source}: ").removeprefix(f"{name}: ")
         return Prepared(Absent(name, cost, reason))

@@ -91,7 +91,7 @@ def recognise(graph: Graph | Instance, register: Register | None = None) -> tupl
     >>> recognise(winding_cycle(5, 0.1, 0)[0])
     ()
     """
-    found = (known_optimum(graph, cost, register) for cost in (CHORDAL, *COSTS))
+    found = (known_optimum(graph, cost, register) for cost in COSTS)
     return tuple(one for one in found if one is not None)
 
 

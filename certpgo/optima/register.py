@@ -17,7 +17,7 @@ from typing import Any
 
 from certpgo.errors import FormatError, InputError
 from certpgo.io.writing import write_whole
-from certpgo.objective.costs import CHORDAL, COSTS
+from certpgo.objective.costs import COSTS
 from certpgo.optima.remarks import Remarks, read_remarks
 
 #: What an optimum rests on, from weak to strong: a certificate of the standard tier; one of the
@@ -295,7 +295,7 @@ def _parsed(data: Any) -> Optimum | Absent:
 def _check(o: Optimum) -> None:
     """Refuse values that cannot be."""
     for what, value, known in (
-        ("cost", o.cost, (CHORDAL, *COSTS)),
+        ("cost", o.cost, tuple(COSTS)),
         ("verdict", o.verdict, VERDICTS),
         ("tier", o.tier, TIERS),
     ):

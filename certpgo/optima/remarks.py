@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from certpgo.errors import FormatError
-from certpgo.objective.costs import CHORDAL, COSTS
+from certpgo.objective.costs import COSTS
 
 FILE = "remarks.toml"
 
@@ -77,6 +77,6 @@ def _remarks(name: str, table: dict[str, Any]) -> Remarks:
 
 
 def _printed(one: dict[str, str], of: str) -> StatedValue:
-    if one["cost"] not in (CHORDAL, *COSTS):
+    if one["cost"] not in COSTS:
         raise ValueError(f"unknown cost {one['cost']!r}")
     return StatedValue(one["cost"], one["value"], one[of])

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from certpgo.graph import Estimate
 from certpgo.objective.objective import Objective
-from certpgo.objective.truncated_problem import TruncatedProblem
+from certpgo.objective.truncated_cost import TruncatedCost
 from certpgo.optimize import levenberg_marquardt
 from certpgo.optimize.monitor import Iteration, Monitor, Stopwatch, silent
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
@@ -42,7 +42,7 @@ def descend(
     tolerance : of Levenberg and Marquardt's
     watch : stopwatch that already timed the initialization
     """
-    if isinstance(problem, TruncatedProblem):
+    if isinstance(problem, TruncatedCost):
         return _taking_back(problem, start, monitor, watch)
     if problem.eliminates:
         return newton(problem, start, settings, near=near, monitor=monitor, watch=watch)  # type: ignore[arg-type]
@@ -69,7 +69,7 @@ def rested(problem: Objective, point: Estimate) -> Estimate:
 
 
 def _taking_back(
-    problem: TruncatedProblem, start: Estimate, monitor: Monitor, watch: Stopwatch | None
+    problem: TruncatedCost, start: Estimate, monitor: Monitor, watch: Stopwatch | None
 ) -> Solution:
     counted = problem.counted(start)
     for _ in range(ROUNDS):

@@ -19,7 +19,7 @@ from certpgo.graph.graph import require_connected
 from certpgo.graph.information import Information
 from certpgo.graph.trees import compose, spanning_tree
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
-from certpgo.objective.choose_cost import InformationProblem
+from certpgo.objective.choose_cost import Sum
 from certpgo.registration.pairs import FramePair
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.reweighing import reweigh
@@ -79,7 +79,7 @@ class Averaged:
 
     def squares(self) -> FloatArray:
         """(k,) squared residuals of the kept edges, each over its 6 degrees of freedom."""
-        if not isinstance(self.answer.problem, InformationProblem):
+        if not isinstance(self.answer.problem, Sum):
             return np.empty(0)
         return self.answer.problem.edge_costs(self.answer.estimate) / 6.0
 

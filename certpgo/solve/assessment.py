@@ -17,7 +17,7 @@ from certpgo.io.accept_paths import AnyPath, as_instance, measured
 from certpgo.io.digits import Digits, Writing
 from certpgo.io.gtsam_values import estimate_from_values
 from certpgo.linalg.arrays import BoolArray, IntArray
-from certpgo.objective.choose_cost import CHORDAL, Judged, certifiable
+from certpgo.objective.choose_cost import CHORDAL, Judged, objective_of
 from certpgo.solve import metrics
 from certpgo.solve.fit import Fit
 from certpgo.solve.judging import certify
@@ -295,4 +295,4 @@ def certify_values(
     )
     if notice:
         warnings.warn(notice, InputNotice, stacklevel=2)
-    return certify(certifiable(posed, cost), estimate, **options)
+    return certify(objective_of(posed, cost), estimate, **options)

@@ -17,9 +17,9 @@ from certpgo.io.accept_paths import AnyPath, as_instance
 from certpgo.objective.choose_cost import (
     CHORDAL,
     COSTS,
-    InformationProblem,
-    information_problem,
-    problem_under,
+    Sum,
+    objective_of,
+    require_poses_alone,
 )
 from certpgo.objective.problem import Problem
 from certpgo.optimize.solution import Solution, Solver, Status
@@ -199,7 +199,8 @@ def compare(
     instance = as_instance(instance, "compare")
     if methods is not None:
         require(methods, Iterable, "a list of Competitors")
-    judge = problem_under(instance, cost)
+    require_poses_alone(instance)
+    judge = objective_of(instance, cost)
     cost = judge.cost_name
     problem, objective = judge.chordal, OF_F if judge.is_chordal else judge.title
     for method in methods_under(cost) if methods is None else methods:
@@ -228,9 +229,7 @@ def compare(
             yield replace(blank, error=in_one_line(error))
 
 
-def _result(
-    blank: MethodResult, solution: Solution, problem: Problem | InformationProblem
-) -> MethodResult:
+def _result(blank: MethodResult, solution: Solution, problem: Problem | Sum) -> MethodResult:
     if solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
     certificate, _ = certified(solution, problem)
@@ -278,12 +277,12 @@ def solution_of(
     if method.reads_source:
         own["source"] = "" if instance is None else instance.source
     solver = registry.build(method.solver, own, problem.graph)
-    posed: Problem | InformationProblem = problem
+    posed: Problem | Sum = problem
     if method.cost != CHORDAL:
         minimised = getattr(solver, "own_costs", ())
         if instance is None or (method.cost in COSTS and method.cost not in minimised):
             raise SpecError(f"{method.solver} does not minimise the cost {method.cost}")
-        posed = information_problem(instance, method.cost)
+        posed = objective_of(instance, method.cost)
     if method.start is None:
         return _timed(solver, posed)
     start = solution_of(method.start, problem, instance, settings=settings)
@@ -296,9 +295,7 @@ def solution_of(
     )
 
 
-def certified(
-    solution: Solution, problem: Problem | InformationProblem
-) -> tuple[Certificate, float]:
+def certified(solution: Solution, problem: Problem | Sum) -> tuple[Certificate, float]:
     """The certificate for the measurements that the method kept, and its run time in seconds."""
     start = time.perf_counter()
     certificate = certify(solution.judged(problem), solution.estimate)
@@ -315,9 +312,7 @@ def in_one_line(error: Exception) -> str:
     return f"{type(error).__name__}: {str(error).partition(chr(10))[0]}"
 
 
-def _timed(
-    solver: Solver, problem: Problem | InformationProblem, initial: Estimate | None = None
-) -> Solution:
+def _timed(solver: Solver, problem: Problem | Sum, initial: Estimate | None = None) -> Solution:
     """The method's solution, on one thread; if it reports no phases, it is timed as a whole."""
     from threadpoolctl import threadpool_limits
 

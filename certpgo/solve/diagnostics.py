@@ -16,7 +16,7 @@ from certpgo.graph.kinds import Kind
 from certpgo.graph.trees import tree_initialization
 from certpgo.linalg import rotations as so
 from certpgo.linalg.factor import default_engine, engines
-from certpgo.objective.choose_cost import CHORDAL, certifiable
+from certpgo.objective.choose_cost import CHORDAL, objective_of
 from certpgo.objective.problem import PoseProblem, RotationProblem
 from certpgo.optimize import spectral
 from certpgo.optimize.methods.eigen_ma import EigenMA
@@ -162,7 +162,7 @@ def open_in_words(instance: Instance) -> str | None:
     if not measured.without(Kind.BETWEEN, Kind.PRIOR).counts:
         return None
     try:
-        problem = certifiable(instance, CHORDAL)
+        problem = objective_of(instance, CHORDAL)
     except GraphError as error:
         return str(error)
     rng = np.random.default_rng(0)

@@ -28,8 +28,9 @@ from certpgo.graph.phrases import counted
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.base import NONE
 from certpgo.objective.choose_cost import CHORDAL, Judged
-from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import Problem
+from certpgo.objective.sum import Sum
+from certpgo.objective.term import Term
 from certpgo.optimize.unobservable import MOST, undetermined
 
 #: Probability that chi^2 of the stated noise is further out, on one side.
@@ -146,7 +147,7 @@ def fit_of(
         kept = np.ones(problem.graph.num_edges)
         kept[problem.rejected] = 0.0
         return fit_of(instance, cast("Judged", problem.kept), estimate, kept)
-    posed = cast("Problem | InformationProblem", problem)
+    posed = cast("Problem | Sum", problem)
     if weights is not None:
         if not np.isin(weights, (0.0, 1.0)).all():
             return None
@@ -160,12 +161,11 @@ def fit_of(
     return None
 
 
-def _as_roots(problem: Problem | InformationProblem, estimate: Estimate) -> float | None:
+def _as_roots(problem: Problem | Sum, estimate: Estimate) -> float | None:
     """chi^2 if information were its square root; under F for multiples of the identity alone."""
     if problem.cost_name != CHORDAL:
-        own = cast("InformationProblem", problem)
-        e, W = own.edge_cost.residuals(*own.relative(estimate)), own.edge_cost.weights
-        return float((np.einsum("mab,mb->ma", np.triu(W), e) ** 2).sum())
+        own = cast("Sum", problem)
+        return math.fsum(_as_root(term, estimate) for _, term in own.terms)
     graph = problem.measured
     if not graph.has_positions or graph.blocks or graph.is_general:
         return None
@@ -174,8 +174,13 @@ def _as_roots(problem: Problem | InformationProblem, estimate: Estimate) -> floa
     return float((terms * np.stack([graph.tau, kappa], axis=1)).sum())
 
 
+def _as_root(term: Term, estimate: Estimate) -> float:
+    e = term.residuals(*term.relative(estimate))
+    return float((np.einsum("mab,mb->ma", np.triu(term.weights), e) ** 2).sum())
+
+
 def goodness_of_fit(
-    problem: Problem | InformationProblem,
+    problem: Problem | Sum,
     estimate: Estimate,
     information: Information | None = None,
     *,
@@ -207,10 +212,10 @@ def goodness_of_fit(
     0.2099 at 3 degrees of freedom
     """
     if problem.cost_name != CHORDAL:
-        weights = cast("InformationProblem", problem).edge_cost.weights
-        ranks = _ranks(weights)
+        weights = [term.weights for _, term in cast("Sum", problem).terms]
+        ranks = np.concatenate([_ranks(W) for W in weights])
         law = _Law(problem.cost(estimate), int(ranks.sum()), 1.0)
-        partial = bool((ranks < weights.shape[1]).any())
+        partial = bool((ranks < max(W.shape[1] for W in weights)).any())
     else:
         law = _law(problem, estimate, information, mahalanobis)
         partial = problem.graph.is_general
@@ -230,7 +235,7 @@ class _Law:
 
 
 def _law(
-    problem: Problem | InformationProblem,
+    problem: Problem | Sum,
     estimate: Estimate,
     information: Information | None,
     mahalanobis: bool,
@@ -248,7 +253,7 @@ def _law(
 
 
 def squares(
-    problem: Problem | InformationProblem, estimate: Estimate, *, mahalanobis: bool = False
+    problem: Problem | Sum, estimate: Estimate, *, mahalanobis: bool = False
 ) -> tuple[FloatArray, IntArray]:
     """(m, 2) squares of translations and rotations over their variances, and numbers measured.
 
@@ -296,9 +301,7 @@ def _ranks(information: FloatArray) -> IntArray:
     return np.asarray((np.linalg.eigvalsh(scaled) > NONE).sum(axis=1))
 
 
-def _determined(
-    problem: Problem | InformationProblem, estimate: Estimate, partial: bool
-) -> int | None:
+def _determined(problem: Problem | Sum, estimate: Estimate, partial: bool) -> int | None:
     """How many numbers the measurements determine, beside the world's frame; None if not known.
 
     Where some are ``partial``, they may leave motions open.

@@ -28,9 +28,9 @@ from certpgo.graph import Estimate, Graph
 from certpgo.graph.succession import Succession
 from certpgo.graph.trees import tree_initialization
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
-from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import problem_of
-from certpgo.objective.truncated_problem import TruncatedProblem
+from certpgo.objective.sum import Sum
+from certpgo.objective.truncated_cost import TruncatedCost
 from certpgo.optimize.progress import Stop
 from certpgo.solve.rejection_bounds import optimum_of_kept
 from certpgo.solve.selection import Posed
@@ -55,7 +55,7 @@ def budgets(problem: Posed, level: float = LEVEL, scale: float = 1.0) -> FloatAr
     return np.asarray(scale**2 * most * 2.0 * special.gammainccinv(0.5 * (turned + moved), level))
 
 
-def proven_rises(problem: TruncatedProblem, estimate: Estimate, stop: Stop) -> FloatArray:
+def proven_rises(problem: TruncatedCost, estimate: Estimate, stop: Stop) -> FloatArray:
     """(k,) by how much the cost rises at least if a rejected measurement is taken back."""
     normalized = replace(NormalizedProblem.of(problem, "standard", RTOL, ATOL), stop=stop)
     point = optimum_of_kept(normalized, estimate)
@@ -63,7 +63,7 @@ def proven_rises(problem: TruncatedProblem, estimate: Estimate, stop: Stop) -> F
 
 
 def proven_worth(
-    problem: TruncatedProblem, estimate: Estimate, prices: FloatArray, stop: Stop
+    problem: TruncatedCost, estimate: Estimate, prices: FloatArray, stop: Stop
 ) -> BoolArray:
     """(m,) which kept measurements cost more if they are left out, each for its price, proven."""
     normalized = replace(NormalizedProblem.of(problem, "standard", RTOL, ATOL), stop=stop)
@@ -102,7 +102,7 @@ def rises_over(
     prices[doubtful] = 1.0
     chosen = factors > 0.0
     try:
-        posed = TruncatedProblem(problem.reweighted(factors), prices[chosen])
+        posed = TruncatedCost(problem.reweighted(factors), prices[chosen])
     except GraphError:
         return None
     return proven_rises(posed, tree_initialization(problem.measured.with_edges(trusted)), stop)
@@ -164,7 +164,7 @@ def _is_inconsistent(problem: Posed, path: IntArray, edge: int, budget: float, s
     # A subgraph has its edges in the order of the whole one.
     cycle = _part(problem, chosen, nodes)
     prices = np.r_[np.full(len(path), np.inf), budget]
-    posed = TruncatedProblem(cycle, prices)
+    posed = TruncatedCost(cycle, prices)
     along = tree_initialization(cycle.measured.with_edges(np.arange(len(path))))
     return bool(proven_rises(posed, along, stop)[0] > budget)
 
@@ -174,8 +174,7 @@ def _part(problem: Posed, edges: IntArray, nodes: IntArray) -> Posed:
     graph = problem.graph.with_edges(edges).subgraph(nodes)
     if problem.is_chordal:
         return problem_of(graph, problem.engine)
-    cost = cast("InformationProblem", problem).edge_cost
-    return InformationProblem(replace(cost, graph=graph), problem.engine)
+    return replace(cast("Sum", problem), measured=graph)
 
 
 class _Paths:

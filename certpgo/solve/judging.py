@@ -18,8 +18,8 @@ from certpgo.graph import Estimate, Graph, Instance
 from certpgo.io.accept_paths import AnyPath, estimated, measured
 from certpgo.io.writing import AnyAnswer
 from certpgo.linalg.arrays import IntArray
-from certpgo.objective.choose_cost import Judged, certifiable
-from certpgo.objective.truncated_problem import rejecting
+from certpgo.objective.choose_cost import Judged, objective_of
+from certpgo.objective.truncated_cost import rejecting
 from certpgo.optimize.monitor import Iteration, Monitor, silent
 from certpgo.optimize.notebook import watched
 from certpgo.optimize.progress import EarlyStopping
@@ -103,7 +103,7 @@ def certify(
     whole = posed = measured(problem)
     given = estimated(estimate, posed)
     if cost is not None or isinstance(posed, Instance | Graph):
-        posed = certifiable(posed, cost)
+        posed = objective_of(posed, cost)
     if rejected is not None:
         posed = rejecting(posed, rejected, quantile)
     elif quantile is not None:

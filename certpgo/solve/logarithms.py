@@ -11,8 +11,8 @@ from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.display import Brief
 from certpgo.io.accept_paths import AnyPath, measured
 from certpgo.linalg.ball_arithmetic import U
-from certpgo.objective.choose_cost import similarity_problem
-from certpgo.objective.logarithms import LogarithmProblem
+from certpgo.objective.choose_cost import objective_of, require_scales
+from certpgo.objective.logarithms import LogarithmCost
 from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.optimize.levenberg_marquardt import descend
 from certpgo.optimize.monitor import Monitor, silent
@@ -122,7 +122,8 @@ def fit_logarithms(
     True
     """
     posed: Any = measured(graph)
-    problem = LogarithmProblem(similarity_problem(posed).graph)
+    require_scales(posed)
+    problem = LogarithmCost(objective_of(posed).graph)
     chosen = settings_from(settings, options)
     stop = Stop(monitor, objective="the cost of logarithms")
     with stop.within(chosen.time_limit):

@@ -19,7 +19,7 @@ from certpgo.graph import Estimate, Graph, Instance
 from certpgo.io.accept_paths import AnyPath
 from certpgo.io.writing import AnyAnswer
 from certpgo.objective.choose_cost import Judged
-from certpgo.objective.information_problem import InformationProblem
+from certpgo.objective.sum import Sum
 from certpgo.optimize.monitor import Monitor
 from certpgo.solve.judging import certify
 from certpgo.solve.result import CertifiedSolution
@@ -36,7 +36,7 @@ AHEAD = 2
 
 
 def solve_many(
-    graphs: Iterable[Graph | Instance | InformationProblem | AnyPath],
+    graphs: Iterable[Graph | Instance | Sum | AnyPath],
     settings: SolveSettings | None = None,
     *,
     workers: int | None = None,
@@ -78,9 +78,7 @@ def solve_many(
     """
     chosen = settings_from(settings, options)
 
-    def solved(
-        graph: Graph | Instance | InformationProblem | AnyPath, ends: Monitor
-    ) -> CertifiedSolution:
+    def solved(graph: Graph | Instance | Sum | AnyPath, ends: Monitor) -> CertifiedSolution:
         return solve(graph, chosen, cost=cost, monitor=ends)
 
     return by_threads(_or_its_error(solved), graphs, workers)

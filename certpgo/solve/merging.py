@@ -31,7 +31,7 @@ from certpgo.graph.phrases import counted, few
 from certpgo.io.accept_paths import AnyPath, as_instance, measured
 from certpgo.io.frames import frame_node
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
-from certpgo.objective.choose_cost import CHORDAL, certifiable
+from certpgo.objective.choose_cost import CHORDAL, objective_of
 from certpgo.optimize.descent import descend
 from certpgo.optimize.monitor import Monitor
 from certpgo.solve.fit import Fit, squares
@@ -196,14 +196,14 @@ def merge(
         refuse_held(one)
     names = _labelled(instances, offset)
     whole, across = _joined(instances, names, joints)
-    problem = certifiable(whole, CHORDAL)
+    problem = objective_of(whole, CHORDAL)
 
     def alone(one: Instance, ends: Monitor) -> CertifiedSolution:
-        return search(certifiable(one, CHORDAL), chosen, monitor=ends)
+        return search(objective_of(one, CHORDAL), chosen, monitor=ends)
 
     parts = tuple(by_threads(alone, instances))
     answer = search(problem, chosen)
-    judged = certifiable(whole)
+    judged = objective_of(whole)
     fit = _fit(judged, answer.estimate)
     disagreeing = across[outlying(judged, judged.edge_costs(fit), 1.0)[across]]
     left_out = False

@@ -24,9 +24,9 @@ from certpgo.graph.phrases import counted
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.chi_squared import flagged_from, quantiles
-from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import Problem, problem_of
 from certpgo.objective.rotation_problem import RotationProblem
+from certpgo.objective.sum import Sum
 from certpgo.optimize.descent import descend
 from certpgo.optimize.initialization import start_of
 from certpgo.optimize.methods._robust import connected
@@ -228,7 +228,7 @@ def select(
     ('adaptive_trimming', True)
     """
     if not problem.is_chordal:
-        of_program = cast("InformationProblem", problem)
+        of_program = cast("Sum", problem)
         begun = _begun(of_program, fit, initial, trusted, monitor)
         fits = [begun] if begun.stated is None else [begun, begun.stated]
         chosen, *stated = (_under(of_program, one, trusted, monitor) for one in fits)
@@ -251,7 +251,7 @@ def select(
 
 
 def _begun(
-    problem: InformationProblem,
+    problem: Sum,
     fit: Estimate | None,
     initial: Estimate | None,
     trusted: IntArray | None,
@@ -295,9 +295,7 @@ def _kept(problem: Posed, estimate: Estimate, scale: float, trusted: IntArray | 
     return connected(problem.chordal, np.where(kept, 1.0, 0.0), costs)
 
 
-def _under(
-    problem: InformationProblem, begun: Selection, trusted: IntArray | None, monitor: Monitor
-) -> Selection:
+def _under(problem: Sum, begun: Selection, trusted: IntArray | None, monitor: Monitor) -> Selection:
     """The choice by the terms of the cost of another program, from that by F."""
     weights, estimate, scale = begun.weights, begun.estimate, begun.scale
     for _ in range(CHOICES):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -29,10 +29,10 @@ from certpgo.io.pipes import readable
 from certpgo.io.writing import atomically
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective import choose_cost as costs
-from certpgo.objective.choose_cost import InformationProblem
+from certpgo.objective.choose_cost import SimilarityProblem, Sum
 from certpgo.objective.objective import Objective
 from certpgo.objective.problem import problem_of
-from certpgo.objective.truncated_problem import TruncatedProblem
+from certpgo.objective.truncated_cost import TruncatedCost
 from certpgo.optimize.descent import rested
 from certpgo.solve.rejection_bounds import at_rest, optimum_of_kept
 
@@ -120,20 +120,21 @@ def _proof(
     if prices is not None:
         claim, graph = claim_and_graph(source, instance)
         claim |= {"version": 3}
-        cut = TruncatedProblem(problem_of(instance.graph), prices)
+        cut = TruncatedCost(problem_of(instance.graph), prices)
         evidence = _of_rejections(cut, graph, certificate)
     elif instance.graph.has_scales or certificate.objective == CHORDAL:
         claim, graph = claim_and_graph(source, instance)
         evidence = _of_f(instance, graph, certificate)
     else:
         problem = problem_of_certificate(instance, certificate)
-        claim, graph = claim_and_graph(source, instance, problem.edge_cost.name)
+        claim, graph = claim_and_graph(source, instance, problem.cost_name)
         evidence = of_cost(problem, graph, certificate)
     witness = evidence.witness
     claim |= {"pin": witness.pin, "exponent": witness.exponent}
     proof = proof_of(estimate, evidence.multipliers, witness, evidence.minorants)
     if instance.graph.has_scales:
-        proof = proof._replace(s=costs.similarity_problem(instance).scales_of(estimate))
+        similar = cast("SimilarityProblem", costs.objective_of(instance))
+        proof = proof._replace(s=similar.scales_of(estimate))
     return claim, proof._replace(rejections=evidence.rejections)
 
 
@@ -167,16 +168,14 @@ def _of_f(instance: Instance, graph: checker.Graph, certificate: Certificate) ->
     """The evidence of a bound on F, of poses or of similarities."""
     if certificate.multipliers is None:
         raise NumericalError("there is no lower bound above zero to prove")
-    similar = instance.graph.has_scales
-    posed = costs.similarity_problem(instance) if similar else problem_of(instance.graph)
-    normalized = _normalized(posed, certificate)
+    normalized = _normalized(costs.objective_of(instance, costs.CHORDAL), certificate)
     problem, unit = normalized.problem, normalized.unit
     graph = graph._replace(kappa=graph.kappa / unit, tau=graph.tau / unit)
     point = rested(problem, certificate.refined)
     return BoundEvidence.of(prove(problem, graph, point, certificate.multipliers / unit), unit)
 
 
-def problem_of_certificate(instance: Instance, certificate: Certificate) -> InformationProblem:
+def problem_of_certificate(instance: Instance, certificate: Certificate) -> Sum:
     """The problem whose cost a certificate is about.
 
     Raises
@@ -185,15 +184,13 @@ def problem_of_certificate(instance: Instance, certificate: Certificate) -> Info
         There are no proofs about that cost.
     """
     others = [name for name in costs.costs_of(instance) if name != costs.CHORDAL]
-    problems = [costs.information_problem(instance, name) for name in others]
-    problem = next(p for p in problems if p.edge_cost.title == certificate.objective)
+    problems = [costs.objective_of(instance, name) for name in others]
+    problem = next(p for p in problems if p.title == certificate.objective)
     refuse(problem.unprovable)
-    return problem
+    return cast("Sum", problem)
 
 
-def of_cost(
-    problem: InformationProblem, graph: checker.Graph, certificate: Certificate
-) -> BoundEvidence:
+def of_cost(problem: Sum, graph: checker.Graph, certificate: Certificate) -> BoundEvidence:
     """The evidence of a bound on the cost of another program.
 
     Parameters
@@ -223,7 +220,7 @@ def of_cost(
 
 
 def _of_rejections(
-    posed: TruncatedProblem, graph: checker.Graph, certificate: Certificate
+    posed: TruncatedCost, graph: checker.Graph, certificate: Certificate
 ) -> BoundEvidence:
     """The evidence of a bound on F truncated, whose graph has all measurements."""
     if certificate.objective != posed.title:
@@ -250,7 +247,7 @@ def _of_rejections(
 
 
 def _with_minorants(
-    problem: TruncatedProblem, graph: checker.Graph, point: Estimate, W: FloatArray
+    problem: TruncatedCost, graph: checker.Graph, point: Estimate, W: FloatArray
 ) -> tuple[tuple[FloatArray, Witness] | None, checker.Rejections]:
     """What is found with minorants of weights W, and what these claim."""
     given = claimed_rejections(graph, problem, problem.truncation(point), W)

@@ -16,9 +16,9 @@ from certpgo.graph.display import Brief
 from certpgo.graph.phrases import bound_shown, cost_shown
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.chi_squared import flagged_from, quantiles
-from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import Problem
-from certpgo.objective.truncated_problem import TruncatedProblem, rejecting
+from certpgo.objective.sum import Sum
+from certpgo.objective.truncated_cost import TruncatedCost, rejecting
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.solve import bounding
 from certpgo.solve.minima import local_minimum
@@ -42,7 +42,7 @@ class Rejection(Brief):
         indices
     """
 
-    problem: TruncatedProblem
+    problem: TruncatedCost
     estimate: Estimate
     certificate: Certificate
     quantile: float
@@ -137,7 +137,7 @@ def headline(certificate: Certificate, rejection: Rejection | None = None) -> st
 
 
 def certify_rejection(
-    problem: Problem | InformationProblem,
+    problem: Problem | Sum,
     estimate: Estimate,
     rejected: IntArray,
     *,
@@ -152,7 +152,7 @@ def certify_rejection(
     ----------
     problem : of all measurements
     rejected : (k,) indices
-    quantile, scale : see `certpgo.objective.truncated_problem.rejecting`
+    quantile, scale : see `certpgo.objective.truncated_cost.rejecting`
     settings : tier, tolerances and time limit
 
     Raises

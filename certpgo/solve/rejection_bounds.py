@@ -14,7 +14,7 @@ from certpgo.certify.resistances import packed
 from certpgo.certify.truncated_bound import Truncated, bound_with, resistances
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.truncated_problem import TruncatedProblem
+from certpgo.objective.truncated_cost import TruncatedCost
 from certpgo.optimize.descent import descend, rested
 
 
@@ -69,7 +69,7 @@ def beside_stiff(normalized: Truncated, point: Estimate) -> Estimate:
     return normalized.eased.settled(point)
 
 
-def at_rest(problem: TruncatedProblem, point: Estimate, W: FloatArray) -> Estimate:
+def at_rest(problem: TruncatedCost, point: Estimate, W: FloatArray) -> Estimate:
     """Where minorants of weights W (k, b, b) balance, near a point, to more digits.
 
     Those of far measurements have no gradient. Not by descent on the surrogate: with negative

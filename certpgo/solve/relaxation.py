@@ -22,9 +22,9 @@ from certpgo.graph.relaxed_point import Lift, Point, lifted, main_subspace, tran
 from certpgo.graph.trees import tree_initialization
 from certpgo.linalg import rotations as so
 from certpgo.objective.families.distances import SHORTEST
-from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.lifted_distances import LiftedDistances
 from certpgo.objective.objective import Surrogate
+from certpgo.objective.sum import Sum
 from certpgo.optimize.descent import descend
 from certpgo.optimize.progress import Stop
 from certpgo.optimize.solution import Level, Status
@@ -131,7 +131,7 @@ class Relaxed:
         return Climbed(self.solved, self.rank)
 
 
-def near_relaxation(normalized: NormalizedProblem[InformationProblem]) -> LocalMinimum | None:
+def near_relaxation(normalized: NormalizedProblem[Sum]) -> LocalMinimum | None:
     """The best estimate near the relaxation's minimum, with its bound; None without one."""
     stop, form = normalized.stop, normalized.eased.lifted_form
     if form is None:

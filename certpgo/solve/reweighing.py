@@ -11,7 +11,7 @@ from certpgo.errors import InputError
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.display import Brief
 from certpgo.io.accept_paths import AnyPath, measured
-from certpgo.objective.choose_cost import similarity_problem
+from certpgo.objective.choose_cost import objective_of, require_scales
 from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.settings import SolveSettings
@@ -88,7 +88,8 @@ def reweigh(
     (True, 'CERTIFIED')
     """
     posed: Any = measured(graph)
-    own = similarity_problem(posed).graph
+    require_scales(posed)
+    own: Any = objective_of(posed).graph
     if rounds < 1:
         raise InputError(f"re-weighting takes 1 round at least, not {rounds}")
     scales, count, settled = np.ones(own.num_nodes), 0, False

@@ -18,9 +18,9 @@ from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.capabilities import require_capable
 from certpgo.io.accept_paths import AnyPath, measured
 from certpgo.linalg.arrays import IntArray
-from certpgo.objective.choose_cost import InformationProblem, certifiable
+from certpgo.objective.choose_cost import Sum, objective_of
 from certpgo.objective.problem import Problem
-from certpgo.objective.truncated_problem import UncertifiableError, indices_of
+from certpgo.objective.truncated_cost import UncertifiableError, indices_of
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.notebook import watched
@@ -96,7 +96,7 @@ def solve_robustly(
     require_numbers(quantile=quantile)
     given = measured(graph)
     source = given if isinstance(given, Instance) else None
-    posed: Any = certifiable(given, cost)
+    posed: Any = objective_of(given, cost)
     require_capable(posed.graph, "robust fit", "" if source is None else source.name)
     chosen = settings_from(settings, options)
     limit = chosen.time_limit
@@ -135,7 +135,7 @@ def solve_robustly(
 
 
 def _answered(
-    posed: Problem | InformationProblem,
+    posed: Problem | Sum,
     selection: Selection,
     settings: SolveSettings,
     quantile: float | None,

@@ -13,13 +13,13 @@ from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.display import Brief
 from certpgo.linalg.arrays import BoolArray, FloatArray
-from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import Problem
+from certpgo.objective.sum import Sum
 from certpgo.optimize.methods._robust import remark
 from certpgo.solve import relaxation
 
 #: What measurements are chosen for.
-Posed = Problem | InformationProblem
+Posed = Problem | Sum
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -60,7 +60,7 @@ class Selection(Brief):
         return replace(self, weights=weights, stated=stated)
 
 
-def near_relaxation(problem: InformationProblem) -> Estimate:
+def near_relaxation(problem: Sum) -> Estimate:
     """An estimate under F, for nodes that distances alone join to the others."""
     isotropic = NormalizedProblem.of(problem.isotropic, Tier.STANDARD, RTOL, ATOL)
     found = relaxation.near_relaxation(isotropic)

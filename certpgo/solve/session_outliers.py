@@ -14,8 +14,8 @@ from certpgo.graph import Estimate
 from certpgo.graph.display import Brief
 from certpgo.graph.labels import Label
 from certpgo.linalg.arrays import IntArray
-from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import Problem
+from certpgo.objective.sum import Sum
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.methods._robust import connected
 from certpgo.solve.outliers import Disagreement, disagreement, select
@@ -74,7 +74,7 @@ class Suspicion(Brief):
 SHOWN = 5
 
 
-def _hidden(problem: Problem | InformationProblem, estimate: Estimate) -> Disagreement | None:
+def _hidden(problem: Problem | Sum, estimate: Estimate) -> Disagreement | None:
     """What a robust fit rejects, though least squares spreads its error below the stated noise."""
     with suppress(NumericalError, np.linalg.LinAlgError):
         chosen = select(problem, fit=estimate)
@@ -86,7 +86,7 @@ def _hidden(problem: Problem | InformationProblem, estimate: Estimate) -> Disagr
 
 
 def suspicion(
-    problem: Problem | InformationProblem,
+    problem: Problem | Sum,
     estimate: Estimate,
     certificate: Certificate,
     numbers: IntArray,

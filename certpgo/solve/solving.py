@@ -11,9 +11,9 @@ from certpgo.errors import InputError, kind_of, require
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.io.accept_paths import AnyPath, estimated, measured
 from certpgo.io.writing import AnyAnswer
-from certpgo.objective.choose_cost import Certifiable, certifiable
-from certpgo.objective.information_problem import InformationProblem
+from certpgo.objective.choose_cost import Certifiable, objective_of
 from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.objective.sum import Sum
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.notebook import watched
@@ -93,14 +93,14 @@ def solve(
     start = None if initial is None else estimated(initial, posed)
     if cost is not None:
         require(cost, str, "the name of a cost")
-    known = (Graph, Graph, Instance)
-    problems = (PoseProblem, RotationProblem, InformationProblem)
+    known = (Graph, Instance)
+    problems = (PoseProblem, RotationProblem, Sum)
     if not isinstance(posed, (*known, *problems)):
         raise InputError(
             f"solve takes a graph, a problem, an instance or a path, not {kind_of(posed)}"
         )
     source = posed if isinstance(posed, Instance) else None
-    problem = certifiable(posed, cost)
+    problem = objective_of(posed, cost)
     given = None if start is None else Start(start, GIVEN)
     stored = _stored(source) if chosen.try_file_start else None
     with watched(monitor) as shown:

@@ -19,7 +19,7 @@ from certpgo.graph import Graph, Instance
 from certpgo.graph.display import Speaking
 from certpgo.graph.phrases import counted
 from certpgo.linalg.arrays import IntArray
-from certpgo.objective.choose_cost import CHORDAL, certifiable
+from certpgo.objective.choose_cost import CHORDAL, objective_of
 from certpgo.optimize.connectivity import Connectivity, SpectralMargin, choose
 from certpgo.solve.fit import Fit
 from certpgo.solve.loop_closures import loop_closures, with_rotations
@@ -168,9 +168,9 @@ def sparsify(
     left_out = np.setdiff1d(rotations.edges[loops], chosen)
     kept = np.setdiff1d(np.arange(whole.graph.num_edges), left_out)
     sparse = whole.with_edges(kept)
-    problem = certifiable(whole, CHORDAL)
+    problem = objective_of(whole, CHORDAL)
     best = search(problem, settings)
-    answer = search(certifiable(sparse, CHORDAL), settings)
+    answer = search(objective_of(sparse, CHORDAL), settings)
     poses = whole.poses
     return Sparsified(
         instance=sparse,

@@ -15,7 +15,7 @@ from certpgo.graph.display import Speaking
 from certpgo.graph.phrases import counted
 from certpgo.graph.succession import succession
 from certpgo.linalg.arrays import FloatArray, IntArray
-from certpgo.objective.choose_cost import CHORDAL, certifiable
+from certpgo.objective.choose_cost import CHORDAL, objective_of
 from certpgo.objective.problem import RotationProblem
 from certpgo.optimize.connectivity import Connectivity
 from certpgo.solve.loop_closures import loop_closures, with_rotations
@@ -157,7 +157,7 @@ def _near(
     """(p, 2) pairs of these nodes, by place, at most this far apart, but not consecutive."""
     require(within, Real, "a distance in metres")
     if estimate is None:
-        estimate = search(certifiable(instance, CHORDAL), DEFAULT).estimate
+        estimate = search(objective_of(instance, CHORDAL), DEFAULT).estimate
     if estimate.translations is None:
         raise InputError(f"{instance.name}: nodes of a rotation graph have no distance")
     pairs = KDTree(estimate.translations[nodes]).query_pairs(within, output_type="ndarray")

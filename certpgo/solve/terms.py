@@ -17,7 +17,6 @@ from certpgo.graph.scale import Scale
 from certpgo.objective.choose_cost import (
     CHORDAL,
     COSTS,
-    edge_cost,
     informed,
     own_cost,
     source_of,
@@ -25,8 +24,17 @@ from certpgo.objective.choose_cost import (
 )
 from certpgo.objective.edge_cost import EdgeCost
 from certpgo.objective.enclosure import enclosure
-from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import Problem, problem_of
+from certpgo.objective.sum import Sum
+from certpgo.objective.terms import (
+    Placed,
+    edges_under,
+    enclosure_of,
+    scale_of,
+    terms_of,
+    title_of,
+    with_rows,
+)
 
 
 @dataclass(frozen=True)
@@ -35,7 +43,7 @@ class Terms:
 
     Attributes
     ----------
-    cost : ``"chordal"`` or the name of one of `certpgo.objective.costs`
+    cost : the name of one of `certpgo.objective.costs`
     """
 
     cost: str
@@ -51,8 +59,8 @@ class Terms:
         """
         if cost is None:
             return cls(CHORDAL if first is None else own_cost(first, more=True))
-        if cost not in (CHORDAL, *COSTS):
-            raise SpecError.unknown("cost", cost, [CHORDAL, *COSTS])
+        if cost not in COSTS:
+            raise SpecError.unknown("cost", cost, list(COSTS))
         return cls(cost)
 
     def part(self, measured: Graph | Instance) -> Graph:
@@ -65,7 +73,7 @@ class Terms:
         """
         if self.cost == CHORDAL:
             graph = graph_of(measured)
-            _ = self._edge_cost(graph)  # refuses what has no terms
+            _ = self._terms(graph)  # refuses what has none
             return graph.under(CHORDAL)
         graph = informed(measured, self.cost)
         bad, information = np.flatnonzero(~graph.is_definite), graph.information
@@ -81,10 +89,10 @@ class Terms:
 
     def upper(self, graph: Graph, estimate: Estimate) -> float:
         """The cost of an estimate, rounded up."""
-        own = self._edge_cost(graph)
-        return (enclosure(graph, estimate) if own is None else own.enclosure(estimate))[1]
+        terms = self._terms(graph)
+        return (enclosure(graph, estimate) if terms is None else enclosure_of(terms, estimate))[1]
 
-    def problem(self, graph: Graph, named: Callable[[int], str]) -> Problem | InformationProblem:
+    def problem(self, graph: Graph, named: Callable[[int], str]) -> Problem | Sum:
         """The problem of measurements, of nodes that are called so.
 
         Raises
@@ -92,33 +100,41 @@ class Terms:
         GraphError
             They do not determine all nodes, or another program's cost is of positions alone.
         """
-        own = self._edge_cost(graph)
-        if own is None:
+        if self._is_quadratic(graph):
             return chordal_problem(graph, named)
-        if not own.graph.kappa.any():
+        if self.cost != CHORDAL and not graph.kappa.any():
             needed = "needs relative poses, not positions alone, which cost='chordal' takes"
             raise GraphError(f"cost={self.cost!r} {needed}")
-        _require_determined(own.whole, named)
-        return InformationProblem(own)
+        _require_determined(with_rows(graph), named)
+        return Sum(graph, COSTS[self.cost])
 
     def scale(self, graph: Graph) -> Scale:
         """What W is made of."""
-        own = self._edge_cost(graph)
-        return Scale.of(graph) if own is None else own.scale
+        terms = self._terms(graph)
+        return Scale.of(graph) if terms is None else scale_of(terms)
 
     def title(self, graphs: Sequence[Graph]) -> str:
         """The cost in words."""
-        own = None
-        if graphs:  # the first with most kinds of measurements
-            most = max(graphs, key=lambda of: (len(of.blocks), not of.kappa.all()))
-            own = self._edge_cost(most)
-        return certificate.CHORDAL if own is None else own.title
+        if not graphs:
+            return certificate.CHORDAL
+        # the first with most kinds of measurements
+        most = max(graphs, key=lambda of: (len(of.blocks), not of.kappa.all()))
+        if self._is_quadratic(most):
+            return certificate.CHORDAL
+        return title_of(self._of_edges(most), most.blocks)
 
-    def _edge_cost(self, graph: Graph) -> EdgeCost | None:
-        """The cost of measurements as a sum of terms; None for F of poses alone."""
-        if not graph.has_positions or (self.cost == CHORDAL and not graph.blocks):
+    def _is_quadratic(self, graph: Graph) -> bool:
+        """Whether the cost of measurements is F, of poses alone."""
+        return not graph.has_positions or (self.cost == CHORDAL and not graph.blocks)
+
+    def _of_edges(self, graph: Graph) -> EdgeCost:
+        return edges_under(graph, COSTS[self.cost])
+
+    def _terms(self, graph: Graph) -> tuple[Placed, ...] | None:
+        """Those of measurements; None for F of poses alone."""
+        if self._is_quadratic(graph):
             return None
-        return edge_cost(graph, self.cost)
+        return terms_of(self._of_edges(graph), graph.blocks)
 
 
 def chordal_problem(graph: Graph, named: Callable[[int], str]) -> Problem:

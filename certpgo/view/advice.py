@@ -10,7 +10,7 @@ from typing import NamedTuple
 from certpgo.certify import Certificate, Tier, Verdict
 from certpgo.certify.obstacle import LimitedBy
 from certpgo.graph import Instance
-from certpgo.objective.choose_cost import certifiable, own_cost
+from certpgo.objective.choose_cost import objective_of, own_cost
 from certpgo.objective.costs import CHORDAL
 from certpgo.optimize.solution import Status
 
@@ -40,7 +40,7 @@ class _Given(NamedTuple):
     @property
     def provable(self) -> bool:
         """Whether there are proofs about this cost of this graph."""
-        return not certifiable(self.instance, self.judged_by).unprovable
+        return not objective_of(self.instance, self.judged_by).unprovable
 
     @property
     def is_of_poses(self) -> bool:

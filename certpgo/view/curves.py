@@ -11,7 +11,7 @@ from certpgo.certify import Certificate
 from certpgo.errors import InputError, kind_of, require
 from certpgo.graph import Estimate
 from certpgo.graph.phrases import bound_shown, cost_shown, gap_shown
-from certpgo.objective.choose_cost import Certifiable, InformationProblem
+from certpgo.objective.choose_cost import Certifiable, Sum
 from certpgo.objective.problem import Problem
 from certpgo.optimize.monitor import Iteration
 from certpgo.optimize.solution import Solution
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def residuals(
-    of: CertifiedSolution | Problem | InformationProblem,
+    of: CertifiedSolution | Problem | Sum,
     estimate: Estimate | None = None,
     *,
     bins: int = 50,
@@ -71,7 +71,7 @@ def residuals(
 
 
 def spectrum(
-    of: CertifiedSolution | Problem | InformationProblem,
+    of: CertifiedSolution | Problem | Sum,
     certificate: Certificate | None = None,
     *,
     count: int = 8,
@@ -114,7 +114,7 @@ def spectrum(
 
 
 def bounds(
-    of: CertifiedSolution | Problem | InformationProblem,
+    of: CertifiedSolution | Problem | Sum,
     certificate: Certificate | None = None,
     *,
     ax: Axes | None = None,

@@ -25,7 +25,7 @@ from certpgo.graph import Estimate, RotationGraph
 from certpgo.io import datasets
 from certpgo.io.datasets.synthetic import grid3d
 from certpgo.linalg import rotations as so
-from certpgo.objective.choose_cost import InformationProblem, information_problem
+from certpgo.objective.choose_cost import Sum, objective_of
 from certpgo.objective.costs.g2o import G2oCost
 from certpgo.objective.costs.gtsam import GtsamCost
 from certpgo.optimize.levenberg_marquardt import descend
@@ -174,12 +174,12 @@ def simulated(rng):
     # Every step turned too far, a full turn in a lap.
     wound = so.exp((heading + 2.0 * np.pi * node / lap)[:, None])
     moved = np.concatenate([np.zeros((1, 2)), np.cumsum(step * wound[:-1, :, 0], axis=0)])
-    return InformationProblem(G2oCost(graph)), Estimate(wound, moved)
+    return Sum(graph, G2oCost), Estimate(wound, moved)
 
 
 try:
     instance = datasets.load("MIT", download=False, quiet=True)
-    problem, start = information_problem(instance, "g2o"), instance.initial
+    problem, start = objective_of(instance, "g2o"), instance.initial
 except InputError:
     print("MIT.g2o is not here (CERTPGO_DATA names a folder): a simulated drive instead")
     problem, start = simulated(np.random.default_rng(1))
@@ -311,7 +311,7 @@ print("cost   noise  condition  verdict    gap")
 for kind in (G2oCost, GtsamCost):
     for noise in NOISES:
         for condition in CONDITIONS:
-            other = InformationProblem(kind(uneven(condition, noise)))
+            other = Sum(uneven(condition, noise), kind)
             best = descend(other, solve(other.chordal, time_limit=2.0).estimate).estimate
             found = certify(other, best)
             limits[kind.name, noise, condition] = found

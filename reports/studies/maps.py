@@ -23,7 +23,7 @@ from certpgo.graph.points import with_points
 from certpgo.graph.trees import tree_initialization
 from certpgo.io import datasets
 from certpgo.linalg import rotations as so
-from certpgo.objective.choose_cost import InformationProblem, certifiable
+from certpgo.objective.choose_cost import Sum, objective_of
 
 DATASETS = (
     "cityTrees10000",
@@ -44,7 +44,7 @@ def rows(name: str) -> str:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         instance = datasets.load(name)
-    problem = certifiable(instance, "chordal")
+    problem = objective_of(instance, "chordal")
     begin = time.perf_counter()
     theirs = by_gtsam(instance, problem)
     seconds = time.perf_counter() - begin
@@ -53,7 +53,7 @@ def rows(name: str) -> str:
     answer = certpgo.solve(problem)
     ours = time.perf_counter() - begin
     certificate = answer.certificate
-    if isinstance(problem, InformationProblem):
+    if isinstance(problem, Sum):
         excess = cost / max(answer.cost, 1e-12) - 1.0
         judged = "same" if excess < 1e-5 else f"+{100 * excess:.2g} %"
         solved = "is solved" in certificate.reason
@@ -66,7 +66,7 @@ def rows(name: str) -> str:
     return ROW.format(name, f"{cost:.8g}", f"{seconds:.1f}", judged, *mine, said)
 
 
-def by_gtsam(instance: Instance, problem: PoseProblem | InformationProblem) -> Estimate:
+def by_gtsam(instance: Instance, problem: PoseProblem | Sum) -> Estimate:
     """The answer of Levenberg and Marquardt's method."""
     start = first_guess(problem)
     factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
@@ -108,7 +108,7 @@ def by_gtsam(instance: Instance, problem: PoseProblem | InformationProblem) -> E
     return _estimate_of(found, points, d)
 
 
-def first_guess(problem: PoseProblem | InformationProblem) -> Estimate:
+def first_guess(problem: PoseProblem | Sum) -> Estimate:
     """Poses along a tree, and points where they are first seen or some way off."""
     graph = problem.measured
     nodes = graph.pose_nodes
@@ -119,7 +119,7 @@ def first_guess(problem: PoseProblem | InformationProblem) -> Estimate:
     else:
         start = tree_initialization(problem.graph)
     t = start.translations.copy()
-    if isinstance(problem, InformationProblem):
+    if isinstance(problem, Sum):
         unseen = np.setdiff1d(np.setdiff1d(np.arange(problem.n), nodes), graph.edges)
         off = np.random.default_rng(0).standard_normal((len(unseen), problem.d))
         t[unseen] += float(np.median(graph.ranges.distances)) * off

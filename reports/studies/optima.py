@@ -19,7 +19,7 @@ import time
 from pathlib import Path
 
 from certpgo.io import datasets
-from certpgo.objective.costs import CHORDAL, COSTS
+from certpgo.objective.costs import COSTS
 from certpgo.optima import Absent, Register
 
 #: The reason of what no run has come to: the next one does.
@@ -33,7 +33,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("names", nargs="*")
     parser.add_argument("--seconds", type=int, default=SECONDS)
-    parser.add_argument("--costs", nargs="*", default=[CHORDAL, *COSTS])
+    parser.add_argument("--costs", nargs="*", default=[*COSTS])
     parser.add_argument("--no-exact", action="store_true", help="without the check in integers")
     parser.add_argument("--again", action="store_true")
     parser.add_argument("--register", type=Path, default=None)
@@ -66,7 +66,7 @@ def enter_pending(folder: Path | None) -> None:
     """Enter what no run has come to, of graphs that have an optimum."""
     register = Register(folder)
     for name in {one.name for one in register.optima}:
-        for cost in (CHORDAL, *COSTS):
+        for cost in COSTS:
             if not is_known(folder, name, cost):
                 register.put(Absent(name, cost, LATER))
     register.save()

@@ -28,7 +28,7 @@ from certpgo import Certificate, Estimate, certify, solve
 from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.choose_cost import InformationProblem
+from certpgo.objective.choose_cost import Sum
 from certpgo.objective.costs.g2o import G2oCost
 from certpgo.optimize.initialization import start_of
 from certpgo.optimize.levenberg_marquardt import descend
@@ -55,7 +55,7 @@ class Case:
     kind : dimension, noise and information, in words
     """
 
-    problem: InformationProblem
+    problem: Sum
     truth: Estimate
     is_ring: bool
     kind: str
@@ -94,9 +94,7 @@ def case_of(seed: int, first: int = 0) -> Case:
     else:
         weights = f"{'isotropic' if isotropic else 'anisotropic'} translations, no cross terms"
     kind = f"{d}D, {size} noise, {weights}"
-    return Case(
-        InformationProblem(G2oCost(graph.with_information(Omega))), Estimate(R, t), is_ring, kind
-    )
+    return Case(Sum(graph.with_information(Omega), G2oCost), Estimate(R, t), is_ring, kind)
 
 
 def _edges(rng: np.random.Generator, n: int, is_ring: bool) -> np.ndarray:

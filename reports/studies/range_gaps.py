@@ -32,7 +32,7 @@ from certpgo.certify.normalized import NormalizedProblem
 from certpgo.graph.relaxed_point import Lift, translations_of
 from certpgo.io import datasets
 from certpgo.linalg import rotations as so
-from certpgo.objective.choose_cost import certifiable
+from certpgo.objective.choose_cost import objective_of
 from certpgo.objective.lifted_distances import LiftedDistances
 from certpgo.objective.problem import PoseProblem
 from certpgo.optimize.descent import descend
@@ -203,7 +203,7 @@ def row(name: str, copies: int) -> str:
     """The line of a dataset."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        posed = certifiable(datasets.load(name), "chordal")
+        posed = objective_of(datasets.load(name), "chordal")
     problem, best = posed.lifted_form, certpgo.solve(posed).cost
     normalized = NormalizedProblem.of(posed, "standard", 1e-5, 1e-9)
     unit, relaxed = normalized.unit, climbed(normalized)

@@ -36,7 +36,7 @@ from certpgo.graph import Graph
 from certpgo.io import datasets
 from certpgo.io.datasets.monocular import drifting, in_one_unit, keyframes, odometry
 from certpgo.linalg.arrays import IntArray
-from certpgo.objective.logarithms import LogarithmProblem
+from certpgo.objective.logarithms import LogarithmCost
 from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.optimize.levenberg_marquardt import descend
 from certpgo.optimize.similarity_starts import separate_start
@@ -113,7 +113,7 @@ def starts(unit: float | None) -> dict[str, Callable[[Graph], Estimate]]:
 
 def descent(graph: Graph, start: Estimate) -> End:
     """The end of ours from a start."""
-    problem = LogarithmProblem(graph)
+    problem = LogarithmCost(graph)
     end = descend(problem, start, tolerance=TOLERANCE, max_iterations=STEPS)
     return End(end.estimate, end.cost / 2.0, end.status is Status.ITERATION_LIMIT)
 

@@ -35,7 +35,7 @@ from certpgo.errors import CertPGOError
 from certpgo.graph import Graph, Instance
 from certpgo.io.datasets.monocular import random_maps
 from certpgo.linalg import rotations as so
-from certpgo.objective.logarithms import LogarithmProblem
+from certpgo.objective.logarithms import LogarithmCost
 from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.optimize.levenberg_marquardt import descend
 from certpgo.solve.proving import write_proof
@@ -247,7 +247,7 @@ def attack_logarithms(graphs: int, seed: int) -> list[str]:
         graph, _ = random_maps(rng, d, turn=turn, scale=scale, move=move)
         if rng.integers(0, 2):
             graph = graph.with_unknown_scales(np.ones(graph.num_nodes, dtype=bool))
-        fit, problem = certpgo.fit_logarithms(graph, time_limit=20.0), LogarithmProblem(graph)
+        fit, problem = certpgo.fit_logarithms(graph, time_limit=20.0), LogarithmCost(graph)
         gaps.append(1.0 - fit.lower_bound(1.0) / fit.cost)
         found = [fit.estimate]
         for within in (1.02, 1.2, 2.0):

@@ -46,7 +46,7 @@ from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.objective.problem import problem_of
-from certpgo.objective.truncated_problem import TruncatedProblem
+from certpgo.objective.truncated_cost import TruncatedCost
 from certpgo.optimize.progress import Stop
 from certpgo.solve.inconsistency import budgets, proven_rises
 from reports.studies._printing import print_table
@@ -91,7 +91,7 @@ def examined(seed: int, most: int) -> tuple[str, Counter[str]]:
     d, poses = int(rng.integers(2, 4)), bool(rng.integers(2))
     graph, doubtful, wrong = random_graph(rng, d, poses, most)
     whole, price = problem_of(graph), math.exp(rng.uniform(1.0, 4.0))
-    problem = TruncatedProblem(whole, np.where(doubtful, price, np.inf))
+    problem = TruncatedCost(whole, np.where(doubtful, price, np.inf))
     kept = solve(problem.kept)
     certificate = certify(problem, kept.estimate)
     rises = proven_rises(problem, kept.estimate, Stop())
@@ -150,7 +150,7 @@ def _cost(graph: Graph, taken: BoolArray, start: Estimate) -> float:
 
 def proofs(
     graph: Graph,
-    problem: TruncatedProblem,
+    problem: TruncatedCost,
     certificate: Certificate,
     rng: np.random.Generator,
 ) -> Iterator[tuple[FloatArray, float, bool]]:

@@ -9,7 +9,7 @@ from certpgo.certify.normalized import NormalizedProblem
 from certpgo.graph import PoseGraph
 from certpgo.io.datasets.synthetic import grid3d, winding_cycle
 from certpgo.linalg import rotations as so
-from certpgo.objective.choose_cost import InformationProblem
+from certpgo.objective.choose_cost import Sum
 from certpgo.objective.costs.g2o import G2oCost
 from certpgo.optimize.curvature import negative_curvature, resolution
 from certpgo.optimize.levenberg_marquardt import descend
@@ -35,7 +35,7 @@ def uneven(condition, noise):
     Omega[:, 3:, 3:] = np.eye(3) / noise**2
     weights = np.full(m, 3.0 / np.sum(sigmas**2))
     graph = PoseGraph(graph.rotations_alone, graph.translations + moved, weights)
-    return InformationProblem(G2oCost(graph.with_information(Omega)))
+    return Sum(graph.with_information(Omega), G2oCost)
 
 
 def test_a_wound_cycle_unwinds_at_a_higher_rank():
@@ -105,7 +105,7 @@ def test_information_is_isotropic_where_surrogates_do_not_bend():
     rng = rng_of(3)
     graph, _, _ = pose_graph(rng, 6, 2, noise=0.3)
     Omega = np.tile(np.diag([4.0, 4.0, 2.0]), (graph.num_edges, 1, 1))
-    problem = InformationProblem(G2oCost(graph.with_information(Omega)))
+    problem = Sum(graph.with_information(Omega), G2oCost)
     v = rng.standard_normal((graph.num_edges, 2))
     assert problem.bend(v, np.full(graph.num_edges, 4.0)) == pytest.approx(0.0, abs=1e-12)
     assert problem.bend(v, np.full(graph.num_edges, 3.0)) == pytest.approx((v * v).sum())

@@ -22,7 +22,7 @@ from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import lifted
 from certpgo.linalg import rotations as so
-from certpgo.objective.choose_cost import InformationProblem, information_problem
+from certpgo.objective.choose_cost import Sum, objective_of
 from certpgo.objective.costs.g2o import G2oCost
 from certpgo.objective.problem import PoseProblem
 from certpgo.optimize.levenberg_marquardt import descend
@@ -111,7 +111,7 @@ def test_public_optima_are_proven(name, gap, tmp_path, dataset, dataset_path):
 @few
 def test_what_is_proven_is_true(tmp_path_factory, seed, d):
     _, _, instance, answer, said = proven(tmp_path_factory.mktemp("proof"), seed, d)
-    problem = information_problem(instance, "g2o")
+    problem = objective_of(instance, "g2o")
     assert said.lower <= said.upper
     low, high = problem.enclosure(answer.estimate)
     assert low * (1 - 1e-13) <= said.upper <= high * (1 + 1e-13)
@@ -378,7 +378,7 @@ def test_only_the_costs_that_the_checker_knows_are_proven(small):
     with pytest.raises(InputError, match="g2o's, not for twice GTSAM"):
         write_proof(path.with_name("x.cert"), path, instance, found.estimate, found.certificate)
     problem = problem_of_certificate(instance, answer.certificate)
-    assert problem.edge_cost.title == answer.certificate.objective
+    assert problem.title == answer.certificate.objective
     graph = checker.read_graph(
         path.read_bytes(), {"d": instance.graph.d, "keep": "all", "cost": "g2o"} | NO_WEIGHTS, None
     )
@@ -406,7 +406,7 @@ NO_WEIGHTS = {"kappa": None, "tau": None}
 @pytest.mark.parametrize("d", [2, 3])
 def test_measurements_without_minorant_count_nothing(d, tmp_path):
     path, instance = random_file(tmp_path, 3, d, n=8, noise=0.2, condition=300.0)
-    problem = information_problem(instance, "g2o")
+    problem = objective_of(instance, "g2o")
     claim = {"d": d, "keep": "all", "cost": "g2o"} | NO_WEIGHTS
     graph = checker.read_graph(path.read_bytes(), claim, None)
     point = descend(problem, certpgo.solve(instance).estimate).estimate
@@ -433,7 +433,7 @@ def test_measurements_without_minorant_count_nothing(d, tmp_path):
 
 def test_constants_that_are_too_high_are_lowered(small):
     path, _, _, instance, answer = small
-    problem = information_problem(instance, "g2o")
+    problem = objective_of(instance, "g2o")
     claim = {"d": instance.graph.d, "keep": "all", "cost": "g2o"} | NO_WEIGHTS
     graph = checker.read_graph(path.read_bytes(), claim, None)
     below = problem.surrogate(answer.estimate)
@@ -455,7 +455,7 @@ def test_the_proof_tier_agrees_with_the_standard_one_and_is_sharper(seed, d):
     rng = rng_of(seed)
     graph, _, _ = pose_graph(rng, 7, d, noise=0.05)
     information = definite(rng, graph.num_edges, d * (d + 1) // 2, 5.0)
-    problem = InformationProblem(G2oCost(graph.with_information(information)))
+    problem = Sum(graph.with_information(information), G2oCost)
     standard = certpgo.solve(problem)
     found = certpgo.solve(problem, tier="proof").certificate
     judged = certify(problem, standard.estimate, tier="proof")
@@ -470,7 +470,7 @@ def test_the_proof_tier_agrees_with_the_standard_one_and_is_sharper(seed, d):
 def test_the_bound_of_the_proof_tier_is_what_it_says(small):
     """The surrogate's matrix less the multipliers, which add up to the bound, is not negative."""
     _, _, _, instance, answer = small
-    problem = information_problem(instance, "g2o")
+    problem = objective_of(instance, "g2o")
     normalized = NormalizedProblem.of(problem, "proof", 1e-5, 1e-12)
     basin = local_minimum(normalized, answer.estimate, False)
     below = normalized.problem.surrogate_of(basin.bound.support.minorants)

@@ -17,7 +17,7 @@ from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.ranges import Ranges
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import rotations as so
-from certpgo.objective.choose_cost import InformationProblem, certifiable
+from certpgo.objective.choose_cost import Sum, objective_of
 from certpgo.objective.costs.g2o import G2oCost
 from certpgo.objective.problem import PoseProblem, RotationProblem
 from certpgo.optimize import spectral
@@ -122,7 +122,7 @@ def test_a_search_of_distances_that_was_stopped_is_not_kept():
     graph, _, t = pose_graph(rng, 8, 2, noise=0.05)
     pairs = np.array([rng.choice(8, 2, replace=False) for _ in range(30)])
     distances = np.abs(np.linalg.norm(np.diff(t[pairs], axis=1)[:, 0], axis=1) + rng.normal(30))
-    problem = certifiable(graph.with_ranges(Ranges(8, pairs, distances, np.ones(30))))
+    problem = objective_of(graph.with_ranges(Ranges(8, pairs, distances, np.ones(30))))
     bad = Estimate(so.random(rng, 8, 2), 10.0 * rng.standard_normal((8, 2)))
     steps = []
     whole = certify(problem, bad, monitor=lambda step: steps.append(step) or False)
@@ -165,7 +165,7 @@ def test_time_limits_are_not_negative(limit):
 def test_of_two_basins_the_lower_is_worth_a_climb(monkeypatch):
     instance, wound = winding_cycle(9, 0.3, 1)
     graph = PoseGraph(instance.graph, np.zeros((9, 3)), np.ones(9))
-    problem = InformationProblem(G2oCost(graph.with_information(np.tile(np.eye(6), (9, 1, 1)))))
+    problem = Sum(graph.with_information(np.tile(np.eye(6), (9, 1, 1))), G2oCost)
     far = Estimate(wound.rotations, np.zeros((9, 3)))
     raised = []
     keep = bounding.raised
@@ -195,9 +195,7 @@ def test_of_two_basins_the_lower_is_worth_a_climb(monkeypatch):
 
 def test_costs_beyond_the_range_of_doubles_have_no_bounds():
     graph, R, t = pose_graph(rng_of(0), 5, 3)
-    problem = InformationProblem(
-        G2oCost(graph.with_information(np.tile(np.eye(6), (graph.num_edges, 1, 1))))
-    )
+    problem = Sum(graph.with_information(np.tile(np.eye(6), (graph.num_edges, 1, 1))), G2oCost)
     with np.errstate(over="ignore", invalid="ignore"):
         for scale in (5.6e152, 1e154):  # the sum, and already its terms
             assert problem.enclosure(Estimate(R, scale * t))[1] == np.inf
@@ -212,9 +210,7 @@ def test_estimates_of_other_graphs_are_not_judged():
 def long_descent(seed=0, n=30):
     """Poses under g2o's cost, and an estimate whose descent takes more than a few steps."""
     graph, R, t = pose_graph(rng_of(seed), n, 3, noise=0.05)
-    problem = InformationProblem(
-        G2oCost(graph.with_information(np.tile(np.eye(6), (graph.num_edges, 1, 1))))
-    )
+    problem = Sum(graph.with_information(np.tile(np.eye(6), (graph.num_edges, 1, 1))), G2oCost)
     rng = rng_of(seed + 1)
     far = Estimate(
         R @ so.exp(0.7 * rng.standard_normal((n, 3))), t + 3.0 * rng.standard_normal(t.shape)

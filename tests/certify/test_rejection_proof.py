@@ -15,7 +15,7 @@ from test_truncated import doubtful_graph
 import certpgo
 from certpgo import InputError, certify, checker, integer_checker, solve
 from certpgo.objective.problem import problem_of
-from certpgo.objective.truncated_problem import TruncatedProblem
+from certpgo.objective.truncated_cost import TruncatedCost
 from certpgo.solve.proving import write_proof
 
 BOTH = [checker, integer_checker]
@@ -26,7 +26,7 @@ def proven(folder, graph, doubtful, price=25.0):
     path, proof = folder / "graph.g2o", folder / "graph.cert"
     certpgo.write(path, graph)
     instance = certpgo.read(path, quiet=True)
-    problem = TruncatedProblem(problem_of(instance.graph), np.where(doubtful, price, np.inf))
+    problem = TruncatedCost(problem_of(instance.graph), np.where(doubtful, price, np.inf))
     start = solve(problem.kept).estimate
     found = certify(problem, start)
     write_proof(proof, path, instance, found.refined, found, prices=problem.prices)
@@ -123,7 +123,7 @@ def test_both_checkers_number_the_measurements_alike(tmp_path, keep):
     whole = problem_of(instance.graph)
     wrong = whole.edge_costs(solve(posed).estimate) > 1e3
     assert wrong.any()
-    problem = TruncatedProblem(whole, np.where(wrong, 25.0, np.inf))
+    problem = TruncatedCost(whole, np.where(wrong, 25.0, np.inf))
     found = certify(problem, solve(problem.kept).estimate)
     write_proof(proof, path, instance, found.refined, found, prices=problem.prices)
     first, second = (of.check(path, proof) for of in BOTH)

@@ -13,7 +13,7 @@ from certpgo.graph.succession import succession
 from certpgo.io.datasets import synthetic
 from certpgo.linalg import rotations as so
 from certpgo.objective.problem import RotationProblem, problem_of
-from certpgo.objective.truncated_problem import TruncatedProblem
+from certpgo.objective.truncated_cost import TruncatedCost
 from certpgo.optimize.methods._robust import connected
 from certpgo.optimize.progress import Stop
 from certpgo.solve.inconsistency import budgets, cores, odometry, proven_rises, rises_over
@@ -24,7 +24,7 @@ from certpgo.solve.outlier_report import outlier_report
 def test_rises_are_below_those_of_the_optimum(seed):
     rng = rng_of(seed)
     graph, doubtful = doubtful_graph(rng, 2 + seed % 2, poses=seed % 4 < 2)
-    problem = TruncatedProblem(problem_of(graph), np.where(doubtful, 10.0, np.inf))
+    problem = TruncatedCost(problem_of(graph), np.where(doubtful, 10.0, np.inf))
     kept = solve(problem.kept)
     found = proven_rises(problem, kept.estimate, Stop())
     assert (found > 0.0).any()
@@ -41,7 +41,7 @@ def test_the_rise_of_a_small_angle_is_that_of_linear_least_squares(d):
     angle = 0.01
     turn = so.exp(np.array([[angle] if d == 2 else [0.0, 0.0, angle]]))
     graph = RotationGraph(2, [[0, 1]] * 2, np.concatenate([np.eye(d)[None], turn]), [3.0, 1.0])
-    problem = TruncatedProblem(RotationProblem(graph), [np.inf, 1.0])
+    problem = TruncatedCost(RotationProblem(graph), [np.inf, 1.0])
     [rise] = proven_rises(problem, Estimate(np.tile(np.eye(d), (2, 1, 1))), Stop())
     assert rise == pytest.approx(2.0 * angle**2 / (1.0 + 1.0 / (3.0 * LOAD)), rel=1e-4)
 
@@ -75,7 +75,7 @@ def test_no_right_measurement_is_refuted(seed):
     weights = np.where(trusted | (rng.random(graph.num_edges) < 0.6), 1.0, 0.0)
     weights = connected(problem, weights, np.ones_like(weights))
     prices, doubtful = np.where(weights > 0.0, np.inf, 10.0), np.flatnonzero(weights == 0.0)
-    truncated = TruncatedProblem(problem, prices)
+    truncated = TruncatedCost(problem, prices)
     budget = budgets(problem)
     found = proven_rises(truncated, solve(truncated.kept).estimate, stop)
     assert (found <= budget[doubtful]).all()

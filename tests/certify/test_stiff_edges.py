@@ -17,10 +17,10 @@ from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.graph.information import Information
 from certpgo.graph.scale import MOST, Scale
 from certpgo.io.datasets.synthetic import winding_cycle
-from certpgo.objective.choose_cost import certifiable, information_problem
+from certpgo.objective.choose_cost import objective_of
 from certpgo.objective.exact_fit import fits_exactly
 from certpgo.objective.problem import problem_of
-from certpgo.objective.truncated_problem import rejecting
+from certpgo.objective.truncated_cost import rejecting
 from reports.studies import stiff_edges as study
 
 DATA = Path(__file__).parents[1] / "data"
@@ -217,7 +217,7 @@ def test_distances_far_from_the_origin_are_no_exact_fit_unless_met():
     at = Estimate(np.tile(np.eye(2), (3, 1, 1)), t)
     for length, fits in ((5.0, True), (5.0 + 4e-6, False)):
         ranges = Ranges(3, [(1, 2)], [length], [1.0])
-        assert fits_exactly(certifiable(graph.with_ranges(ranges)), at) is fits
+        assert fits_exactly(objective_of(graph.with_ranges(ranges)), at) is fits
 
 
 @pytest.mark.parametrize("seed", [6, 24])
@@ -234,7 +234,7 @@ def test_a_stiff_leaf_raises_no_bound_on_a_truncated_cost(seed):
     weights = np.r_[np.ones(graph.num_edges), 2.0**57]
     whole = PoseGraph(RotationGraph(6, edges, R, weights), t, weights)
     information = Information.of(0.5 * (W + np.swapaxes(W, 1, 2)), "gtsam")
-    problem = information_problem(whole.with_information(information), "gtsam")
+    problem = objective_of(whole.with_information(information), "gtsam")
     found = certify(rejecting(problem, np.array([2])), solve(problem).estimate)
     assert 0.0 < found.lower_bound <= found.best_cost
 

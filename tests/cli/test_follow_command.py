@@ -8,7 +8,7 @@ import pytest
 
 import certpgo as package
 from certpgo.io.datasets.synthetic import helix
-from certpgo.objective.choose_cost import problem_under
+from certpgo.objective.choose_cost import objective_of
 
 
 @pytest.fixture
@@ -52,7 +52,7 @@ def test_a_file_ends_with_the_verdict_of_the_whole(certpgo, lines, tmp_path):
     assert "; chi^2 " in last
     assert last.endswith(f" at {6 * (best.graph.num_edges - 35)} degrees of freedom")
     again = package.read_estimate(tmp_path / "last.g2o", read)
-    assert problem_under(read).cost(again) == pytest.approx(best.cost, rel=1e-9)
+    assert objective_of(read).cost(again) == pytest.approx(best.cost, rel=1e-9)
 
 
 def test_the_chordal_cost_is_followed_if_asked(certpgo, lines):

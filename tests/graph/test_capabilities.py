@@ -11,8 +11,8 @@ from certpgo.graph.capabilities import FEATURES, OPERATIONS, lacking, require_ca
 from certpgo.graph.concatenate import joined
 from certpgo.graph.constructors import of_couplings
 from certpgo.graph.streaming import streamed
-from certpgo.objective.choose_cost import certifiable, problem_under
-from certpgo.objective.truncated_problem import rejecting
+from certpgo.objective.choose_cost import objective_of, require_poses_alone
+from certpgo.objective.truncated_cost import rejecting
 from certpgo.registry import get_solver
 from certpgo.solve.loop_closures import with_rotations
 
@@ -39,10 +39,11 @@ ASKED = {
     "robust session": lambda g: certpgo.RobustSession().add(g),
     "follow": lambda g: list(streamed(g)),
     "robust fit": certpgo.solve_robustly,
-    "rejections": lambda g: rejecting(certifiable(g), np.array([g.num_edges - 1])),
-    "tables": problem_under,
-    "isotropic method": lambda g: get_solver("eigen_ma")(translations="thesis").solve(
-        problem_under(g)
+    "rejections": lambda g: rejecting(objective_of(g), np.array([g.num_edges - 1])),
+    "tables": require_poses_alone,
+    "isotropic method": lambda g: (
+        require_poses_alone(g),
+        get_solver("eigen_ma")(translations="thesis").solve(objective_of(g)),
     ),
 }
 #: What options of commands are called, and their values.

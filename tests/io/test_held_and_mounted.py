@@ -16,7 +16,7 @@ from certpgo.graph.kinds import places_world
 from certpgo.graph.priors import with_world_placed
 from certpgo.graph.streaming import streamed
 from certpgo.linalg import rotations as so
-from certpgo.objective.choose_cost import information_problem, problem_under
+from certpgo.objective.choose_cost import objective_of
 from certpgo.solve.fit import fit_of
 
 #: Two rotations of sensors, as in rtabmap's exports; 0.149434741972 by scipy's least squares.
@@ -104,10 +104,10 @@ def test_where_poses_are_held_the_cost_is_that_of_the_file(tmp_path, d, kinds, c
     R = free.initial.rotations @ so.exp(rng.normal(0, 1.0, (n, 1 if d == 2 else 3)))
     R[fixed], t[fixed] = free.initial.rotations[fixed], free.initial.translations[fixed]
     anywhere = certpgo.Estimate(R, t)
-    terms = problem_under(free, cost).edge_costs(anywhere)
+    terms = objective_of(free, cost).edge_costs(anywhere)
     constant = np.isin(free.graph.edges, fixed).all(axis=1)
     expected = float(terms[~constant].sum()) if len(fixed) > 1 else float(terms.sum())
-    assert problem_under(held, cost).cost(anywhere) == pytest.approx(expected, rel=1e-9)
+    assert objective_of(held, cost).cost(anywhere) == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize(("d", "kinds"), CASES)
@@ -144,7 +144,7 @@ def test_a_search_that_is_stopped_leaves_held_poses_where_they_are(tmp_path, d, 
     there = answer.estimate.anchored(held[0], instance.initial)
     for own, fixed in zip(poses_of(there), poses_of(instance.initial), strict=True):
         np.testing.assert_allclose(own[held], fixed[held], atol=1e-12)
-    assert answer.cost == pytest.approx(problem_under(instance, cost).cost(answer.estimate))
+    assert answer.cost == pytest.approx(objective_of(instance, cost).cost(answer.estimate))
     assert answer.certificate.lower_bound <= answer.cost
 
 
@@ -181,7 +181,7 @@ def test_a_position_is_of_the_body(tmp_path):
 def _problem(tmp_path, **kinds):
     path = written(tmp_path / "g.g2o", 3, np.random.default_rng(5), **kinds)
     instance = certpgo.read(path, quiet=True)
-    return instance, information_problem(instance, "g2o")
+    return instance, objective_of(instance, "g2o")
 
 
 def _moved(estimate, x):
@@ -321,7 +321,7 @@ def test_an_estimate_that_moves_held_poses_is_named(tmp_path, d, kinds):
         assert (found.broken, certpgo.certify(held, kept, cost=cost).broken) == (True, False)
         assert title in found.cost_in_words
         assert "held nodes that are moved" in " ".join(str(found).split())
-    problem = problem_under(held, "chordal")
+    problem = objective_of(held, "chordal")
     assert fit_of(held, problem, kept) is not None
     assert fit_of(held, problem, moved) is None
 
@@ -444,7 +444,7 @@ def test_what_a_g2o_file_holds_is_written_to_g2o_again(tmp_path, d):
     for name in ("rotations", "translations"):
         np.testing.assert_array_equal(getattr(again.initial, name), getattr(instance.initial, name))
     for cost in ("chordal", "g2o"):
-        there, here = (problem_under(one, cost) for one in (again, instance))
+        there, here = (objective_of(one, cost) for one in (again, instance))
         for k in range(3):
             point = certpgo.Estimate(
                 so.random(np.random.default_rng(k), 6, d),

@@ -164,7 +164,7 @@ def test_flat_landmarks(file):
     instance = io.read(file("PARAMS_SE3OFFSET 0 0 0 0 0 0 0 1\n" + text), quiet=True)
     assert instance.graph.tau[1:].tolist() == [24.0, 24.0]  # 2 / (1/30 + 1/20)
     problem = certpgo.solve(instance).problem
-    assert problem.edge_cost.weights[1][:3, :3].tolist() == np.diag([30.0, 20, 0]).tolist()
+    assert problem.terms[1].term.weights[0].tolist() == np.diag([30.0, 20, 0]).tolist()
 
 
 @pytest.mark.parametrize(

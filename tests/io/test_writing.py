@@ -19,7 +19,7 @@ from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.graph.information import Information
 from certpgo.io.datasets import synthetic
 from certpgo.linalg import rotations as so
-from certpgo.objective.choose_cost import own_cost, problem_under
+from certpgo.objective.choose_cost import objective_of, own_cost
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -487,8 +487,8 @@ def test_information_about_quaternions_is_written_with_its_graph(tmp_path, suffi
     estimate = make_estimate(np.random.default_rng(0), 3, 3, True)
     if suffix in ("g2o", "npz"):  # the default cost stays
         assert own_cost(found) == own_cost(before) == "g2o"
-        expected = problem_under(before).cost(estimate)
-        assert problem_under(found).cost(estimate) == pytest.approx(expected, rel=1e-12)
+        expected = objective_of(before).cost(estimate)
+        assert objective_of(found).cost(estimate) == pytest.approx(expected, rel=1e-12)
     if suffix == "g2o":
         found = io.read(path, rotation_information="quaternion", quiet=True).graph
     assert found.kappa == pytest.approx(before.kappa, rel=1e-12)

@@ -23,10 +23,9 @@ from certpgo.linalg.ball_arithmetic import Ball
 from certpgo.objective import costs as edge_costs
 from certpgo.objective.choose_cost import (
     COSTS,
-    InformationProblem,
+    Sum,
     costs_of,
-    edge_cost,
-    information_problem,
+    objective_of,
 )
 
 ADDED = Path(__file__).parents[1] / "data" / "edge_costs"
@@ -70,7 +69,7 @@ def path(tmp_path):
 
 def test_the_file_is_short_and_found_by_its_name(added):
     assert len((ADDED / "planar.py").read_text().splitlines()) < 60
-    assert tuple(COSTS) == ("g2o", "gtsam", "planar")
+    assert tuple(COSTS) == ("chordal", "g2o", "gtsam", "planar")
     assert COSTS["planar"].name == "planar"
 
 
@@ -168,7 +167,7 @@ def test_solve_certify_and_sessions_know_it(added, path):
     answer = solve(instance, cost="planar")
     assert answer.verdict.value == "CERTIFIED"
     assert answer.certificate.objective.endswith(PRIOR)
-    problem = information_problem(instance, "planar")
+    problem = objective_of(instance, "planar")
     best = descended(problem.graph, instance.initial)
     assert answer.cost == pytest.approx(best, rel=1e-9)
     assert answer.certificate.lower_bound <= best * (1.0 + 1e-12)
@@ -187,14 +186,14 @@ def test_solve_certify_and_sessions_know_it(added, path):
 def test_it_goes_with_positions(added, path):
     """An edge of a position alone has g2o's term and no prior."""
     instance = certpgo.read(path)
-    full = information_problem(instance, "planar").graph
+    full = objective_of(instance, "planar").graph
     kappa, Omega = full.kappa.copy(), full.information_matrices.copy()
     kappa[0], Omega[0, 3:], Omega[0, :, 3:] = 0.0, 0.0, 0.0
     partial = full.with_weights(kappa).with_information(Omega)
-    problem = InformationProblem(edge_cost(partial, "planar"))
+    problem = Sum(partial, COSTS["planar"])
     answer = solve(problem)
     assert answer.verdict.value == "CERTIFIED"
-    terms = information_problem(instance, "planar").edge_costs(answer.estimate)
+    terms = objective_of(instance, "planar").edge_costs(answer.estimate)
     v, _ = problem.relative(answer.estimate)
     y = v[0] - full.translations[0]
     expected = [y @ Omega[0, :3, :3] @ y, *terms[1:]]

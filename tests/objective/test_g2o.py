@@ -10,7 +10,7 @@ from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.ball_arithmetic import Ball
 from certpgo.linalg.rotations import rotation_defect
-from certpgo.objective.choose_cost import InformationProblem
+from certpgo.objective.choose_cost import Sum
 from certpgo.objective.costs.g2o import G2oCost
 
 pytest.importorskip("flint", reason="python-flint is not installed")
@@ -76,7 +76,7 @@ def test_residuals_are_those_of_g2os_own_pose_algebra(seed, d):
     edges = random_edges(rng, m, d)
     graph = edges.cost.graph
     R, t = so.random(rng, m + 1, d), rng.standard_normal((m + 1, d))
-    problem = InformationProblem(edges.cost)
+    problem = Sum(graph, G2oCost)
     found = edges.cost.residuals(*problem.relative(Estimate(R, t)))
     total = 0.0
     for e, (i, j) in enumerate(graph.edges):

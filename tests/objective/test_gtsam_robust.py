@@ -5,7 +5,7 @@ import pytest
 
 import certpgo
 from certpgo import InputError, certify
-from certpgo.objective.truncated_problem import TruncatedProblem
+from certpgo.objective.truncated_cost import TruncatedCost
 
 gtsam = pytest.importorskip("gtsam")
 KERNELS = {"Huber": 1.345, "Cauchy": 1.0, "GemanMcClure": 1.0, "DCS": 1.0, "Tukey": 4.7}
@@ -53,7 +53,7 @@ def test_the_cost_with_the_weights_of_an_optimum_is_stationary_there(name):
 def test_truncated_least_squares_is_the_truncated_cost():
     graph, values = optimum(robust("TruncatedLeastSquares", 4.0))
     problem, estimate = certpgo.from_gtsam(graph, values)
-    assert isinstance(problem, TruncatedProblem)
+    assert isinstance(problem, TruncatedCost)
     assert problem.prices[problem.rejected] == pytest.approx([16.0])
     assert problem.cost(estimate) == pytest.approx(2.0 * graph.error(values), rel=1e-9)
     found = certify(problem, estimate)
@@ -64,7 +64,7 @@ def test_truncated_least_squares_is_the_truncated_cost():
 def test_what_is_not_cut_off_is_gtsams_cost():
     graph, values = optimum(robust("TruncatedLeastSquares", 1e4))
     problem, estimate = certpgo.from_gtsam(graph, values)
-    assert not isinstance(problem, TruncatedProblem)
+    assert not isinstance(problem, TruncatedCost)
     assert problem.cost(estimate) == pytest.approx(2.0 * graph.error(values), rel=1e-9)
     assert "weights of" not in problem.title
 
@@ -76,7 +76,7 @@ def test_both_kinds_of_kernels_go_together():
     )
     graph.add(gtsam.BetweenFactorPose2(1, 4, gtsam.Pose2(9.0, 0.0, 0.0), noise))
     problem, _ = certpgo.from_gtsam(graph, values)
-    assert isinstance(problem, TruncatedProblem)
+    assert isinstance(problem, TruncatedCost)
     assert "weights of Huber" in problem.title
     assert problem.rejected.tolist() == [24]
 

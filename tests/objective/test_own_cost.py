@@ -22,15 +22,14 @@ from certpgo.graph.information import Information
 from certpgo.linalg import compiled
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import (
-    InformationProblem,
-    edge_cost,
-    information_problem,
+    COSTS,
+    Sum,
+    objective_of,
     own_cost,
-    problem_under,
 )
 from certpgo.objective.costs.g2o import G2oCost
 from certpgo.objective.costs.gtsam import GtsamCost
-from certpgo.objective.information_problem import NormalEquations
+from certpgo.objective.normal_equations import NormalEquations
 from certpgo.optimize.initialization import start_of
 from certpgo.optimize.levenberg_marquardt import descend
 from certpgo.optimize.solution import Status
@@ -58,7 +57,7 @@ def problem_of_random(rng, n, d, *, noise=0.05, condition=5.0, cross=True, extra
     if not cross:
         Omega[:, :d, d:] = Omega[:, d:, :d] = 0.0
         Omega[:, :d, :d] = graph.tau[:, None, None] * np.eye(d)
-    return InformationProblem(G2oCost(graph.with_information(Omega))), Estimate(R, t)
+    return Sum(graph.with_information(Omega), G2oCost), Estimate(R, t)
 
 
 # --- Published data
@@ -82,7 +81,7 @@ def test_golden_optima_are_found_and_certified(name, dataset):
 def test_wrong_optima_are_refuted(dataset):
     """MIT's initial values lead to 770.87; the optimum of F costs 2381 (OBJECTIVES)."""
     instance = dataset("MIT")
-    problem = information_problem(instance, "g2o")
+    problem = objective_of(instance, "g2o")
     stuck = descend(problem, instance.initial, max_iterations=500)
     assert stuck.cost == pytest.approx(770.87, rel=1e-3)
     alone = certify(problem, stuck.estimate, refine=False)
@@ -197,10 +196,10 @@ def test_compiled_equations_are_those_in_numpy(kind, angle, d, monkeypatch):
     turns = so.exp(angle * axes / np.linalg.norm(axes, axis=1)[:, None])[i % 20]
     rotations = np.swapaxes(x.rotations[i], 1, 2) @ x.rotations[j] @ turns
     graph = replace(problem.graph, rotations=rotations, kappa=np.ones(len(i)))
-    cost = kind(graph.with_information(problem.graph.information_matrices))
-    found = InformationProblem(cost).linearized(x)
+    measured = graph.with_information(problem.graph.information_matrices)
+    found = Sum(measured, kind).linearized(x)
     monkeypatch.setattr(compiled, "AVAILABLE", False)
-    expected = InformationProblem(cost).linearized(x)
+    expected = Sum(measured, kind).linearized(x)
     assert found.cost == pytest.approx(expected.cost, rel=1e-13)
     np.testing.assert_allclose(
         found.gradient, expected.gradient, rtol=0, atol=1e-12 * abs(expected.gradient).max()
@@ -233,7 +232,7 @@ def test_the_frame_the_labels_and_the_unit_do_not_matter(seed, d, exponent):
     place = np.argsort(nodes)
     graph = problem.graph
     relabelled = replace(graph, edges=place[graph.edges])
-    other = InformationProblem(G2oCost(relabelled))
+    other = Sum(relabelled, G2oCost)
     found = [certify(problem, moved), certify(other, best.subset(nodes))]
     for c in found:
         assert c.verdict is first.verdict
@@ -256,7 +255,7 @@ def around(n, closing=0.0):
     rotation = RotationGraph(n, edges, np.tile(np.eye(2), (n, 1, 1)), np.ones(n))
     graph = PoseGraph(rotation, np.tile([-3.0, 0.0], (n, 1)), np.ones(n))
     Omega = np.array([[4.0, 0.0, 1.0], [0.0, 4.0, 0.0], [1.0, 0.0, 1.0]])
-    problem = InformationProblem(G2oCost(graph.with_information(np.tile(Omega, (n, 1, 1)))))
+    problem = Sum(graph.with_information(np.tile(Omega, (n, 1, 1))), G2oCost)
     angles = 2.0 * np.pi * np.arange(n)[:, None] / n
     return problem, Estimate(so.exp(angles), np.zeros((n, 2)))
 
@@ -293,7 +292,7 @@ def test_exact_loops_with_one_inaccurate_angle_are_certified():
         RotationGraph(4, edges, so.project(back @ R[j]), np.ones(4)), steps, np.ones(4)
     )
     Omega = np.tile(np.diag([100.0, 100.0, 100.0, 4e4, 4e4, 4.0]), (4, 1, 1))
-    problem = InformationProblem(G2oCost(graph.with_information(Omega)))
+    problem = Sum(graph.with_information(Omega), G2oCost)
     assert solve(problem, time_limit=10.0).verdict.value == "CERTIFIED"
     assert certify(problem, Estimate(R, t)).verdict.value == "CERTIFIED"
 
@@ -303,7 +302,7 @@ def test_weights_beyond_their_range_leave_a_verdict():
     Omega = np.tile(
         np.diag([1.0, 1.0, 1.0, 1e-118, 1e-118, 1e-118]), (problem.graph.num_edges, 1, 1)
     )
-    tiny = InformationProblem(G2oCost(problem.graph.with_information(Omega)))
+    tiny = Sum(problem.graph.with_information(Omega), G2oCost)
     assert certify(tiny, x).verdict.value in ("BOUNDED", "UNDECIDED")
 
 
@@ -380,7 +379,7 @@ def test_indefinite_information_is_refused(dataset):
     with pytest.raises(InputError, match=sentence):
         solve(instance, cost="g2o")
     with pytest.raises(InputError, match="5021 of 16869"):
-        problem_under(instance, "g2o")
+        objective_of(instance, "g2o")
 
 
 def test_what_has_no_information_is_refused(square, tmp_path):
@@ -400,7 +399,7 @@ def test_what_has_no_information_is_refused(square, tmp_path):
 
 def test_gtsams_cost_has_no_proof_tier(square):
     instance = read(square, quiet=True)
-    problem = information_problem(instance, "gtsam")
+    problem = objective_of(instance, "gtsam")
     for run in (
         lambda: solve(instance, cost="gtsam", tier="proof"),
         lambda: certify(problem, instance.initial, tier="proof"),
@@ -475,7 +474,7 @@ def test_information_is_that_of_the_file_and_follows_its_edges(tmp_path):
         assert corner in part.graph.information_matrices[:, 2, 2]
         result = solve(part, cost="g2o")
         assert result.verdict.value == "CERTIFIED"
-        edges = problem_under(part, "g2o").graph
+        edges = objective_of(part, "g2o").graph
         np.testing.assert_array_equal(edges.edges, part.graph.edges)
     np.testing.assert_array_equal(
         read(path, keep="last", quiet=True).graph.information_matrices[-1], last
@@ -493,12 +492,12 @@ def test_information_survives_npz_and_what_reading_leaves_out(keep, tmp_path):
     assert read(packed, kappa=2.0, quiet=True).graph.information is None
 
 
-def test_problem_under_is_the_problem_that_solve_takes(square):
+def test_the_objective_is_what_solve_takes(square):
     instance = read(square, quiet=True)
-    assert problem_under(instance, "chordal").graph is instance.graph
-    assert problem_under(instance.graph).graph is instance.graph
+    assert objective_of(instance, "chordal").graph is instance.graph
+    assert objective_of(instance.graph).graph is instance.graph
     assert own_cost(instance) == "g2o"
-    problem = problem_under(instance)
+    problem = objective_of(instance)
     one, other = solve(instance), solve(problem)
     assert one.cost == other.cost == pytest.approx(problem.cost(one.estimate), rel=1e-14)
     again = certify(problem, one.estimate)
@@ -569,7 +568,7 @@ def test_a_written_estimate_is_judged_as_read(square, tmp_path, capsys):
     code, text, _ = run(capsys, "certify", square, path, "--cost", "g2o", "--json")
     assert code == 0
     assert json.loads(text)["cost"] == pytest.approx(
-        information_problem(instance, "g2o").cost(best), rel=1e-9
+        objective_of(instance, "g2o").cost(best), rel=1e-9
     )
 
 
@@ -619,15 +618,15 @@ def test_fallback_to_f_is_said(square, tmp_path, capsys):
 
 def test_misuse_of_other_costs_is_one_line(square):
     instance = read(square, quiet=True)
-    with pytest.raises(SpecError, match=r"unknown cost .chordal.*known: g2o, gtsam$"):
-        information_problem(instance, "chordal")
+    with pytest.raises(SpecError, match=r"unknown cost .chordl.*known: chordal, g2o, gtsam$"):
+        objective_of(instance, "chordl")
     with pytest.raises(SpecError, match=r"known: chordal, g2o, gtsam$"):
         solve(instance.graph, cost="ceres")
-    problem = information_problem(instance, "g2o")
+    problem = objective_of(instance, "g2o")
     other = Estimate(np.tile(np.eye(2), (3, 1, 1)), np.zeros((3, 2)))
     with pytest.raises(InputError, match="3 nodes"):
         problem.cost(other)
-    with pytest.raises(InputError, match=r"takes an InformationProblem, not an Instance"):
+    with pytest.raises(InputError, match=r"takes a Sum, not an Instance"):
         certpgo.to_gtsam(instance, other)
     with pytest.raises(InputError, match="a factor graph and Values, not an Instance"):
         certpgo.from_gtsam(instance, other)
@@ -655,7 +654,7 @@ def test_problems_that_leave_nodes_free_say_which(cost):
     def problem(kappa, t):
         information[:, 2, 2] = kappa
         graph = PoseGraph(RotationGraph(3, pairs, turns, np.array(kappa)), t, np.ones(6))
-        return InformationProblem(edge_cost(graph.with_information(information), cost))
+        return Sum(graph.with_information(information), COSTS[cost])
 
     with pytest.raises(
         GraphError, match=rf"^the cost of {cost} needs relative poses, not positions"

@@ -16,13 +16,8 @@ from certpgo.graph.information import Information, of_positions
 from certpgo.linalg import rotations as so
 from certpgo.linalg.ball_arithmetic import Ball
 from certpgo.linalg.rotations import rotation_defect, tangent_dim
-from certpgo.objective.choose_cost import (
-    COSTS,
-    InformationProblem,
-    information_problem,
-    own_cost,
-)
-from certpgo.objective.sum import Sum
+from certpgo.objective.choose_cost import COSTS, Sum, objective_of, own_cost
+from certpgo.objective.families.positions import Positions
 from certpgo.optimize.levenberg_marquardt import descend
 
 few = settings(max_examples=12)
@@ -39,7 +34,7 @@ def with_information(rng, graph, name, condition=10.0):
     graph = replace(graph, rotations=R)
     information[alone] = of_positions(definite(rng, m, d, condition)[alone])
     information[alone.nonzero()[0][::3]] = of_positions(2.0 * np.eye(d)[None])  # isotropic
-    return InformationProblem(Sum(graph.with_information(information), COSTS[name]))
+    return Sum(graph.with_information(information), COSTS[name])
 
 
 def located(rng, d, *, poses=5, points=4, fixes=3, noise=0.1):
@@ -62,11 +57,11 @@ def fractions(numbers):
     return [Fraction(float(x)) for x in numbers]
 
 
-def exactly(cost, e, v):
+def exactly(problem, e, v):
     """The cost of a position in rational numbers, for the doubles given."""
-    d = cost.graph.d
-    T = [fractions(row) for row in cost.graph.information_matrices[e, :d, :d]]
-    y = [a - b for a, b in zip(v, fractions(cost.graph.translations[e]), strict=True)]
+    d = problem.d
+    T = [fractions(row) for row in problem.graph.information_matrices[e, :d, :d]]
+    y = [a - b for a, b in zip(v, fractions(problem.graph.translations[e]), strict=True)]
     return sum(y[a] * T[a][b] * y[b] for a in range(d) for b in range(d))
 
 
@@ -82,53 +77,52 @@ def test_minorants_are_nowhere_above_the_cost_and_touch_it(seed, d, name, condit
     rng = rng_of(seed)
     graph, truth = located(rng, d)
     problem = with_information(rng, graph, name, condition)
-    cost = problem.edge_cost
-    v, Q = problem.relative(truth)
-    found = cost.minorants(v, Q)
+    v, _ = problem.relative(truth)
+    found = problem.minorants(truth)
     positions = np.flatnonzero(graph.kappa == 0.0)
     assert found.exist[positions].all()
     np.testing.assert_array_equal(found.a[positions], 0.0)
     np.testing.assert_array_equal(found.N[positions], 0.0)
     for e in positions.tolist():
-        T = cost.graph.information_matrices[e, :d, :d]
-        value = exactly(cost, e, fractions(v[e]))
+        T = problem.graph.information_matrices[e, :d, :d]
+        value = exactly(problem, e, fractions(v[e]))
         lost = float(value - minorant(found, e, fractions(v[e])))
         size = found.tau[e] * (found.b[e] @ found.b[e] + v[e] @ v[e])
         assert 0.0 <= lost <= 1e-12 * (size + np.abs(T).max() * v[e] @ v[e])
         for k in range(12):
             moved = fractions(v[e] + 10.0 ** rng.uniform(-9.0, 3.0) * rng.standard_normal(d))
             if k == 0:
-                moved = fractions(cost.graph.translations[e])
-            assert minorant(found, e, moved) <= exactly(cost, e, moved)
+                moved = fractions(problem.graph.translations[e])
+            assert minorant(found, e, moved) <= exactly(problem, e, moved)
 
 
 @given(seeds, dimensions, costs)
 @few
 def test_edges_between_poses_keep_the_programs_own_cost(seed, d, name):
     problem, truth, _ = problem_at(seed, d, name)
-    cost, whole = problem.edge_cost, problem.graph.kappa > 0.0
+    whole = problem.graph.kappa > 0.0
     alone = COSTS[name](problem.graph.with_edges(whole))
     v, Q = problem.relative(truth)
-    np.testing.assert_array_equal(cost.costs(v, Q)[whole], alone.costs(v[whole], Q[whole]))
-    ours, theirs = cost.minorants(v, Q), alone.minorants(v[whole], Q[whole])
+    np.testing.assert_array_equal(problem.edge_costs(truth)[whole], alone.costs(v[whole], Q[whole]))
+    ours, theirs = problem.minorants(truth), alone.minorants(v[whole], Q[whole])
     for part in ("tau", "a", "b", "N", "constant"):
         np.testing.assert_array_equal(getattr(ours, part)[whole], getattr(theirs, part))
-    assert cost.name == name
-    assert cost.title == f"{alone.title}, and of positions"
+    assert problem.cost_name == name
+    assert problem.title == f"{alone.title}, and of positions"
 
 
 @given(seeds, dimensions, costs)
 @few
 def test_enclosures_contain_the_exact_value(seed, d, name):
     problem, truth, _ = problem_at(seed, d, name)
-    cost = problem.edge_cost
-    v, Q = problem.relative(truth)
-    found = cost.enclosures(Ball.exact(v), Ball.within(Q, rotation_defect(Q)))
-    for e in np.flatnonzero(problem.graph.kappa == 0.0).tolist():
-        value = exactly(cost, e, fractions(v[e]))
-        assert Fraction(found.lower[e]) <= value <= Fraction(found.upper[e])
-        size = np.abs(cost.graph.information_matrices[e]).max() * (v[e] @ v[e] + 1.0)
-        assert found.radius[e] <= 1e-13 * size
+    [(rows, positions)] = [of for of in problem.terms if isinstance(of.term, Positions)]
+    v, Q = positions.relative(truth)
+    found = positions.enclosures(Ball.exact(v), Ball.within(Q, rotation_defect(Q)))
+    for k, e in enumerate(rows.tolist()):
+        value = exactly(problem, e, fractions(v[k]))
+        assert Fraction(found.lower[k]) <= value <= Fraction(found.upper[k])
+        size = np.abs(problem.graph.information_matrices[e]).max() * (v[k] @ v[k] + 1.0)
+        assert found.radius[k] <= 1e-13 * size
     low, high = problem.enclosure(truth)
     assert low <= problem.cost(truth) <= high
 
@@ -137,15 +131,17 @@ def test_enclosures_contain_the_exact_value(seed, d, name):
 @few
 def test_derivatives_by_differences(seed, d, name):
     problem, truth, _ = problem_at(seed, d, name)
-    cost, (v, Q), h = problem.edge_cost, problem.relative(truth), 1e-6
-    e, in_v, in_w = cost.linearized(v, Q)
-    np.testing.assert_array_equal(e, cost.residuals(v, Q))
-    for k, step in enumerate(h * np.eye(d)):
-        slope = (cost.residuals(v + step, Q) - cost.residuals(v - step, Q)) / (2.0 * h)
-        np.testing.assert_allclose(in_v[:, :, k], slope, atol=1e-7)
-    for k, step in enumerate(h * np.eye(tangent_dim(d))):
-        ahead, behind = (cost.residuals(v, Q @ so.exp(s[None])) for s in (step, -step))
-        np.testing.assert_allclose(in_w[:, :, k], (ahead - behind) / (2.0 * h), atol=1e-6)
+    h = 1e-6
+    for _, term in problem.terms:
+        v, Q = term.relative(truth)
+        e, in_v, in_w = term.linearized(v, Q)
+        np.testing.assert_array_equal(e, term.residuals(v, Q))
+        for k, step in enumerate(h * np.eye(d)):
+            slope = (term.residuals(v + step, Q) - term.residuals(v - step, Q)) / (2.0 * h)
+            np.testing.assert_allclose(in_v[:, :, k], slope, atol=1e-7)
+        for k, step in enumerate(h * np.eye(tangent_dim(d))):
+            ahead, behind = (term.residuals(v, Q @ so.exp(s[None])) for s in (step, -step))
+            np.testing.assert_allclose(in_w[:, :, k], (ahead - behind) / (2.0 * h), atol=1e-6)
 
 
 @given(seeds, dimensions, costs)
@@ -273,7 +269,7 @@ def test_which_files_have_a_cost_of_their_own(tmp_path):
     alone = certpgo.read(path, quiet=True)
     assert own_cost(alone) == "chordal"
     with pytest.raises(InputError, match="needs relative poses, not positions alone"):
-        information_problem(alone, "g2o")
+        objective_of(alone, "g2o")
 
 
 def test_a_position_without_information_bounds_nothing():

@@ -12,8 +12,7 @@ from certpgo import certify, merge, read, solve_robustly
 from certpgo.certify.certificate import Verdict
 from certpgo.graph import PoseGraph, RotationGraph, matrix_weights
 from certpgo.linalg import rotations as so
-from certpgo.objective.choose_cost import edge_cost
-from certpgo.objective.information_problem import InformationProblem
+from certpgo.objective.choose_cost import COSTS, Sum
 from certpgo.objective.marginalized import isotropic_below
 from certpgo.objective.problem import PoseProblem
 
@@ -29,8 +28,8 @@ def test_isotropic_costs_are_below(cost, d, crossed):
     if not crossed:
         information[:, :d, d:] = information[:, d:, :d] = 0.0
     full = graph.with_information(information)
-    posed = InformationProblem(edge_cost(full, cost))
-    below = isotropic_below(full, posed.edge_cost.turned_share)
+    posed = Sum(full, COSTS[cost])
+    below = isotropic_below(full, posed.of_edges.turned_share)
     for size in (1e-3, 0.3, 3.0):
         E = so.exp(size * rng.standard_normal((m, so.tangent_dim(d))))
         Q = graph.rotations @ E
@@ -38,7 +37,7 @@ def test_isotropic_costs_are_below(cost, d, crossed):
         squares = ((Q - graph.rotations) ** 2).sum(axis=(1, 2))
         least = below.kappa * squares
         least += below.tau * ((v - graph.translations) ** 2).sum(axis=1)
-        costs = posed.edge_cost.costs(v, Q)
+        costs = posed.of_edges.costs(v, Q)
         assert (least <= costs * (1.0 + 1e-12)).all()
     assert (least > 0.0).all()
 

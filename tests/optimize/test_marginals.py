@@ -11,7 +11,7 @@ from certpgo import Estimate, InputError, Marginals, NumericalError
 from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.linalg import rotations as so
 from certpgo.objective import operators
-from certpgo.objective.choose_cost import problem_under
+from certpgo.objective.choose_cost import objective_of
 from certpgo.objective.problem import problem_of
 
 few = settings(max_examples=15)
@@ -154,7 +154,7 @@ def test_gtsam_agrees(name, dataset):
 def test_of_an_answer(dataset):
     instance = dataset("smallGrid3D")
     answer = certpgo.solve(instance)
-    problem = problem_under(instance)
+    problem = objective_of(instance)
     expected = Marginals(problem, answer.estimate).covariance(3)
     np.testing.assert_array_equal(answer.covariance(3), expected)
     robust = certpgo.solve_robustly(instance.graph)

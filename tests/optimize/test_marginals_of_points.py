@@ -12,10 +12,9 @@ from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.graph.information import of_positions
 from certpgo.linalg import rotations as so
 from certpgo.linalg.rotations import tangent_dim
-from certpgo.objective.choose_cost import InformationProblem
+from certpgo.objective.choose_cost import Sum
 from certpgo.objective.costs.g2o import G2oCost
 from certpgo.objective.problem import problem_of
-from certpgo.objective.sum import Sum
 
 few = settings(max_examples=12)
 
@@ -30,8 +29,8 @@ def problem_at(seed, d, under):
     m, alone = graph.num_edges, graph.kappa == 0.0
     information = definite(rng, m, d + tangent_dim(d))
     information[alone] = of_positions(definite(rng, m, d)[alone])
-    cost = Sum(graph.with_information(information), G2oCost)
-    return InformationProblem(cost), truth, anchor, other
+    problem = Sum(graph.with_information(information), G2oCost)
+    return problem, truth, anchor, other
 
 
 def points_of(problem):
@@ -42,8 +41,11 @@ def residuals(problem, estimate):
     """Residuals whose squares add up to half the Gauss-Newton model's cost."""
     i, j = problem.graph.edges.T
     R, t = estimate.rotations, estimate.translations
-    if isinstance(problem, InformationProblem):
-        e = problem.edge_cost.residuals(*problem.relative(estimate))
+    if isinstance(problem, Sum):
+        e = np.zeros(problem.graph.information_matrices.shape[:2])
+        for rows, term in problem.terms:
+            own = term.residuals(*term.relative(estimate))
+            e[rows, : own.shape[1]] = own
         d, roots = problem.d, np.zeros_like(problem.graph.information_matrices)
         for k, full in enumerate(problem.graph.information_matrices):
             size = len(full) if full[d:].any() else d

@@ -9,7 +9,7 @@ import certpgo
 from certpgo import Estimate, GraphError
 from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.linalg import rotations as so
-from certpgo.objective.choose_cost import certifiable
+from certpgo.objective.choose_cost import objective_of
 from certpgo.objective.problem import problem_of
 from certpgo.optimize.unobservable import undetermined
 
@@ -73,7 +73,7 @@ def test_points_and_distances():
     measured = graph_of(2, 3, [[0, 1]], [1.0], [1.0], [False, False, True])
     for pairs, motions in (([[0, 2]], 1), ([[0, 2], [1, 2]], 0)):
         ranges = certpgo.Ranges(3, pairs, np.ones(len(pairs)), np.ones(len(pairs)))
-        left = found(measured, 0, certifiable(measured.with_ranges(ranges)))
+        left = found(measured, 0, objective_of(measured.with_ranges(ranges)))
         assert (0 if left is None else left.motions) == motions
         assert left is None or left.cures == (("position", 2),)
 

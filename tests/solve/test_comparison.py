@@ -11,7 +11,7 @@ from certpgo.certify.tolerances import ATOL, NEGLIGIBLE, RTOL
 from certpgo.cli.certify import command
 from certpgo.errors import InputError
 from certpgo.io.datasets.synthetic import winding_cycle
-from certpgo.objective.choose_cost import information_problem
+from certpgo.objective.choose_cost import objective_of
 from certpgo.objective.problem import problem_of
 from certpgo.solve.comparison import METHODS, Competitor, MethodResult, compare, methods_under
 from certpgo.solve.comparison_table import COLUMNS, NOTES, captions, columns, notes, title
@@ -55,8 +55,8 @@ def test_notes_about_gtsam_need_its_rows():
 @pytest.mark.parametrize("cost", ["g2o", "gtsam"])
 def test_estimates_are_judged_by_the_cost_whatever_they_minimise(uneven, cost):
     own, of_f, tree = compare(uneven, named(*NAMES, cost=cost), cost=cost)
-    problem = information_problem(uneven, cost)
-    assert {row.objective for row in (own, of_f, tree)} == {problem.edge_cost.title}
+    problem = objective_of(uneven, cost)
+    assert {row.objective for row in (own, of_f, tree)} == {problem.title}
     assert [row.minimised for row in (own, of_f, tree)] == [cost, "chordal", "chordal"]
     chordal = solve(uneven, cost="chordal").estimate
     assert (own.verdict, own.cost) == ("CERTIFIED", solve(uneven, cost=cost).cost)
@@ -64,7 +64,7 @@ def test_estimates_are_judged_by_the_cost_whatever_they_minimise(uneven, cost):
     assert of_f.verdict == certify(problem, chordal).verdict.value == "BOUNDED"
     assert own.cost < of_f.cost < tree.cost
     assert own.cost >= of_f.lower_bound > 0.99 * own.cost
-    assert title(own) == f"uneven (4 nodes, 5 edges, 2D): {problem.edge_cost.title}"
+    assert title(own) == f"uneven (4 nodes, 5 edges, 2D): {problem.title}"
     assert columns(own)[1:5] == ("cost", "f_ML", "gap", "gap / cost")
     assert "Methods that minimise the cost: certified." in list(captions([own, of_f, tree]))
 
@@ -83,7 +83,7 @@ def test_the_default_cost_is_that_of_solve(uneven):
 def test_the_verdict_on_a_robust_method_is_about_what_it_keeps(tmp_path):
     wrong = square(tmp_path, (-9, 7, 1.0))
     [row] = compare(wrong, [Competitor("graduated_non_convexity")], cost="g2o")
-    problem = information_problem(wrong, "g2o")
+    problem = objective_of(wrong, "g2o")
     estimate = solve(wrong.graph).estimate
     factors = np.array([1.0, 0.5, 1.0, 2.0, 0.0])
     kept = problem.reweighted(factors)

@@ -12,7 +12,7 @@ from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.information import Information
 from certpgo.io.datasets.synthetic import helix
 from certpgo.linalg import rotations as so
-from certpgo.objective.choose_cost import certifiable, information_problem
+from certpgo.objective.choose_cost import objective_of
 from certpgo.solve.fit import Fit, fit_of, goodness_of_fit, squares
 
 NODES, EDGES, RUNS = 12, 30, 25
@@ -124,7 +124,7 @@ def test_points_and_distances_are_counted():
     assert goodness_of_fit(PoseProblem(with_point), estimate).freedom == expected
     ranges = Ranges(n, np.array([[0, 8], [1, 7]]), np.array([3.0, 4.0]), np.full(2, 100.0))
     instance = Instance("ranged", graph.with_ranges(ranges), np.arange(n))
-    problem = certifiable(instance)
+    problem = objective_of(instance)
     found = goodness_of_fit(problem, truth)
     assert found.freedom == 6 * (m - n + 1) + 2
     assert found.chi2 == pytest.approx(problem.cost(truth))
@@ -132,10 +132,10 @@ def test_points_and_distances_are_counted():
 
 def test_information_counts_by_its_rank():
     graph, full, _ = drawn(3, 1.0, np.random.default_rng(0))
-    problem = information_problem(graph.with_information(full), "gtsam")
+    problem = objective_of(graph.with_information(full), "gtsam")
     singular = full.copy()
     singular[-1, [1, 5]] = singular[-1, :, [1, 5]] = 0.0
-    left = problem.with_cost(replace(problem.edge_cost, graph=graph.with_information(singular)))
+    left = replace(problem, measured=graph.with_information(singular))
     estimate = certpgo.solve(graph).estimate
     assert goodness_of_fit(problem, estimate).freedom == 6 * (EDGES - NODES + 1)
     assert goodness_of_fit(left, estimate).freedom == 6 * (EDGES - NODES + 1) - 2

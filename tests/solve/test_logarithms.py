@@ -20,7 +20,7 @@ from certpgo.graph import RotationGraph, SimilarityGraph
 from certpgo.graph.ranges import Ranges
 from certpgo.io.datasets.monocular import random_maps
 from certpgo.linalg import rotations as so
-from certpgo.objective.logarithms import LogarithmProblem, logarithmic_mean
+from certpgo.objective.logarithms import LogarithmCost, logarithmic_mean
 from certpgo.objective.similarity_problem import SimilarityProblem
 
 noises = st.sampled_from([0.05, 0.3, 1.0])
@@ -53,7 +53,7 @@ def test_two_measurements_of_a_scale_have_their_geometric_mean():
 def test_the_errors_are_logarithms_of_matrices():
     """One edge, against SciPy's logarithm of a matrix."""
     graph, truth = maps(3, 3, 0.4)
-    cost = LogarithmProblem(graph).edge_costs(truth)
+    cost = LogarithmCost(graph).edge_costs(truth)
 
     def matrix(R, t, s):
         M = np.eye(4)
@@ -77,7 +77,7 @@ def test_the_cost_is_twice_the_error_of_gtsam(d):
         pytest.skip("this GTSAM has no Similarity2")
     graph, truth = maps(1, d, 0.5, known=False)
     theirs, values = certpgo.to_gtsam(SimilarityProblem(graph), truth)
-    assert LogarithmProblem(graph).cost(truth) == pytest.approx(2 * theirs.error(values), rel=1e-12)
+    assert LogarithmCost(graph).cost(truth) == pytest.approx(2 * theirs.error(values), rel=1e-12)
 
 
 @given(seeds, dimensions)
@@ -86,8 +86,8 @@ def test_units_of_nodes_do_not_matter(seed, d):
     graph, truth = maps(seed, d, 0.3, known=False)
     s = np.exp(rng_of(seed).standard_normal(8))
     moved = replace(truth, scales=truth.scales / s)
-    expected = LogarithmProblem(graph).edge_costs(truth)
-    found = LogarithmProblem(graph.in_units_of(s)).edge_costs(moved)
+    expected = LogarithmCost(graph).edge_costs(truth)
+    found = LogarithmCost(graph.in_units_of(s)).edge_costs(moved)
     assert found == pytest.approx(expected, rel=1e-9)
 
 
@@ -95,7 +95,7 @@ def test_units_of_nodes_do_not_matter(seed, d):
 @settings(max_examples=40)
 def test_the_quadratic_cost_is_below_edge_by_edge(seed, d, noise, within, known):
     graph, truth = maps(seed, d, noise, known)
-    problem, rng = LogarithmProblem(graph), rng_of(seed)
+    problem, rng = LogarithmCost(graph), rng_of(seed)
     there = nearby(rng, truth, graph.free, within)
     ratio = there.scales / truth.scales
     unit = np.sqrt(np.mean(ratio**2))  # that of the minorant
@@ -108,7 +108,7 @@ def test_the_quadratic_cost_is_below_edge_by_edge(seed, d, noise, within, known)
 @pytest.mark.parametrize(("seed", "d"), [(0, 2), (1, 3)])
 def test_no_map_with_such_scales_costs_less_than_the_bound(seed, d):
     graph, _ = maps(seed, d, 0.2)
-    found, problem = fit_logarithms(graph), LogarithmProblem(graph)
+    found, problem = fit_logarithms(graph), LogarithmCost(graph)
     assert found.solution.status == "converged"
     assert found.nearby.verdict == "CERTIFIED"
     assert 0.8 * found.cost < found.lower_bound(1.0) < found.cost

@@ -25,12 +25,12 @@ from certpgo.graph.kinds import Node
 from certpgo.graph.relaxed_point import Lift
 from certpgo.io.datasets.synthetic import helix
 from certpgo.linalg import rotations as so
-from certpgo.objective.choose_cost import InformationProblem, certifiable
+from certpgo.objective.choose_cost import Sum, objective_of
 from certpgo.objective.families.distances import Distances
 from certpgo.objective.lifted_distances import LiftedDistances
 from certpgo.objective.signed_weights import quarter_turn
 from certpgo.objective.term import Term
-from certpgo.objective.truncated_problem import rejecting
+from certpgo.objective.truncated_cost import rejecting
 from certpgo.optimize.descent_loop import minimise
 from certpgo.optimize.levenberg_marquardt import DampedSteps, descend
 from certpgo.optimize.low_rank_descent import orthonormal
@@ -56,7 +56,7 @@ def measured(seed, d, *, noise=0.1, poses=5, points=3):
     distances = np.abs(apart + noise * rng.standard_normal(len(pairs)))
     weights = rng.uniform(0.5, 4.0, len(pairs))
     return (
-        certifiable(graph.with_ranges(Ranges(graph.num_nodes, pairs, distances, weights))),
+        objective_of(graph.with_ranges(Ranges(graph.num_nodes, pairs, distances, weights))),
         truth,
         rng,
     )
@@ -197,9 +197,9 @@ def test_the_oriented_relaxation_is_at_least_as_tight_as_the_real_one(seed):
     problem, _, _ = measured(seed, 2, noise=1.0)
     ours = solve(problem)
     with pytest.MonkeyPatch.context() as patch:
-        over_real_matrices.__set_name__(InformationProblem, "over_real_matrices")
-        patch.setattr(InformationProblem, "lifted_form", over_real_matrices)
-        theirs = solve(certifiable(problem.measured))
+        over_real_matrices.__set_name__(Sum, "over_real_matrices")
+        patch.setattr(Sum, "lifted_form", over_real_matrices)
+        theirs = solve(objective_of(problem.measured))
     assert ours.certificate.lower_bound >= (1.0 - 1e-5) * theirs.certificate.lower_bound
     assert ours.cost <= (1.0 + 1e-6) * theirs.cost
 
@@ -246,7 +246,7 @@ def test_laws(seed):
     ranges = problem.measured.ranges
     i, j = ranges.edges.T
     back = Ranges(problem.n, np.stack([j, i], axis=1), ranges.distances, ranges.weights)
-    assert certifiable(problem.measured.with_ranges(back)).cost(answer.estimate) == pytest.approx(
+    assert objective_of(problem.measured.with_ranges(back)).cost(answer.estimate) == pytest.approx(
         answer.cost
     )
     assert problem.enclosure(answer.estimate)[1] >= problem.cost(answer.estimate)
@@ -272,11 +272,11 @@ def test_distances_that_fit_exactly_or_are_tiny_cost_no_bound():
     alone = solve(graph)
     for distance in (2.0, 1e-15, 1e-20, 1e-300):
         ranges = Ranges(n, [[poses[0], n - 1]], [distance], [3.0])
-        answer = solve(certifiable(more.with_ranges(ranges)))
+        answer = solve(objective_of(more.with_ranges(ranges)))
         assert answer.verdict.value == "CERTIFIED"
         assert answer.cost == pytest.approx(alone.cost, rel=1e-6)
     with pytest.raises(InputError, match="beyond the range of doubles"):
-        solve(certifiable(more.with_ranges(Ranges(n, [[poses[0], n - 1]], [1e160], [3.0]))))
+        solve(objective_of(more.with_ranges(Ranges(n, [[poses[0], n - 1]], [1e160], [3.0]))))
 
 
 @given(seeds, dimensions)
@@ -302,7 +302,7 @@ def in_lengths_of(problem, unit):
         graph.rotations_alone, unit * graph.translations, graph.tau / unit**2, points=graph.is_point
     )
     distances, weights = unit * ranges.distances, ranges.weights / unit**2
-    return certifiable(measured.with_ranges(Ranges(problem.n, ranges.edges, distances, weights)))
+    return objective_of(measured.with_ranges(Ranges(problem.n, ranges.edges, distances, weights)))
 
 
 @pytest.mark.parametrize("unit", [1e-10, 1e10])
@@ -322,7 +322,7 @@ def pair(distances, d=2):
     rotation = RotationGraph(2, [[0, 1]], np.eye(d)[None], np.zeros(1))
     graph = PoseGraph(rotation, np.eye(d)[:1], np.ones(1), points=[False, True])
     pairs = [[0, 1], [1, 0], [0, 1]][: len(distances)]
-    return certifiable(graph.with_ranges(Ranges(2, pairs, distances, np.ones(len(distances)))))
+    return objective_of(graph.with_ranges(Ranges(2, pairs, distances, np.ones(len(distances)))))
 
 
 @pytest.mark.parametrize("unit", [1e-12, 1.0, 1e12])
@@ -345,7 +345,7 @@ def test_repeated_distances_need_not_agree(d):
     rotation = RotationGraph(4, [[0, 1], [0, 2]], np.tile(np.eye(d), (2, 1, 1)), [0.0, 0.0])
     graph = PoseGraph(rotation, np.eye(d)[:2], np.ones(2), points=[False, True, True, True])
     pairs, distances = [[1, 3], [3, 1], [2, 3], [2, 3]], [2.9, 3.1, 3.3, 3.5]
-    answer = solve(certifiable(graph.with_ranges(Ranges(4, pairs, distances, np.ones(4)))))
+    answer = solve(objective_of(graph.with_ranges(Ranges(4, pairs, distances, np.ones(4)))))
     assert answer.cost == pytest.approx(0.04, rel=1e-6)
     assert answer.verdict.value == "CERTIFIED"
 
@@ -356,7 +356,7 @@ def test_tangents_that_leave_positions_free_are_made_firm():
     graph = PoseGraph(rotation, [[8.9, -2.6]], [1.0], points=[True, True, False, True])
     pairs = [[1, 0], [1, 3], [0, 1], [1, 2], [0, 3], [2, 0], [2, 1]]
     distances = [1.4, 5.9, 2.4, 6.8, 1.1, 3.3, 3.3]
-    answer = solve(certifiable(graph.with_ranges(Ranges(4, pairs, distances, np.ones(7)))))
+    answer = solve(objective_of(graph.with_ranges(Ranges(4, pairs, distances, np.ones(7)))))
     assert answer.verdict.value == "CERTIFIED"
     assert answer.cost == pytest.approx(answer.certificate.lower_bound, rel=1e-6)
 
@@ -512,7 +512,7 @@ def test_rejected_steps_are_reported_and_may_be_the_last():
 
 def test_a_map_stuck_elsewhere_is_refuted(dataset):
     instance = dataset("goats_16")
-    problem = certifiable(instance)
+    problem = objective_of(instance)
     estimate = solve(problem).estimate.anchored(0)
     t = estimate.translations.copy()
     t[instance.graph.is_point, 0] *= -3.0  # beacons on the wrong side
@@ -563,15 +563,15 @@ def test_what_is_refused():
     rotation = RotationGraph(3, [[0, 1]], np.eye(2)[None], np.ones(1))
     pair = PoseGraph(rotation, np.ones((1, 2)), np.ones(1))
     with pytest.raises(GraphError, match="no measurement determines the rotation of node 2"):
-        certifiable(pair.with_ranges(Ranges(3, [[1, 2]], [1.0], [1.0])))
+        objective_of(pair.with_ranges(Ranges(3, [[1, 2]], [1.0], [1.0])))
     with pytest.raises(GraphError, match="2 components of 2, 1 nodes"):
-        certifiable(pair.with_ranges(Ranges(3, [[0, 1]], [1.0], [1.0])))
+        objective_of(pair.with_ranges(Ranges(3, [[0, 1]], [1.0], [1.0])))
     points = PoseGraph(RotationGraph(2, [[0, 1]], np.eye(2)[None], [0.0]), [[0.0, 0.0]], [1.0])
     points = replace(points, nodes=np.full(2, Node.POINT))
     with pytest.raises(GraphError, match="no poses"):
-        certifiable(points.with_ranges(Ranges(2, [[0, 1]], [1.0], [1.0])))
+        objective_of(points.with_ranges(Ranges(2, [[0, 1]], [1.0], [1.0])))
     with pytest.raises(GraphError, match="must be connected"):
-        certifiable(pair.with_ranges(Ranges(3, np.empty((0, 2), dtype=int), [], [])))
+        objective_of(pair.with_ranges(Ranges(3, np.empty((0, 2), dtype=int), [], [])))
     instance = certpgo.Instance("lonely", problem.measured, np.arange(n))
     with pytest.raises(InputError, match="not all edges have one"):
         solve(instance, cost="g2o")
@@ -648,7 +648,7 @@ def test_a_class_that_derives_from_distances_has_a_cost_of_its_own():
     assert found.verdict.value == expected.verdict.value == "CERTIFIED"
     assert found.cost == pytest.approx(expected.cost, rel=1e-7)
     assert halves.ranges is None
-    assert certifiable(halves).lifted_form is None
+    assert objective_of(halves).lifted_form is None
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -9,7 +9,7 @@ from strategies import pose_graph
 from certpgo import Ranges, SimilarityGraph, SolveSettings, solve
 from certpgo.certify.normalized import NormalizedProblem
 from certpgo.errors import InputError
-from certpgo.objective.choose_cost import certifiable
+from certpgo.objective.choose_cost import objective_of
 from certpgo.solve import search as plans
 from certpgo.solve.search_loop import Search
 
@@ -44,7 +44,7 @@ of_each_kind = pytest.mark.parametrize(("plan", "graph", "cost"), KINDS)
 
 @of_each_kind
 def test_each_kind_of_cost_has_a_plan(plan, graph, cost):
-    assert plans.plan_of(certifiable(graph(), cost)) is getattr(plans, plan)
+    assert plans.plan_of(objective_of(graph(), cost)) is getattr(plans, plan)
 
 
 def test_plans_are_data_and_the_search_has_no_subclass():
@@ -64,7 +64,7 @@ def test_a_highest_rank_below_that_of_estimates_is_refused(plan, graph, cost):
 @of_each_kind
 @pytest.mark.parametrize("rank", [3, 12])
 def test_the_highest_rank_is_the_one_of_the_settings(plan, graph, cost, rank):
-    problem = certifiable(graph(), cost)
+    problem = objective_of(graph(), cost)
     normalized = NormalizedProblem.of(problem, "standard", 1e-5, 1e-12)
     search = Search(plans.plan_of(problem), problem, normalized, SolveSettings(max_rank=rank))
     assert (search.highest, search.normalized.ranks) == (rank, rank - 3)

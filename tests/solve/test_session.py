@@ -13,7 +13,7 @@ from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.graph.information import Information
 from certpgo.graph.streaming import streamed
 from certpgo.io.datasets.synthetic import helix, winding_cycle
-from certpgo.objective.choose_cost import problem_under
+from certpgo.objective.choose_cost import objective_of
 from certpgo.solve import terms
 
 
@@ -218,7 +218,7 @@ def test_bounds_hold_whatever_comes_and_goes(made, cost):
         now = instance.with_edges(order)
         part = Instance("part", now.graph.subgraph(places), instance.ids[places])
         try:
-            problem = problem_under(part, cost)
+            problem = objective_of(part, cost)
         except GraphError:  # a single fix determines no rotation of the world
             continue
         best = certpgo.solve(part, cost=cost).certificate

@@ -23,7 +23,7 @@ from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.graph.information import Information
 from certpgo.graph.phrases import rounded_down, rounded_up
 from certpgo.io.datasets import synthetic
-from certpgo.objective.choose_cost import information_problem
+from certpgo.objective.choose_cost import objective_of
 from certpgo.objective.problem import problem_of
 from certpgo.optimize.curvature import smallest_eigenvalues
 from certpgo.optimize.solution import Status
@@ -379,7 +379,7 @@ def weighed():
 
 @pytest.mark.parametrize("cost", ["g2o", "gtsam"])
 def test_the_page_of_another_cost_is_about_that_cost(weighed, cost):
-    problem = information_problem(weighed, cost)
+    problem = objective_of(weighed, cost)
     found = solve(weighed, cost=cost)
     assert found.verdict.value == "CERTIFIED"
     assessment = assess(problem, found.estimate, found.certificate)
@@ -387,8 +387,8 @@ def test_the_page_of_another_cost_is_about_that_cost(weighed, cost):
     trace = found.solution.trace
     page = certificate_page(weighed, problem, found.estimate, assessment, origin, trace)
     text = read(page).text
-    assert f"The cost F is {problem.edge_cost.title} on this page." in text
-    assert f"objective {problem.edge_cost.title}" in text
+    assert f"The cost F is {problem.title} on this page." in text
+    assert f"objective {problem.title}" in text
     assert "other tools" not in text
     assert "Bounds by eigenvalues and angles" not in text
     assert f"certpgo certify g.g2o e.g2o --cost {cost} --keep last" in text
@@ -409,7 +409,7 @@ def test_the_page_of_another_cost_is_about_that_cost(weighed, cost):
 
 
 def test_the_matrix_of_another_cost_is_negative_where_it_should_be(weighed):
-    problem = information_problem(weighed, "g2o")
+    problem = objective_of(weighed, "g2o")
     wrong = weighed.truth.rotations.copy()
     wrong[0] = wrong[0] @ np.diag([-1.0, -1.0, 1.0])
     estimate = Estimate(wrong, weighed.truth.translations)

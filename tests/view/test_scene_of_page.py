@@ -14,7 +14,7 @@ from strategies import point_graph
 from certpgo import Ranges, read, solve
 from certpgo.graph import Estimate, RotationGraph
 from certpgo.io.datasets import synthetic
-from certpgo.objective.choose_cost import certifiable
+from certpgo.objective.choose_cost import objective_of
 from certpgo.objective.problem import problem_of
 from certpgo.view.charts import Curve, bars, histogram, lines
 from certpgo.view.load_scene import scene_of
@@ -290,7 +290,7 @@ def test_distances_are_drawn_with_their_errors(grid):
         27, np.array([[0, 26], [1, 20]]), lengths + np.array([0.25, 0.5]), np.array([1.0, 2.0])
     )
     instance = replace(plain, graph=plain.graph.with_ranges(ranges))
-    drawn = scene(instance, certifiable(instance), truth)
+    drawn = scene(instance, objective_of(instance), truth)
     assert drawn["edges"][-2:] == [[0, 26], [1, 20]]
     assert drawn["kinds"][-3:] == [0, 3, 3]
     degrees, metres = drawn["measures"]

@@ -1,4 +1,4 @@
-"""The edge costs, one file each, found by their names.
+"""The costs of relative poses, one file each, found by their names.
 
 ``NAME.py`` exposes ``COST``, a `certpgo.objective.edge_cost.EdgeCost` called NAME. Adding a file
 here adds the cost everywhere, see `COSTS`.
@@ -16,7 +16,7 @@ from certpgo.errors import UnusableFile
 if TYPE_CHECKING:
     from certpgo.objective.edge_cost import EdgeCost
 
-#: The name of F itself, which has no file here.
+#: The name of F itself.
 CHORDAL = "chordal"
 
 

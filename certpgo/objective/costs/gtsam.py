@@ -48,9 +48,6 @@ class GtsamCost(EdgeCost):
     [0.050008]
     """
 
-    #: What else is to be said of the weights.
-    remark: str = ""
-
     name: ClassVar[str] = "gtsam"
     compiled_residual: ClassVar[str] = "logarithm"
 
@@ -64,7 +61,7 @@ class GtsamCost(EdgeCost):
         """The cost in the words of GTSAM's users."""
         return (
             f"twice GTSAM's error of BetweenFactorPose{self.graph.d} (full logarithm) "
-            f"with full information{', ' * bool(self.remark)}{self.remark}"
+            "with full information"
         )
 
     @cached_property

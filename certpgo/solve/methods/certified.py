@@ -8,8 +8,8 @@ from typing import ClassVar
 
 from certpgo.graph import Estimate
 from certpgo.objective.choose_cost import COSTS
-from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import Problem
+from certpgo.objective.sum import Sum
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.solution import Solution
@@ -39,7 +39,7 @@ class Certified(SolveSettings):
 
     def solve(
         self,
-        problem: Problem | InformationProblem,
+        problem: Problem | Sum,
         *,
         initial: Estimate | None = None,
         monitor: Monitor = silent,

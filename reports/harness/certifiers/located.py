@@ -12,9 +12,8 @@ from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.information import of_positions
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.choose_cost import CHORDAL, COSTS, InformationProblem
+from certpgo.objective.choose_cost import CHORDAL, COSTS, Sum
 from certpgo.objective.problem import PoseProblem
-from certpgo.objective.sum import Sum
 from reports.harness.certifiers.oracle import RESIDUALS
 from reports.harness.certifiers.points import (
     ZooPoint,
@@ -72,7 +71,7 @@ def noisy(extras: Extras, quick: bool) -> Iterator[ZooPoint]:
         noise = 10.0 ** rng.uniform(-2.0, 0.3)
         problem, true = _problem(extras, cost, d, noise, rng)
         points = best_of(problem, [true, *_starts(problem.n, d, rng)])
-        if isinstance(problem, InformationProblem):
+        if isinstance(problem, Sum):
             truth = truth_in_hand(problem, points[0])
         else:
             truth = truth_by_oracle(problem, points[0])
@@ -95,7 +94,7 @@ def _starts(n: int, d: int, rng: np.random.Generator) -> list[Estimate]:
 
 def _problem(
     extras: Extras, cost: str, d: int, noise: float, rng: np.random.Generator
-) -> tuple[PoseProblem | InformationProblem, Estimate]:
+) -> tuple[PoseProblem | Sum, Estimate]:
     """The problem, its nodes in any order but for the world, and the truth."""
     poses = int(rng.integers(4, 9))
     is_measured = extras.positions or extras.attitudes
@@ -133,10 +132,7 @@ def _problem(
         return PoseProblem(graph), true
     full = _information(m, d, rng)
     full[kappa == 0.0] = of_positions(full[kappa == 0.0, :d, :d])
-    between = COSTS[cost]
-    of_edges = graph.with_information(full)
-    alone = (kappa == 0.0).any()
-    return InformationProblem(Sum(of_edges, between) if alone else between(of_edges)), true
+    return Sum(graph.with_information(full), COSTS[cost]), true
 
 
 def _information(m: int, d: int, rng: np.random.Generator) -> FloatArray:

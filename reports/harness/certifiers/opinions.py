@@ -13,7 +13,7 @@ from certpgo.certify import Tier, Verdict
 from certpgo.errors import InputError, MissingDependency
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.choose_cost import InformationProblem
+from certpgo.objective.choose_cost import Sum
 from certpgo.objective.problem import Problem
 from reports.harness.certifiers import oracle, rules
 from reports.harness.certifiers.points import Known, ZooPoint
@@ -45,7 +45,7 @@ class Opinion:
     undecided: bool = False
 
 
-Certifier = Callable[[Problem | InformationProblem, Estimate], Opinion]
+Certifier = Callable[[Problem | Sum, Estimate], Opinion]
 
 
 def certifiers() -> dict[str, Certifier]:
@@ -125,11 +125,7 @@ def _faults(case: ZooPoint, opinion: Opinion) -> Iterator[Outcome]:
     if opinion.basin is not None and case.is_beaten(opinion.basin):
         yield Outcome.FALSE_BASIN
     problem = case.problem
-    if (
-        opinion.multipliers is not None
-        and problem.n <= MOST_NODES
-        and not isinstance(problem, InformationProblem)
-    ):
+    if opinion.multipliers is not None and problem.n <= MOST_NODES and not isinstance(problem, Sum):
         holds = oracle.is_proof(problem, opinion.multipliers)
         if holds is False:
             yield Outcome.FALSE_PROOF
@@ -146,7 +142,7 @@ def _is_refuted(case: ZooPoint, opinion: Opinion) -> bool:
 
 
 def _ours(tier: Tier, refine: bool) -> Certifier:
-    def certifier(problem: Problem | InformationProblem, point: Estimate) -> Opinion:
+    def certifier(problem: Problem | Sum, point: Estimate) -> Opinion:
         estimate = Estimate(point.rotations, point.translations)  # which checks its matrices
         certificate = certify(problem, estimate, tier=tier, refine=refine)
         return Opinion(
@@ -154,7 +150,7 @@ def _ours(tier: Tier, refine: bool) -> Certifier:
             certificate.lower_bound,
             certificate.better if certificate.verdict is Verdict.REFUTED else None,
             certificate.refined if certificate.basin_is_global else None,
-            None if isinstance(problem, InformationProblem) else certificate.multipliers,
+            None if isinstance(problem, Sum) else certificate.multipliers,
             certificate.verdict is Verdict.UNDECIDED,
         )
 
@@ -164,8 +160,8 @@ def _ours(tier: Tier, refine: bool) -> Certifier:
 def _theirs(name: str) -> Certifier:
     rule = rules.get_rule(name)
 
-    def certifier(problem: Problem | InformationProblem, point: Estimate) -> Opinion:
-        if isinstance(problem, InformationProblem):
+    def certifier(problem: Problem | Sum, point: Estimate) -> Opinion:
+        if isinstance(problem, Sum):
             raise InputError(f"{name} is about F")
         return Opinion(rule(problem, point))
 

@@ -15,7 +15,7 @@ import numpy as np
 from certpgo.errors import MissingDependency
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.choose_cost import InformationProblem
+from certpgo.objective.choose_cost import Sum
 from certpgo.objective.problem import PoseProblem, Problem
 
 #: Bits of the balls' midpoints, and of another attempt where long chains have used them up.
@@ -26,10 +26,10 @@ SHIFTS = tuple(10.0**-k for k in range(14, 6, -1))
 Matrix = dict[tuple[int, int], Any]
 
 
-def cost(problem: Problem | InformationProblem, estimate: Estimate) -> tuple[float, float]:
+def cost(problem: Problem | Sum, estimate: Estimate) -> tuple[float, float]:
     """A lower and an upper bound on the cost of an estimate."""
     with library().ctx.workprec(BITS):
-        if isinstance(problem, InformationProblem):
+        if isinstance(problem, Sum):
             return _own_cost(problem, estimate)
         return _cost(problem, estimate)
 
@@ -49,10 +49,10 @@ def _cost(problem: Problem, estimate: Estimate) -> tuple[float, float]:
     return _below(total), -_below(-total)
 
 
-def _own_cost(problem: InformationProblem, estimate: Estimate) -> tuple[float, float]:
+def _own_cost(problem: Sum, estimate: Estimate) -> tuple[float, float]:
     flint, t = library(), estimate.translations
     R, measured = _rotations(estimate.rotations), _rotations(problem.graph.rotations)
-    residual, Omega = RESIDUALS[problem.edge_cost.name], problem.graph.information_matrices
+    residual, Omega = RESIDUALS[problem.cost_name], problem.graph.information_matrices
     total = flint.arb(0)
     for e, (i, j) in enumerate(problem.graph.edges.tolist()):
         step = R[i].transpose() * (_column(t[j]) - _column(t[i]))  # type: ignore[index]

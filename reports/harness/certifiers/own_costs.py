@@ -6,6 +6,7 @@ import itertools
 import math
 import warnings
 from collections.abc import Iterator
+from typing import cast
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from certpgo.graph.trees import compose, spanning_tree
 from certpgo.io import datasets
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray, IntArray
-from certpgo.objective.choose_cost import COSTS, InformationProblem, information_problem
+from certpgo.objective.choose_cost import COSTS, Sum, objective_of
 from certpgo.solve.solving import solve
 from reports.harness.certifiers import made
 from reports.harness.certifiers.oracle import RESIDUALS
@@ -85,7 +86,7 @@ def read(quick: bool) -> Iterator[ZooPoint]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", InputNotice)
             instance = datasets.load(name, download=False)
-        problem = information_problem(instance, cost)
+        problem = cast("Sum", objective_of(instance, cost))
         chordal = problem.chordal
         best = solve(problem).estimate
         truth = truth_in_hand(problem, best)
@@ -108,9 +109,7 @@ def read(quick: bool) -> Iterator[ZooPoint]:
                 yield ZooPoint(f"{name}, {cost}, from {start}", problem, point, truth)
 
 
-def _problem(
-    cost: str, rotation: Graph, t: FloatArray, information: FloatArray
-) -> InformationProblem:
+def _problem(cost: str, rotation: Graph, t: FloatArray, information: FloatArray) -> Sum:
     d = rotation.d
     inverse = [
         np.trace(np.linalg.inv(information[:, block, block]), axis1=1, axis2=2)
@@ -119,7 +118,7 @@ def _problem(
     kappa, tau = (1.0 if d == 2 else 1.5) / inverse[0], d / inverse[1]
     stated = Information.of(information)
     graph = PoseGraph(rotation.with_weights(kappa), t, tau, information=stated)
-    return InformationProblem(COSTS[cost](graph))
+    return Sum(graph, COSTS[cost])
 
 
 def _information(m: int, d: int, decades: float, rng: np.random.Generator) -> FloatArray:
@@ -131,9 +130,7 @@ def _information(m: int, d: int, decades: float, rng: np.random.Generator) -> Fl
     return np.asarray(0.5 * (full + np.swapaxes(full, 1, 2)))
 
 
-def _measured(
-    cost: str, d: int, noise: float, rng: np.random.Generator
-) -> tuple[InformationProblem, Estimate]:
+def _measured(cost: str, d: int, noise: float, rng: np.random.Generator) -> tuple[Sum, Estimate]:
     """A closed walk with some chords, and the truth that was measured."""
     n = int(rng.integers(5, 16))
     edges = _edges(n, int(rng.integers(0, n)), rng)
@@ -155,9 +152,7 @@ def _edges(n: int, chords: int, rng: np.random.Generator) -> IntArray:
     return np.array([(k, (k + 1) % n) for k in range(n)] + more, dtype=np.intp)
 
 
-def _starts(
-    problem: InformationProblem, true: Estimate, rng: np.random.Generator
-) -> list[Estimate]:
+def _starts(problem: Sum, true: Estimate, rng: np.random.Generator) -> list[Estimate]:
     """The odometry, the truth wound up, and random rotations."""
     n, d = problem.n, problem.d
     tree = compose(problem.chordal.graph, spanning_tree(problem.chordal.graph))
@@ -167,9 +162,7 @@ def _starts(
     return [tree, *wound, *(Estimate(so.random(rng, n, d)) for _ in range(2))]
 
 
-def _turned(
-    problem: InformationProblem, point: Estimate, size: float, rng: np.random.Generator
-) -> Estimate:
+def _turned(problem: Sum, point: Estimate, size: float, rng: np.random.Generator) -> Estimate:
     """Poses turned by some radians, with the translations that are best for F."""
     turns = so.exp(size * rng.standard_normal((problem.n, so.tangent_dim(problem.d))))
     return problem.chordal.complete(so.project(point.rotations @ turns))

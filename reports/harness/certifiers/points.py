@@ -10,7 +10,7 @@ from certpgo.certify.tolerances import ATOL, RTOL
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.linalg import rotations as so
-from certpgo.objective.choose_cost import InformationProblem
+from certpgo.objective.choose_cost import Sum
 from certpgo.objective.problem import Problem, RotationProblem
 from certpgo.optimize.levenberg_marquardt import descend
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
@@ -60,7 +60,7 @@ class ZooPoint:
     """
 
     name: str
-    problem: Problem | InformationProblem
+    problem: Problem | Sum
     point: Estimate
     truth: Truth
 
@@ -84,9 +84,9 @@ class ZooPoint:
         return high - self.truth.lower <= MARGIN * self.tolerance(high)
 
 
-def stationary(problem: Problem | InformationProblem, start: Estimate) -> Estimate:
+def stationary(problem: Problem | Sum, start: Estimate) -> Estimate:
     """Where descent from an estimate ends."""
-    if isinstance(problem, InformationProblem):
+    if isinstance(problem, Sum):
         if start.translations is None:
             start = problem.chordal.complete(start.rotations)
         return descend(problem, start, max_iterations=300).estimate
@@ -96,12 +96,12 @@ def stationary(problem: Problem | InformationProblem, start: Estimate) -> Estima
     return problem.complete(point.rotations)
 
 
-def truth_in_hand(problem: Problem | InformationProblem, best: Estimate) -> Truth:
+def truth_in_hand(problem: Problem | Sum, best: Estimate) -> Truth:
     """The truth where a point is all that is known."""
     return Truth(oracle.cost(problem, best)[1], -math.inf, Known.OPEN)
 
 
-def truth_by_form(problem: Problem | InformationProblem, best: Estimate, optimum: float) -> Truth:
+def truth_by_form(problem: Problem | Sum, best: Estimate, optimum: float) -> Truth:
     """The truth where F* is known in closed form and ``best`` attains it.
 
     The stored data are the form's but for rounding, of some 1e-15 of each term.
@@ -130,7 +130,7 @@ def truth_by_oracle(problem: Problem, best: Estimate) -> Truth:
     return Truth(upper, lower, Known.ORACLE if is_known else Known.OPEN, loose=not is_known)
 
 
-def best_of(problem: Problem | InformationProblem, starts: list[Estimate]) -> list[Estimate]:
+def best_of(problem: Problem | Sum, starts: list[Estimate]) -> list[Estimate]:
     """The stationary points that descents from the starts end in, the best one first."""
     points = []
     for start in starts:

@@ -21,7 +21,7 @@ from certpgo.certify.tolerances import SETTLED
 from certpgo.errors import NumericalError, SpecError
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
-from certpgo.objective.choose_cost import InformationProblem
+from certpgo.objective.choose_cost import Sum
 from certpgo.objective.problem import PoseProblem, Problem, RotationProblem
 from certpgo.optimize import riemannian_newton as newton
 from certpgo.optimize import spectral
@@ -101,7 +101,7 @@ def _residual_bounds(problem: RotationProblem, point: Estimate) -> Bounds | None
 
 def of_estimate(
     keys: Iterable[str],
-    problem: Problem | InformationProblem,
+    problem: Problem | Sum,
     evaluated: Problem,
     solution: Solution,
     certificate: Certificate | None,

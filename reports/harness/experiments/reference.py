@@ -9,8 +9,8 @@ import numpy as np
 
 from certpgo.graph import Graph
 from certpgo.linalg.blocks import add_to_diagonal, pinned
-from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.problem import PoseProblem, Problem, problem_of
+from certpgo.objective.sum import Sum
 from certpgo.registry import build
 from certpgo.solve.solving import solve
 from reports.harness.experiments.spec import FACTORIZATION, Method
@@ -51,7 +51,7 @@ def _step(method: Method, posed: Callable[[], Problem]) -> Step:
     return step_of(method, posed)
 
 
-def step_of(method: Method, posed: Callable[[], Problem | InformationProblem]) -> Step:
+def step_of(method: Method, posed: Callable[[], Problem | Sum]) -> Step:
     """The method on a problem, after the method that it starts from on the chordal problem."""
     own = _own_step(method, posed)
     if method.start is None:
@@ -60,12 +60,12 @@ def step_of(method: Method, posed: Callable[[], Problem | InformationProblem]) -
     return lambda: (before(), own())[-1]
 
 
-def chordal(problem: Problem | InformationProblem) -> Problem:
+def chordal(problem: Problem | Sum) -> Problem:
     """The problem under F."""
-    return problem.chordal if isinstance(problem, InformationProblem) else problem
+    return problem.chordal if isinstance(problem, Sum) else problem
 
 
-def _own_step(method: Method, posed: Callable[[], Problem | InformationProblem]) -> Step:
+def _own_step(method: Method, posed: Callable[[], Problem | Sum]) -> Step:
     solver: Any = build(method.solver, method.settings)
     prepared = getattr(solver, "prepared", None)
     if prepared is not None:

@@ -17,7 +17,7 @@ from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.components import connected_parts, rotations_alone
 from certpgo.linalg.factor import default_engine
-from certpgo.objective.choose_cost import CHORDAL, information_problem
+from certpgo.objective.choose_cost import CHORDAL, objective_of
 from certpgo.objective.problem import problem_of
 from certpgo.optimize.solution import Status
 from certpgo.solve.comparison import certified, solution_of
@@ -210,7 +210,7 @@ def _solved(method: Method, context: _Context, best: float | None, record: Recor
         asked = [key for key in table.metrics if key in (method.published or table.metrics)]
         return replace(record, metrics=evaluate.of_graph(asked, problem))
     row = trial.row
-    posed = problem if row.cost == CHORDAL else information_problem(instance, row.cost)
+    posed = problem if row.cost == CHORDAL else objective_of(instance, row.cost)
     times: dict[str, float] = {}
     if table.reference is not None:
         times, kept = reference.against(table.reference, method, instance.graph, context.timed)

@@ -19,9 +19,9 @@ from certpgo.errors import CertPGOError, InputNotice
 from certpgo.graph import Instance
 from certpgo.io import datasets, write
 from certpgo.io.gtsam_values import estimate_from_values
-from certpgo.objective.choose_cost import CHORDAL, problem_under
-from certpgo.objective.information_problem import InformationProblem
+from certpgo.objective.choose_cost import CHORDAL, objective_of
 from certpgo.objective.problem import Problem
+from certpgo.objective.sum import Sum
 from certpgo.optimize.solution import Status
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.solving import solve
@@ -149,11 +149,11 @@ def _judged(found: Certificate) -> str:
 
 def of_gtsam(instance: Instance, cost: str, calls: int = 1) -> Timer:
     """A timer of GTSAM on its own graph object, built beforehand; it says the cost it ends at."""
-    problem = problem_under(instance, cost)
-    step = step_of(GTSAM, lambda: problem_under(instance, cost))
+    problem = objective_of(instance, cost)
+    step = step_of(GTSAM, lambda: objective_of(instance, cost))
     return processor(step, functools.partial(_ended, problem), calls=calls)
 
 
-def _ended(problem: Problem | InformationProblem, values: Any) -> str:
+def _ended(problem: Problem | Sum, values: Any) -> str:
     estimate, _ = estimate_from_values(values, np.arange(problem.n), problem.d, True, exact=True)
     return f"{problem.cost(estimate):.8g}"

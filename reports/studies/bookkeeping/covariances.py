@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from certpgo import Marginals, solve
-from certpgo.objective.choose_cost import certifiable
+from certpgo.objective.choose_cost import objective_of
 from reports.studies.bookkeeping.drawing import Array, Measurements, draw
 from reports.studies.bookkeeping.judging import Findings, poses_of
 from reports.studies.bookkeeping.oracle import Cost, Poses
@@ -23,7 +23,7 @@ def judge(rng: np.random.Generator, found: Findings) -> None:
     with found.refusals("covariances"):
         answer = solve(of.instance, cost=cost.name)
         poses = np.flatnonzero(~of.points)
-        problem = certifiable(of.instance, cost.name)
+        problem = objective_of(of.instance, cost.name)
         marginals = Marginals(problem, answer.estimate, int(rng.choice(poses)))
         dense, condition = inverse(cost, poses_of(answer.estimate), marginals.anchor)
         if not LOST * condition < OFF:

@@ -91,3 +91,6 @@ class ChordalCost(EdgeCost):
     def minorants(self, v: FloatArray, Q: FloatArray) -> Minorants:
         """The terms themselves, but for rounding."""
         return untruncated(self.graph)
+
+
+COST = ChordalCost

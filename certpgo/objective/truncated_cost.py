@@ -25,11 +25,11 @@ from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_floats
 from certpgo.linalg.ball_arithmetic import U
 from certpgo.objective.chi_squared import flagged_from, quantiles
 from certpgo.objective.costs import CHORDAL
-from certpgo.objective.information_problem import InformationProblem
 from certpgo.objective.minorants import Minorants
 from certpgo.objective.objective import Objective, Surrogate
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.objective.rotation_problem import RotationsOfPoses
+from certpgo.objective.sum import Sum
 from certpgo.objective.truncated import Truncation
 
 #: Share of the smallest price that a tolerated gap may be; a larger one says nothing about choices.
@@ -43,7 +43,7 @@ class UncertifiableError(InputError):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TruncatedProblem(Objective):
+class TruncatedCost(Objective):
     """Minimise the cost of kept measurements and the truncated costs of rejected ones.
 
     Attributes
@@ -68,18 +68,18 @@ class TruncatedProblem(Objective):
 
     >>> import numpy as np
     >>> from certpgo import Estimate, RotationGraph, RotationProblem, certify
-    >>> from certpgo.objective.truncated_problem import TruncatedProblem
+    >>> from certpgo.objective.truncated_cost import TruncatedCost
     >>> R = np.tile(np.eye(2), (7, 1, 1))
     >>> R[-1] = [[0.0, -1.0], [1.0, 0.0]]
     >>> edges = np.array([(0, 1), (1, 2), (2, 0)] * 2 + [(0, 1)])
     >>> whole = RotationProblem(RotationGraph(3, edges, R, kappa=np.full(7, 100.0)))
-    >>> rejecting = TruncatedProblem(whole, np.r_[np.full(6, np.inf), 20.0])
+    >>> rejecting = TruncatedCost(whole, np.r_[np.full(6, np.inf), 20.0])
     >>> certificate = certify(rejecting, Estimate(np.tile(np.eye(2), (3, 1, 1))))
     >>> print(f"{certificate.verdict}, {certificate.cost_upper:.3f}")
     CERTIFIED, 20.000
     """
 
-    whole: Problem | InformationProblem
+    whole: Problem | Sum
     prices: FloatArray
 
     def __post_init__(self) -> None:
@@ -116,7 +116,7 @@ class TruncatedProblem(Objective):
         return np.flatnonzero(self.is_rejected)
 
     @cached_property
-    def kept(self) -> Problem | InformationProblem:
+    def kept(self) -> Problem | Sum:
         """The problem of the kept measurements."""
         return self.whole.reweighted(np.where(self.is_rejected, 0.0, 1.0))
 
@@ -133,7 +133,7 @@ class TruncatedProblem(Objective):
         """(m,) the measurements whose terms are not truncated: all kept ones, for instance."""
         return np.asarray((self.terms(estimate) < self.prices) | ~self.is_rejected)
 
-    def counting(self, counted: BoolArray) -> Problem | InformationProblem:
+    def counting(self, counted: BoolArray) -> Problem | Sum:
         """The problem of some measurements."""
         if (counted == ~self.is_rejected).all():
             return self.kept
@@ -207,11 +207,11 @@ class TruncatedProblem(Objective):
         """W of the kept measurements."""
         return self.kept.scale
 
-    def scaled(self, factor: float) -> TruncatedProblem:
+    def scaled(self, factor: float) -> TruncatedCost:
         """The same measurements with all weights and prices times ``factor``."""
-        return TruncatedProblem(self.whole.scaled(factor), factor * self.prices)
+        return TruncatedCost(self.whole.scaled(factor), factor * self.prices)
 
-    def with_prices_of(self, point: Estimate) -> TruncatedProblem:
+    def with_prices_of(self, point: Estimate) -> TruncatedCost:
         """The problem with the costs at a point as prices: hardly anything is cut off there.
 
         Those of `below`, whose minorants have no gradient there.
@@ -219,7 +219,7 @@ class TruncatedProblem(Objective):
         prices = self.prices.copy()
         costs = (1.0 - SAME) * self.truncation(point).costs
         prices[self.rejected] = np.maximum(costs, np.finfo(float).tiny)
-        return TruncatedProblem(self.whole, prices)
+        return TruncatedCost(self.whole, prices)
 
     def edge_costs(self, estimate: Estimate) -> FloatArray:
         """(m,) terms of the cost."""
@@ -329,7 +329,7 @@ def rejecting(
     *,
     scale: float = 1.0,
     prices: FloatArray | None = None,
-) -> TruncatedProblem:
+) -> TruncatedCost:
     """The truncated cost whose prices are a quantile of a correct measurement's term of F.
 
     Parameters
@@ -355,4 +355,4 @@ def rejecting(
     found = quantiles(problem, flagged_from(problem) if quantile is None else quantile)
     whole = np.full(m, np.inf)
     whole[chosen] = scale**2 * found[chosen] if prices is None else prices
-    return TruncatedProblem(problem, whole)
+    return TruncatedCost(problem, whole)
