@@ -10,7 +10,7 @@ import numpy as np
 from certpgo.errors import SpecError
 from certpgo.graph import Estimate, PoseGraph
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import PoseProblem, Problem, RotationProblem
+from certpgo.objective.quadratic import Quadratic
 
 from ._baseline import Baseline
 from ._gtsam import Model, isotropic_model, library
@@ -48,7 +48,7 @@ class Averaging(Baseline):
             raise SpecError(f"no ranks of at least {d} from {first} to {self.max_rank}")
         return range(first, self.max_rank + 1)
 
-    def begin(self, problem: Problem, model: Model, initial: Estimate | None) -> Estimate:
+    def begin(self, problem: Quadratic, model: Model, initial: Estimate | None) -> Estimate:
         """The initial rotations."""
         if initial is not None:
             return initial
@@ -59,14 +59,14 @@ class Averaging(Baseline):
         return model.estimate(_chordal(problem.rotation))
 
 
-def posed(problem: RotationProblem) -> Model:
+def posed(problem: Quadratic) -> Model:
     """The measurements as relative poses without translation, which some of GTSAM needs."""
     graph = problem.graph
     still = np.zeros((graph.num_edges, graph.d))
-    return isotropic_model(PoseProblem(PoseGraph(graph, still, graph.kappa)))
+    return isotropic_model(Quadratic(PoseGraph(graph, still, graph.kappa)))
 
 
-def _chordal(problem: RotationProblem) -> Any:
+def _chordal(problem: Quadratic) -> Any:
     """The rotations of InitializePose3, in 2D of LAGO, as Values."""
     gtsam, graph = library(), posed(problem).anchored()
     if problem.d == 3:

@@ -10,7 +10,7 @@ from certpgo.errors import InputError
 from certpgo.graph import Estimate
 from certpgo.graph.capabilities import require_capable
 from certpgo.objective.choose_cost import Sum
-from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.iterative import Settings
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.solution import Solution, Status
@@ -47,7 +47,7 @@ class Baseline(Settings):
         raise NotImplementedError
 
     def prepared(
-        self, problem: Problem | Sum, initial: Estimate | None = None
+        self, problem: Quadratic | Sum, initial: Estimate | None = None
     ) -> Callable[[], Any]:
         """A function that runs the method alone, for timing, and returns GTSAM's Values.
 
@@ -65,7 +65,7 @@ class Baseline(Settings):
 
     def solve(
         self,
-        problem: Problem | Sum,
+        problem: Quadratic | Sum,
         *,
         initial: Estimate | None = None,
         monitor: Monitor = silent,
@@ -96,12 +96,12 @@ class Baseline(Settings):
             note=outcome.note or model.note,
         )
 
-    def _check(self, problem: Problem | Sum) -> None:
+    def _check(self, problem: Quadratic | Sum) -> None:
         if isinstance(problem, Sum):
             if problem.cost_name not in self.own_costs:
                 raise InputError(f"this method does not minimise {problem.title}")
             return
         require_capable(problem.graph, "isotropic method")
-        if not (self.poses if isinstance(problem, PoseProblem) else self.rotations):
+        if not (self.poses if problem.has_positions else self.rotations):
             taken = ("pose graphs, not rotations alone", "rotations alone, not pose graphs")
             raise InputError(f"this method of GTSAM takes {taken[not self.poses]}")

@@ -15,28 +15,28 @@ from certpgo.graph.capabilities import require_capable
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.linalg.blocks import scatter_sum
-from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.objective.quadratic import Quadratic
 
 
-def block_size(problem: Problem) -> int:
+def block_size(problem: Quadratic) -> int:
     """b: d + 1 for poses, d for rotations alone."""
-    return problem.d + isinstance(problem, PoseProblem)
+    return problem.d + problem.has_positions
 
 
-def edge_blocks(problem: Problem) -> tuple[IntArray, FloatArray]:
+def edge_blocks(problem: Quadratic) -> tuple[IntArray, FloatArray]:
     """Edges (m, 2) and their blocks M_ij (m, b, b)."""
     require_capable(problem.graph, "isotropic method")
     graph = problem.rotation.graph
     d, b = problem.d, block_size(problem)
     blocks = np.zeros((graph.num_edges, b, b))
     blocks[:, :d, :d] = graph.rotations
-    if isinstance(problem, PoseProblem):
+    if problem.has_positions:
         blocks[:, :d, d] = problem.graph.translations
         blocks[:, d, d] = 1.0
     return graph.edges, blocks
 
 
-def measured_both_ways(problem: Problem) -> tuple[IntArray, FloatArray, FloatArray]:
+def measured_both_ways(problem: Quadratic) -> tuple[IntArray, FloatArray, FloatArray]:
     """Pairs (p, 2) i < j, each once, their blocks M_ij (p, b, b), and their blocks M_ji.
 
     Backward measurements are inverted, and parallel ones averaged in each direction: the inverse of
@@ -81,7 +81,7 @@ def block_matrix(
     return matrix.tocsr()
 
 
-def poses_of(column: FloatArray, problem: Problem) -> Estimate:
+def poses_of(column: FloatArray, problem: Quadratic) -> Estimate:
     """The estimate nearest to a block column (bn, b) of orthonormal columns that the M_i span.
 
     For poses the last rows of the blocks are first made nearly [0 ... 0 1]. Then blocks are

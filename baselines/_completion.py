@@ -21,7 +21,7 @@ from certpgo.graph import Estimate
 from certpgo.graph.trees import tree_initialization
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.linalg.blocks import BlockPattern
-from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.iterative import Iterative
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.progress import Progress
@@ -65,7 +65,7 @@ class Known:
     blocks: FloatArray
 
     @classmethod
-    def of(cls, problem: Problem) -> Known:
+    def of(cls, problem: Quadratic) -> Known:
         """The known blocks of a problem."""
         n, b = problem.n, block_size(problem)
         pairs, forward, backward = measured_both_ways(problem)
@@ -126,7 +126,7 @@ class Completion(Iterative):
     start: Start = "tree"
 
     def solve(
-        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+        self, problem: Quadratic, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
         """Poses or rotations of the completed matrix, each projected separately.
 
@@ -149,12 +149,12 @@ class Completion(Iterative):
             estimate = poses_of(np.linalg.qr(column)[0], problem)
         return progress.solution(estimate, problem.cost(estimate), note=NOTE)
 
-    def check(self, problem: Problem) -> None:
+    def check(self, problem: Quadratic) -> None:
         """Refuse a problem that is too large for the method; by default none."""
 
     @abstractmethod
     def complete(
-        self, problem: Problem, known: Known, L: LowRank, progress: Progress
+        self, problem: Quadratic, known: Known, L: LowRank, progress: Progress
     ) -> FloatArray:
         """Complete the matrix from L; returns its block column (bn, b)."""
 
@@ -171,7 +171,7 @@ class Alternation(Completion):
         """Cost of residuals on known blocks, and the correction for the next matrix."""
 
     def complete(
-        self, problem: Problem, known: Known, L: LowRank, progress: Progress
+        self, problem: Quadratic, known: Known, L: LowRank, progress: Progress
     ) -> FloatArray:
         """Alternate until the cost stops decreasing."""
         rounding = ROUNDING * known.size**2
@@ -189,12 +189,12 @@ class Alternation(Completion):
         return L.C
 
 
-def low_rank(estimate: Estimate, problem: Problem) -> LowRank:
+def low_rank(estimate: Estimate, problem: Quadratic) -> LowRank:
     """The matrix M_B of an estimate."""
     n, d, b = problem.n, problem.d, block_size(problem)
     poses = np.zeros((n, b, b))
     poses[:, :d, :d] = estimate.rotations
-    if isinstance(problem, PoseProblem):
+    if problem.has_positions:
         poses[:, :d, d] = estimate.translations
         poses[:, d, d] = 1.0
     C, V = inverses(poses, d), np.swapaxes(poses, 1, 2)

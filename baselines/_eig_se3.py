@@ -27,7 +27,7 @@ from certpgo.linalg.cg import conjugate_gradients
 from certpgo.linalg.eigen import Eigenpairs, krylov_schur
 from certpgo.linalg.factor import Factor
 from certpgo.objective import operators
-from certpgo.objective.problem import PoseProblem, Problem, RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.reduced import factor_shifted
 
 from ._blocks import block_matrix, block_size, edge_blocks, inverses
@@ -41,7 +41,7 @@ SHIFT = 1e-7
 
 
 def leading_eigenvectors(
-    problem: Problem, weights: FloatArray, loop: float, *, tol: float
+    problem: Quadratic, weights: FloatArray, loop: float, *, tol: float
 ) -> FloatArray:
     """(bn, b) unit eigenvectors of the largest eigenvalues of (D + c I)^-1 (A + c I).
 
@@ -59,7 +59,7 @@ def leading_eigenvectors(
     graph = rotation.graph.with_weights(weights)
     turns = _normalized(operators.connection_laplacian(rotation.pattern, graph), roots)
     R, factor = _smallest(rotation, turns, d, tol)
-    if not isinstance(problem, PoseProblem):
+    if not problem.has_positions:
         return _unit(roots[:, None] * R.vectors)
     scalars = _normalized(operators.laplacian(rotation.pattern, weights), root)
     # Few eigenvalues first: inside a dense spectrum more converge slowly, if at all.
@@ -82,7 +82,7 @@ def leading_eigenvectors(
     return _unit(np.column_stack(columns))
 
 
-def trailing_singular_vectors(problem: Problem, weights: FloatArray, *, tol: float) -> FloatArray:
+def trailing_singular_vectors(problem: Quadratic, weights: FloatArray, *, tol: float) -> FloatArray:
     """(bn, b) right singular vectors of the smallest singular values of L; thesis eq. 2.19, 2.20.
 
     From eigenvectors of L^T L + s^2 I, whose inverse is a block of an augmented sparse matrix.
@@ -115,7 +115,7 @@ def _normalized(A: CSC, root: FloatArray) -> CSC:
     return CSC((data, A.indices, A.indptr), shape=A.shape)
 
 
-def _smallest(problem: RotationProblem, A: CSC, k: int, tol: float) -> tuple[Eigenpairs, Factor]:
+def _smallest(problem: Quadratic, A: CSC, k: int, tol: float) -> tuple[Eigenpairs, Factor]:
     """The k smallest eigenpairs of a normalized matrix, and its shifted factor."""
     shifted, shift, factor = factor_shifted(problem, functools.partial(add_to_diagonal, A), 1.0)
     k = min(k, A.shape[0])
@@ -147,7 +147,7 @@ def _resolvent(
     return np.asarray(found + V @ along)
 
 
-def _translated(problem: PoseProblem, weights: FloatArray, y: FloatArray) -> FloatArray:
+def _translated(problem: Quadratic, weights: FloatArray, y: FloatArray) -> FloatArray:
     """(dn,) T y: the sums of w t_ij y_j at i, and of -w R_ij^T t_ij y_i at j."""
     graph = problem.graph
     i, j = graph.edges.T

@@ -21,7 +21,7 @@ from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.choose_cost import Sum
 from certpgo.objective.gtsam_graph import factors_of
-from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.objective.quadratic import Quadratic
 
 #: Information of the prior, whose residual is zero at the optimum.
 PRIOR_PRECISION = 1e6
@@ -92,25 +92,25 @@ class Model:
         return Estimate(so.project(R), t)
 
 
-def isotropic_model(problem: Problem, note: str = ISOTROPIC) -> Model:
+def isotropic_model(problem: Quadratic, note: str = ISOTROPIC) -> Model:
     """Factors with information diag(2 kappa I, tau I)."""
     rotation = 2.0 * problem.rotation.graph.kappa[:, None]
     precisions = np.repeat(rotation, so.tangent_dim(problem.d), axis=1)
-    if isinstance(problem, PoseProblem):
+    if problem.has_positions:
         translation = np.repeat(problem.graph.tau[:, None], problem.d, axis=1)
         order = [precisions, translation] if problem.d == 3 else [translation, precisions]
         precisions = np.concatenate(order, axis=1)
     return _built_model(problem, precisions, note)
 
 
-def uniform_model(problem: Problem) -> Model:
+def uniform_model(problem: Quadratic) -> Model:
     """Factors with information 2 kappa in every component, all that FastSync supports."""
     kind = _kind(problem)
     precisions = np.repeat(2.0 * problem.rotation.graph.kappa[:, None], _dimension(kind), axis=1)
     return _built_model(problem, precisions, "GTSAM with information 2 kappa I, tau unused")
 
 
-def chordal_model(problem: Problem) -> Model:
+def chordal_model(problem: Quadratic) -> Model:
     """Factors of the rotations alone, with objective F."""
     gtsam, kind, rotation = library(), f"Rot{problem.d}", problem.rotation.graph
     factor = getattr(gtsam, f"FrobeniusBetweenFactor{kind}")
@@ -124,7 +124,7 @@ def chordal_model(problem: Problem) -> Model:
     return Model(kind, graph, list(range(problem.n)), CHORDAL)
 
 
-def model_of(problem: Problem | Sum, source: str | None) -> Model:
+def model_of(problem: Quadratic | Sum, source: str | None) -> Model:
     """The problem's own factors under GTSAM's cost.
 
     For F, the file's own factors if GTSAM reads them all, isotropic ones otherwise.
@@ -177,11 +177,11 @@ def sentence(error: Exception) -> str:
     return " ".join(paragraph.split()) or type(error).__name__
 
 
-def _built_model(problem: Problem, precisions: FloatArray, note: str) -> Model:
+def _built_model(problem: Quadratic, precisions: FloatArray, note: str) -> Model:
     gtsam, kind = library(), _kind(problem)
     factor = getattr(gtsam, f"BetweenFactor{kind}")
     noise = gtsam.noiseModel.Diagonal.Precisions
-    t = problem.graph.translations if isinstance(problem, PoseProblem) else None
+    t = problem.graph.translations if problem.has_positions else None
     measured = _elements(problem.rotation.graph.rotations, t)
     graph = gtsam.NonlinearFactorGraph()
     for (i, j), element, p in zip(problem.graph.edges.tolist(), measured, precisions, strict=True):
@@ -189,8 +189,8 @@ def _built_model(problem: Problem, precisions: FloatArray, note: str) -> Model:
     return Model(kind, graph, list(range(problem.n)), note)
 
 
-def _kind(problem: Problem) -> str:
-    return f"{'Pose' if isinstance(problem, PoseProblem) else 'Rot'}{problem.d}"
+def _kind(problem: Quadratic) -> str:
+    return f"{'Pose' if problem.has_positions else 'Rot'}{problem.d}"
 
 
 def _dimension(kind: str) -> int:

@@ -10,7 +10,7 @@ from certpgo.errors import InputError, SpecError
 from certpgo.graph import Estimate
 from certpgo.objective.choose_cost import Sum
 from certpgo.objective.costs.gtsam import GtsamCost
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.monitor import Stopwatch
 from certpgo.optimize.solution import Status
 
@@ -48,7 +48,7 @@ class LocalSearch(Baseline):
 
     def ready(
         self,
-        problem: Problem | Sum,
+        problem: Quadratic | Sum,
         initial: Estimate | None,
         watch: Stopwatch,
     ) -> tuple[Model, Callable[[], Outcome]]:
@@ -71,7 +71,7 @@ class LocalSearch(Baseline):
 
         return model, run
 
-    def _start(self, model: Model, problem: Problem | Sum, initial: Estimate | None) -> Any:
+    def _start(self, model: Model, problem: Quadratic | Sum, initial: Estimate | None) -> Any:
         if initial is not None:
             return model.values(initial)
         if self.start == "file":

@@ -23,7 +23,7 @@ from scipy import sparse
 
 from certpgo.errors import SpecError
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.progress import Progress
 
 from ._completion import Completion, Known, LowRank, Start
@@ -58,7 +58,7 @@ class AugmentedLagrangian(Completion):
             raise SpecError("penalty must be positive, growth above 1 and regularizer not negative")
 
     def complete(
-        self, problem: Problem, known: Known, L: LowRank, progress: Progress
+        self, problem: Quadratic, known: Known, L: LowRank, progress: Progress
     ) -> FloatArray:
         """Minimise from the measured M_B, with L at missing blocks."""
         measured, product = known.blocks, known.at(L)

@@ -27,7 +27,7 @@ from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.factor import Factor
 from certpgo.objective import operators
-from certpgo.objective.problem import Problem, RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.iterative import Iterative
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.progress import Progress
@@ -64,7 +64,7 @@ class ChatterjeeGovindu(Iterative):
             raise SpecError("l1_iterations must not be negative, inner_iterations at least 1")
 
     def solve(
-        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+        self, problem: Quadratic, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
         """Rotations of the problem; translations, if any, are ignored."""
         watch, rotation = Stopwatch(), problem.rotation
@@ -88,7 +88,7 @@ class ChatterjeeGovindu(Iterative):
         note = "equal edge weights before reweighting"
         return progress.solution(estimate, rotation.cost(estimate), note=note)
 
-    def _l1ra(self, problem: RotationProblem, R: FloatArray) -> FloatArray:
+    def _l1ra(self, problem: Quadratic, R: FloatArray) -> FloatArray:
         """Rotations after successive linearized l1 regressions."""
         factor = laplacian_factor(problem, np.ones(problem.graph.num_edges))
         for _ in range(self.l1_iterations):
@@ -100,13 +100,13 @@ class ChatterjeeGovindu(Iterative):
         return R
 
 
-def logarithms(problem: RotationProblem, R: FloatArray) -> FloatArray:
+def logarithms(problem: Quadratic, R: FloatArray) -> FloatArray:
     """(m, p) world-frame tangents log(R_i R_ij R_j^T), radians."""
     i, j = problem.graph.edges.T
     return so.log(R[i] @ problem.graph.rotations @ np.swapaxes(R[j], 1, 2))
 
 
-def divergence(problem: RotationProblem, flow: FloatArray) -> FloatArray:
+def divergence(problem: Quadratic, flow: FloatArray) -> FloatArray:
     """(n, p) A^T flow of edge vectors (m, p), with the first node fixed."""
     i, j = problem.graph.edges.T
     total = scatter_sum(j, flow, problem.n) - scatter_sum(i, flow, problem.n)
@@ -114,7 +114,7 @@ def divergence(problem: RotationProblem, flow: FloatArray) -> FloatArray:
     return total
 
 
-def laplacian_factor(problem: RotationProblem, weights: FloatArray) -> Factor:
+def laplacian_factor(problem: Quadratic, weights: FloatArray) -> Factor:
     """The factor of A^T diag(weights) A, with the first node fixed."""
     factor = problem.grounded_factor(operators.laplacian(problem.pattern, weights))
     if factor is None:
@@ -122,9 +122,7 @@ def laplacian_factor(problem: RotationProblem, weights: FloatArray) -> Factor:
     return factor
 
 
-def l1_regression(
-    problem: RotationProblem, factor: Factor, b: FloatArray, iterations: int
-) -> FloatArray:
+def l1_regression(problem: Quadratic, factor: Factor, b: FloatArray, iterations: int) -> FloatArray:
     """(n, p) delta near argmin sum |A delta - b|, the first zero.
 
     Parameters

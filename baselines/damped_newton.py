@@ -25,7 +25,7 @@ import numpy as np
 from certpgo.errors import NumericalError, SpecError
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal, scatter_sum
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.methods import _memory
 from certpgo.optimize.progress import Progress
 from certpgo.optimize.solution import Status
@@ -69,13 +69,13 @@ class DampedNewton(Completion):
         if not (self.damping > 0.0 and self.alpha >= 0.0):
             raise SpecError("damping must be positive and alpha not negative")
 
-    def check(self, problem: Problem) -> None:
+    def check(self, problem: Quadratic) -> None:
         """Refuse a Hessian whose factor is too large."""
         if not self.force:
             _memory.refuse(bytes_needed(problem), "the Hessian of damped Newton")
 
     def complete(
-        self, problem: Problem, known: Known, L: LowRank, progress: Progress
+        self, problem: Quadratic, known: Known, L: LowRank, progress: Progress
     ) -> FloatArray:
         """Algorithm 2."""
         point, damping, moved = Point(known, balanced(L), self.alpha), self.damping, 0.0
@@ -90,7 +90,7 @@ class DampedNewton(Completion):
         return point.L.C
 
     def descended(
-        self, problem: Problem, point: Point, damping: float
+        self, problem: Quadratic, point: Point, damping: float
     ) -> tuple[Point | None, float]:
         """The next point, or None, and its damping."""
         H = point.hessian
@@ -197,7 +197,7 @@ def _repeated(blocks: FloatArray) -> FloatArray:
     return np.asarray(out.reshape(n, b * b, b * b))
 
 
-def bytes_needed(problem: Problem) -> float:
+def bytes_needed(problem: Quadratic) -> float:
     """Approximate peak memory of a step: the Hessian and its factor."""
     rotation = problem.rotation
     factor = rotation.grounded_factor(rotation.laplacian)

@@ -21,7 +21,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from certpgo.graph import Estimate
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.iterative import Settings
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.solution import Solution, Status
@@ -53,7 +53,7 @@ class EigSE3(Settings):
     takes_initial: ClassVar[bool] = False
 
     def solve(
-        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+        self, problem: Quadratic, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
         """Poses or rotations of the problem."""
         watch = Stopwatch()

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from certpgo.graph import Estimate
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.monitor import Stopwatch
 
 from ._baseline import Baseline, Outcome
@@ -31,7 +31,7 @@ class Chordal(Baseline):
     takes_initial: ClassVar[bool] = False
 
     def ready(
-        self, problem: Problem, initial: Estimate | None, watch: Stopwatch
+        self, problem: Quadratic, initial: Estimate | None, watch: Stopwatch
     ) -> tuple[Model, Callable[[], Outcome]]:
         """Build the graph with its prior; the function initializes from it."""
         with watch.phase("build"):

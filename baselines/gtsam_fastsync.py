@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from certpgo.graph import Estimate
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.monitor import Stopwatch
 
 from ._baseline import Baseline, Outcome
@@ -26,7 +26,7 @@ class FastSync(Baseline):
     takes_initial: ClassVar[bool] = False
 
     def ready(
-        self, problem: Problem, initial: Estimate | None, watch: Stopwatch
+        self, problem: Quadratic, initial: Estimate | None, watch: Stopwatch
     ) -> tuple[Model, Callable[[], Outcome]]:
         """Build the graph; the function synchronizes it."""
         with watch.phase("build"):

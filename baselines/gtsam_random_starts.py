@@ -13,7 +13,7 @@ from certpgo.errors import SpecError
 from certpgo.graph import Estimate
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.monitor import Stopwatch
 from certpgo.optimize.solution import Status
 
@@ -55,7 +55,7 @@ class RandomStarts(Baseline):
             raise SpecError("starts and max_iterations must be at least 1")
 
     def ready(
-        self, problem: Problem, initial: Estimate | None, watch: Stopwatch
+        self, problem: Quadratic, initial: Estimate | None, watch: Stopwatch
     ) -> tuple[Model, Callable[[], Outcome]]:
         """Build graph and starts; an initial estimate is the first one."""
         with watch.phase("build"):
@@ -76,7 +76,7 @@ class RandomStarts(Baseline):
 
         return model, run
 
-    def _starts(self, problem: Problem, initial: Estimate | None) -> Iterator[Estimate]:
+    def _starts(self, problem: Quadratic, initial: Estimate | None) -> Iterator[Estimate]:
         if initial is not None:
             yield initial
         measured = zlib.crc32(np.ascontiguousarray(problem.rotation.graph.rotations).tobytes())

@@ -9,7 +9,7 @@ from typing import Any
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.problem import Problem, RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.monitor import Stopwatch
 from certpgo.optimize.solution import Status
 
@@ -27,7 +27,7 @@ class Shonan(Averaging):
     """
 
     def ready(
-        self, problem: Problem, initial: Estimate | None, watch: Stopwatch
+        self, problem: Quadratic, initial: Estimate | None, watch: Stopwatch
     ) -> tuple[Model, Callable[[], Outcome]]:
         """Build measurements and initial values; the function climbs the staircase."""
         ranks = self.ranks(problem.d)
@@ -39,7 +39,7 @@ class Shonan(Averaging):
         return model, lambda: _climb(averaging, start, ranks)
 
 
-def calls_optimal(problem: Problem, estimate: Estimate) -> tuple[bool, float]:
+def calls_optimal(problem: Quadratic, estimate: Estimate) -> tuple[bool, float]:
     """Shonan's verdict on the rotations of an estimate, and the eigenvalue it is based on."""
     library()
     with translated():
@@ -67,7 +67,7 @@ def _climb(averaging: Any, start: Estimate, ranks: range) -> Outcome:
     raise NumericalError(f"GTSAM: Shonan::run did not converge for given max_p: {finding}")
 
 
-def _averaging(problem: RotationProblem) -> Any:
+def _averaging(problem: Quadratic) -> Any:
     """ShonanAveraging2 or 3, whose kappa 1/sigma^2 is twice ours; both accept pose factors."""
     graph = posed(problem).graph
     factors = [graph.at(k) for k in range(graph.nrFactors())]

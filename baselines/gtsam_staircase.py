@@ -13,7 +13,7 @@ from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Lift, rounded
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.monitor import Stopwatch
 from certpgo.optimize.solution import Status
 
@@ -35,7 +35,7 @@ class Staircase(Averaging):
     """
 
     def ready(
-        self, problem: Problem, initial: Estimate | None, watch: Stopwatch
+        self, problem: Quadratic, initial: Estimate | None, watch: Stopwatch
     ) -> tuple[Model, Callable[[], Outcome]]:
         """Build factors and initial values; the function climbs and projects the result."""
         gtsam, ranks = library(), self.ranks(problem.d)

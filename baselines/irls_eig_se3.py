@@ -18,7 +18,7 @@ import numpy as np
 
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.iterative import Iterative
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.progress import Progress
@@ -51,7 +51,7 @@ class IrlsEigSE3(Iterative):
     takes_initial: ClassVar[bool] = False
 
     def solve(
-        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+        self, problem: Quadratic, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
         """Poses or rotations; the trace shows the change of the weights."""
         watch = Stopwatch()
@@ -70,11 +70,11 @@ class IrlsEigSE3(Iterative):
         return progress.solution(estimate, cost, note="equal edge weights before reweighting")
 
 
-def residual_norms(problem: Problem, estimate: Estimate) -> FloatArray:
+def residual_norms(problem: Quadratic, estimate: Estimate) -> FloatArray:
     """(m,) ||M_ij - M_i M_j^-1||_F, from R_j - R_i R_ij and t_j - t_i - R_i t_ij."""
     rotation = problem.rotation.residuals(estimate.rotations)
     squares = np.einsum("mab,mab->m", rotation, rotation)
-    if isinstance(problem, PoseProblem):
+    if problem.has_positions:
         translation = problem.translation_residuals(estimate)
         squares = squares + np.einsum("ma,ma->m", translation, translation)
     return np.sqrt(squares)

@@ -11,7 +11,7 @@ from certpgo.errors import MissingDependency, SpecError
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Lift, lifted, rounded
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.iterative import Settings
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.solution import Solution, Status
@@ -40,7 +40,7 @@ class TrustRegion(Settings):
             raise SpecError("max_iterations and min_gradient_norm must be positive")
 
     def solve(
-        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+        self, problem: Quadratic, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
         """Minimise from the eigenvectors and round; the note is pymanopt's own reason to stop.
 
@@ -73,7 +73,7 @@ class TrustRegion(Settings):
             raise SpecError(f"the rank must be at least {d} here, not {rank}")
         return rank
 
-    def _run(self, problem: Problem, start: FloatArray) -> Any:
+    def _run(self, problem: Quadratic, start: FloatArray) -> Any:
         search = library().optimizers.TrustRegions(
             max_iterations=self.max_iterations,
             min_gradient_norm=self.min_gradient_norm,
@@ -97,11 +97,11 @@ def library() -> Any:
     return pymanopt
 
 
-def _stated(problem: Problem, rank: int) -> Any:
+def _stated(problem: Quadratic, rank: int) -> Any:
     """The problem for pymanopt, with translations eliminated exactly."""
     pymanopt = library()
     manifold = pymanopt.manifolds.Stiefel(rank, problem.d, k=problem.n)
-    origin = np.zeros((problem.n, rank)) if isinstance(problem, PoseProblem) else None
+    origin = np.zeros((problem.n, rank)) if problem.has_positions else None
 
     @pymanopt.function.numpy(manifold)
     def cost(Y: FloatArray) -> float:

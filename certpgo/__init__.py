@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from certpgo.graph.ranges import Ranges
     from certpgo.io import read, read_estimate, write
     from certpgo.objective.gtsam_graph import from_gtsam, to_gtsam
-    from certpgo.objective.problem import PoseProblem, RotationProblem
+    from certpgo.objective.quadratic import Quadratic
     from certpgo.optimize.marginals import Marginals
     from certpgo.optimize.monitor import Iteration, Monitor
     from certpgo.optimize.riemannian_newton import NewtonSettings
@@ -75,7 +75,7 @@ _HOMES = {
     "graph.ranges": ("Ranges",),
     "io": ("read", "read_estimate", "write"),
     "objective.gtsam_graph": ("from_gtsam", "to_gtsam"),
-    "objective.problem": ("PoseProblem", "RotationProblem"),
+    "objective.quadratic": ("Quadratic",),
     "optimize.marginals": ("Marginals",),
     "optimize.monitor": ("Iteration", "Monitor"),
     "optimize.riemannian_newton": ("NewtonSettings",),
@@ -133,12 +133,11 @@ __all__ = [
     "NewtonSettings",
     "NumericalError",
     "PoseGraph",
-    "PoseProblem",
+    "Quadratic",
     "Ranges",
     "Reweighed",
     "RobustSession",
     "RotationGraph",
-    "RotationProblem",
     "Session",
     "SimilarityGraph",
     "Solution",

@@ -65,9 +65,9 @@ def get_solver(name: str) -> type[Solver]:
 
     Examples
     --------
-    >>> from certpgo import RotationProblem, get_solver
+    >>> from certpgo import Quadratic, get_solver
     >>> from certpgo.io.datasets.synthetic import winding_cycle
-    >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
+    >>> problem = Quadratic(winding_cycle(6, 0.3, 0)[0].graph)
     >>> get_solver("eigen_ra")(weights="unit").solve(problem).status.value
     'closed form'
     >>> get_solver("eigen_r")

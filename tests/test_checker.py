@@ -323,7 +323,7 @@ def test_multipliers_without_their_shift_are_refused(small):
     path, arrays = small
     graph = certpgo.read(path, quiet=True).graph
     answer = certpgo.solve(graph)
-    Lam = certpgo.PoseProblem(graph).multipliers(answer.estimate)
+    Lam = certpgo.Quadratic(graph).multipliers(answer.estimate)
     rows, columns = np.triu_indices(3)
     gap = 1e-13 * np.abs(Lam).max()
     arrays["multipliers"] = Lam[:, rows, columns] + gap * np.equal(rows, columns)
@@ -369,7 +369,7 @@ def test_a_rigged_factorization_proves_nothing_false(tmp_path, monkeypatch, rig)
     instance, wound = winding_cycle(12, 0.0, 1)
     path = tmp_path / "cycle.g2o"
     certpgo.write(path, instance.graph)
-    Lam = certpgo.RotationProblem(instance.graph).multipliers(wound)
+    Lam = certpgo.Quadratic(instance.graph).multipliers(wound)
     rows, columns = np.triu_indices(3)
     _, proof = proofs.proven(tmp_path, instance.graph)
     arrays = proofs.arrays_of(proof)

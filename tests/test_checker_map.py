@@ -18,7 +18,7 @@ from certpgo.io.datasets.synthetic import helix
 from certpgo.io.exact.circle import half_angle_pair
 from certpgo.io.precision_kind import position_weights
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.solve.proving import write_proof
 
 #: How many proofs of the small graph are damaged.
@@ -240,7 +240,7 @@ def test_proves_public_maps(name, landmarks, tmp_path, dataset, dataset_path):
     assert f"with {landmarks} landmarks" in said.about
     assert "priors" not in said.about
     # The proof tier without a file knows them too.
-    proven = certpgo.certify(problem_of(instance.graph), answer.estimate, tier="proof")
+    proven = certpgo.certify(Quadratic(instance.graph), answer.estimate, tier="proof")
     assert proven.verdict is certpgo.Verdict.CERTIFIED
     assert proven.gap < 1e-9 * proven.cost_upper
     assert not proven.multipliers[instance.graph.is_point].any()
@@ -327,7 +327,7 @@ def test_the_scale_of_weights_changes_nothing_with_sightings_alone(tmp_path, k):
     instance = certpgo.read(path, quiet=True)
     for factor in (1.0, 2.0**k):
         graph = instance.graph.with_weights(tau=factor * instance.graph.tau)
-        problem = problem_of(graph)
+        problem = Quadratic(graph)
         x = certpgo.solve(graph).estimate
         found = prove(problem, exact_graph(problem), x, problem.multipliers(x))
         assert found is not None

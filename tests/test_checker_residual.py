@@ -14,7 +14,7 @@ from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 
 from certpgo import checker
 from certpgo.certify.proof import exact_graph
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 
 U = 2.0**-53
 
@@ -85,7 +85,7 @@ def made(seed, d, poses, *, n=6, decades=0.0):
     """A random graph, its weights over decades, and a proof with multipliers -c I; its blocks."""
     rng = rng_of(seed)
     graph = pose_graph(rng, n, d)[0] if poses else rotation_graph(rng, n, d)[0]
-    graph = exact_graph(problem_of(graph))
+    graph = exact_graph(Quadratic(graph))
     uneven = 10.0 ** rng.uniform(-decades / 2, decades / 2, (2, len(graph.i)))
     graph = graph._replace(kappa=graph.kappa * uneven[0], tau=graph.tau * uneven[1])
     on_diagonal = np.equal(*np.triu_indices(d))

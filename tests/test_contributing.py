@@ -14,7 +14,7 @@ from certpgo import registry
 from certpgo.cli import main
 from certpgo.io import write
 from certpgo.io.datasets.synthetic import winding_cycle
-from certpgo.objective.problem import RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from reports.harness.experiments import scan
 from reports.harness.experiments.runner import run_table
 
@@ -74,7 +74,7 @@ def test_it_solves_a_graph_and_is_judged(checkout, graph, capsys):
 def test_it_finds_the_turn_that_the_closed_form_shares_out(checkout):
     # Every residual of the optimum is 0.3 / 6, and the cost is 8 n sin^2 of a half of it.
     instance, optimum = winding_cycle(6, 0.3, 0)
-    problem = RotationProblem(instance.graph)
+    problem = Quadratic(instance.graph)
     solution = registry.get_solver(NAME)().solve(problem)
     assert solution.cost == pytest.approx(problem.cost(optimum), rel=1e-9)
 

@@ -40,7 +40,7 @@ def given(tmp_path_factory):
         "of four nodes": Estimate(R[:4], t[:4]),
         "without translations": Estimate(R),
         "certificate": answer.certificate,
-        "problem": certpgo.PoseProblem(made.graph),
+        "problem": certpgo.Quadratic(made.graph),
         "path": folder / "g.g2o",
         "path in words": str(folder / "g.g2o"),
         "estimate's path": str(folder / "e.tum"),
@@ -92,10 +92,10 @@ def calls(of):
         "Graph.subgraph": (graph.subgraph, [0, 1]),
         "Graph.with_edges": (graph.with_edges, [0, 1]),
         "Graph.with_weights": (graph.with_weights, 1.0, 2.0),
-        "PoseProblem.gradient": (problem.gradient, estimate),
-        "PoseProblem.residual_angles": (problem.residual_angles, estimate),
-        "PoseProblem": (certpgo.PoseProblem, graph),
-        "PoseProblem.cost": (of["problem"].cost, estimate),
+        "Quadratic.gradient": (problem.gradient, estimate),
+        "Quadratic.residual_angles": (problem.residual_angles, estimate),
+        "Quadratic": (certpgo.Quadratic, graph),
+        "Quadratic.cost": (of["problem"].cost, estimate),
         "Ranges": (certpgo.Ranges, NODES, [[0, 1]], [1.0], [1.0]),
         "RobustSession": (certpgo.RobustSession, None),
         "RobustSession.add": (lambda *a: certpgo.RobustSession().add(*a), graph, range(NODES)),
@@ -106,7 +106,6 @@ def calls(of):
             rotation.rotations,
             rotation.kappa,
         ),
-        "RotationProblem": (certpgo.RotationProblem, rotation),
         "Session": (certpgo.Session, None),
         "Session.remove": (lambda *a: certpgo.Session().remove(*a), [0]),
         "Session.add": (lambda *a: certpgo.Session().add(*a), graph, range(NODES)),
@@ -183,7 +182,7 @@ NAMES = sorted(
 METHODS = ["Marginals.joint", "RobustSession.add", "Session.add", "Session.remove"]
 METHODS += [f"Estimate.{name}" for name in ("anchored", "moved", "subset", "with_translations")]
 METHODS += [f"Graph.{name}" for name in ("reweighted", "subgraph", "with_edges", "with_weights")]
-METHODS += [f"PoseProblem.{name}" for name in ("cost", "gradient", "residual_angles")]
+METHODS += [f"Quadratic.{name}" for name in ("cost", "gradient", "residual_angles")]
 METHODS += ["Instance.with_edges", "get_solver().solve", "comparison.compare"]
 METHODS += [f"choose_cost.{name}" for name in ("costs_of", "objective_of")]
 METHODS += ["metrics.trajectory_errors"]
@@ -241,12 +240,12 @@ def test_wrong_arguments_work_or_are_refused_in_a_line(name, given, tmp_path, mo
             "an array of numbers expected, not a str",
         ),
         (
-            lambda of: certpgo.PoseProblem(of["graph"]).cost(of["of four nodes"]),
+            lambda of: certpgo.Quadratic(of["graph"]).cost(of["of four nodes"]),
             "the estimate has 4 nodes in 3D, the graph 9 in 3D",
         ),
         (
             lambda of: certpgo.get_solver("newton")().solve(of["graph"]),
-            r"a PoseProblem\(graph\) or RotationProblem\(graph\) expected, not a Graph",
+            r"a Quadratic\(graph\) expected, not a Graph",
         ),
         (
             lambda of: certpgo.certify_values(of["graph"], of["estimate"]),

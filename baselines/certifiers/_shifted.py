@@ -10,10 +10,10 @@ import numpy as np
 
 from certpgo.graph import Estimate
 from certpgo.linalg.blocks import add_to_diagonal
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 
 
-def has_factor(problem: Problem, estimate: Estimate, eta: float) -> bool:
+def has_factor(problem: Quadratic, estimate: Estimate, eta: float) -> bool:
     """Whether the factorization of S + eta I runs to completion."""
     S = problem.certificate_matrix(problem.multipliers(estimate))
     shifted = add_to_diagonal(S, np.full(S.shape[0], eta))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from certpgo.graph import Estimate
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 
 from ._shifted import has_factor
 
@@ -13,7 +13,7 @@ from ._shifted import has_factor
 RELATIVE, SMALLEST, LARGEST = 5e-6, 1e-7, 1e-1
 
 
-def certifier(problem: Problem, estimate: Estimate) -> Estimate | None:
+def certifier(problem: Quadratic, estimate: Estimate) -> Estimate | None:
     """The estimate, if the rule accepts it."""
     eta = float(np.clip(0.5 * RELATIVE * problem.cost(estimate), SMALLEST, LARGEST))
     return estimate if has_factor(problem, estimate, eta) else None

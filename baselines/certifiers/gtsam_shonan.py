@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
-from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.objective.quadratic import Quadratic
 
 from ..gtsam_shonan import calls_optimal
 
 
-def certifier(problem: Problem, estimate: Estimate) -> Estimate | None:
+def certifier(problem: Quadratic, estimate: Estimate) -> Estimate | None:
     """The estimate, if `checkOptimality` accepts it."""
-    if isinstance(problem, PoseProblem):
+    if problem.has_positions:
         raise InputError("Shonan judges rotations alone")
     return estimate if calls_optimal(problem, estimate)[0] else None
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from certpgo.graph import Estimate
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 
 from ._shifted import has_factor
 
@@ -11,7 +11,7 @@ from ._shifted import has_factor
 ETA = 1e-3
 
 
-def certifier(problem: Problem, estimate: Estimate) -> Estimate | None:
+def certifier(problem: Quadratic, estimate: Estimate) -> Estimate | None:
     """The estimate, if the rule accepts it."""
     return estimate if has_factor(problem, estimate, ETA) else None
 

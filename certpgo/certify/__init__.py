@@ -3,7 +3,7 @@
 from certpgo.certify.bounds import Bounds, bounds
 from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.dual import DualBound, dual_bound
-from certpgo.objective.problem import cost_upper
+from certpgo.objective.objective import cost_upper
 
 __all__ = [
     "Bounds",

@@ -31,7 +31,7 @@ from certpgo.linalg.ball_arithmetic import U
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.rotations import rotation_defect
 from certpgo.objective import operators
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 
 #: Rounding of the sums of rounding errors.
 UP = 1.001
@@ -104,13 +104,13 @@ class Anchored:
     anchor : the pose p
     """
 
-    problem: Problem
+    problem: Quadratic
     estimate: Estimate
     multipliers: FloatArray
     anchor: int
 
     @staticmethod
-    def of(problem: Problem, estimate: Estimate, multipliers: FloatArray) -> Anchored:
+    def of(problem: Quadratic, estimate: Estimate, multipliers: FloatArray) -> Anchored:
         """That anchored where the problem is."""
         return Anchored(problem, estimate, symmetric(multipliers), problem.anchor)
 

@@ -13,11 +13,11 @@ from certpgo.linalg.ball_arithmetic import U
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.rotations import rotation_defect
 from certpgo.objective.operators import degrees
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 
 
 def assembly_errors(
-    problem: Problem, multipliers: FloatArray, w: FloatArray, is_rotation: BoolArray
+    problem: Quadratic, multipliers: FloatArray, w: FloatArray, is_rotation: BoolArray
 ) -> FloatArray:
     """(N,) row sums of the rounding in S's entries, weighted by w; 0 where S is a stored number.
 
@@ -25,9 +25,8 @@ def assembly_errors(
     sizes, plus the distance of measured rotations from SO(d). Row sums of d x d rotations are at
     most sqrt(d); the bound follows by the triangle inequality.
     """
-    known = problem.entry_errors(multipliers, w)
-    if known is not None:
-        return known
+    if problem.takes_scales:
+        return problem.scales.entry_errors(problem.pattern, multipliers, w)
     n, d = problem.n, problem.d
     graph = problem.rotation.graph
     sums = (np.bincount(graph.edges.ravel(), minlength=n) + 4.0) * U

@@ -18,7 +18,7 @@ from certpgo.graph.display import Brief
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.blocks import divided, scatter_sum
-from certpgo.objective.problem import RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize import spectral
 
 #: Relative tolerance for residuals about one axis, and for equal weights.
@@ -53,7 +53,7 @@ class Bounds(Brief):
     cycle_sum_holds: bool | None
 
 
-def bounds(problem: RotationProblem, estimate: Estimate) -> Bounds:
+def bounds(problem: Quadratic, estimate: Estimate) -> Bounds:
     """All bounds of a graph, the a posteriori ones at ``estimate``.
 
     Raises
@@ -93,7 +93,7 @@ def alpha_max(connectivity: float) -> float:
     return float(2.0 * np.arcsin(x / (np.sqrt(0.25 + x) + 0.5)))
 
 
-def fiedler_value(problem: RotationProblem) -> float:
+def fiedler_value(problem: Quadratic) -> float:
     """lambda_2 of the graph Laplacian weighted by kappa.
 
     Raises
@@ -106,12 +106,12 @@ def fiedler_value(problem: RotationProblem) -> float:
     return float(found.values[0])
 
 
-def _require_rotations(problem: RotationProblem) -> None:
+def _require_rotations(problem: Quadratic) -> None:
     if not problem.graph.kappa.all():
         raise NumericalError("some edges measure no rotation")
 
 
-def normalized_fiedler_value(problem: RotationProblem) -> float:
+def normalized_fiedler_value(problem: Quadratic) -> float:
     """nu_2, the second eigenvalue of D^-1/2 L_G D^-1/2; at most 2."""
     _require_rotations(problem)
     L = problem.laplacian
@@ -120,7 +120,7 @@ def normalized_fiedler_value(problem: RotationProblem) -> float:
     return float(spectral.deflated_eigenpairs(problem, scaled, root, 1).values[0])
 
 
-def row_bound(problem: RotationProblem, estimate: Estimate) -> FloatArray:
+def row_bound(problem: Quadratic, estimate: Estimate) -> FloatArray:
     """(|Delta_ii| + sum_j |Delta_ij|) / deg_i for each node, operator norms, (n,).
 
     A stationary point is optimal if all of them are below `normalized_fiedler_value`: the proof
@@ -149,7 +149,7 @@ def cycle_bound(graph: Graph) -> float | None:
     return float(np.pi / graph.num_nodes) if equal and is_cycle(graph) else None
 
 
-def cycle_sum_holds(problem: RotationProblem, estimate: Estimate) -> bool | None:
+def cycle_sum_holds(problem: Quadratic, estimate: Estimate) -> bool | None:
     """Whether a cycle's residuals share one axis and sign and add up to at most pi.
 
     Then a stationary point of a (weighted) cycle is optimal: in the gauge of R the condition

@@ -21,7 +21,7 @@ from certpgo.graph.bridges import bridges
 from certpgo.graph.relaxed_point import Point
 from certpgo.linalg.arrays import IntArray
 from certpgo.linalg.blocks import adjacency
-from certpgo.objective.problem import Problem, problem_of
+from certpgo.objective.quadratic import Quadratic
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class Part:
     """
 
     nodes: IntArray
-    problem: Problem
+    problem: Quadratic
 
     def point(self, whole: Point) -> Point:
         """A point of the whole graph restricted to the part, with its best translations."""
@@ -45,7 +45,7 @@ class Part:
         return self.problem.with_optimal_translations(point)
 
 
-def parts(problem: Problem) -> list[Part]:
+def parts(problem: Quadratic) -> list[Part]:
     """The parts with at least two nodes; none if the graph has no bridge, or has partial edges."""
     graph = problem.graph
     if graph.is_partial:
@@ -61,13 +61,13 @@ def parts(problem: Problem) -> list[Part]:
     order = np.argsort(labels, kind="stable")
     groups = np.split(order, np.flatnonzero(np.diff(labels[order])) + 1)
     return [
-        Part(nodes, problem_of(graph.subgraph(nodes), problem.engine))
+        Part(nodes, Quadratic(graph.subgraph(nodes), problem.engine))
         for nodes in groups
         if len(nodes) > 1
     ]
 
 
-def outside(problem: Problem, found: list[Part]) -> float:
+def outside(problem: Quadratic, found: list[Part]) -> float:
     """The share of the graph's weight or length (the larger share) outside all parts."""
     weight = 1.0 - math.fsum(part.problem.scale for part in found) / problem.scale
     total = _length(problem)
@@ -75,14 +75,14 @@ def outside(problem: Problem, found: list[Part]) -> float:
     return max(weight, 1.0 - inside / total if total > 0.0 else 0.0)
 
 
-def _length(problem: Problem) -> float:
+def _length(problem: Quadratic) -> float:
     if not problem.has_positions:
         return 0.0
     return float(np.linalg.norm(problem.graph.translations, axis=1).sum())
 
 
 def sum_of_bounds(
-    problem: Problem, found: list[Part], bound_of: Callable[[Part], DualBound | None]
+    problem: Quadratic, found: list[Part], bound_of: Callable[[Part], DualBound | None]
 ) -> DualBound | None:
     """The bound of the whole graph from its parts; None if no part has one."""
     multipliers = np.zeros((problem.n, problem.d, problem.d))

@@ -19,7 +19,7 @@ from certpgo.graph.held import displaced
 from certpgo.graph.phrases import cost_shown, gap_shown
 from certpgo.io.json_values import plain
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.base import CHORDAL
+from certpgo.objective.quadratic import CHORDAL
 
 __all__ = ["CHORDAL", "Certificate", "Tier", "Verdict"]
 
@@ -66,10 +66,10 @@ class Tier(StrEnum):
 
     Examples
     --------
-    >>> from certpgo import RotationProblem, certify
+    >>> from certpgo import Quadratic, certify
     >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> instance, _ = winding_cycle(6, 0.3, 0)
-    >>> problem = RotationProblem(instance.graph)
+    >>> problem = Quadratic(instance.graph)
     >>> certify(problem, instance.truth, tier="proof").verdict.value
     'CERTIFIED'
     >>> certify(problem, instance.truth, tier="screen").verdict.value
@@ -145,10 +145,10 @@ class Certificate(Statement):
 
     Examples
     --------
-    >>> from certpgo import RotationProblem, certify
+    >>> from certpgo import Quadratic, certify
     >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> instance, _ = winding_cycle(6, 0.3, 0)
-    >>> certificate = certify(RotationProblem(instance.graph), instance.truth)
+    >>> certificate = certify(Quadratic(instance.graph), instance.truth)
     >>> certificate.lower_bound <= certificate.cost_upper
     True
     >>> certificate.gap <= certificate.tolerance

@@ -27,7 +27,7 @@ from certpgo.linalg.ball_arithmetic import U
 from certpgo.linalg.blocks import add_to_diagonal, pinned, with_entries
 from certpgo.linalg.rounding_bound import OTHERS
 from certpgo.objective.minorants import Minorants
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 
 #: Of an anchored bound: the largest loss over the cost that is tried first, and the factor by
 #: which the second may be larger.
@@ -104,7 +104,7 @@ class DualBound(Brief):
 
 
 def dual_bound(
-    problem: Problem,
+    problem: Quadratic,
     point: Point,
     *,
     rounding: bool = True,
@@ -144,7 +144,7 @@ class _Attempts:
 
     def __init__(
         self,
-        problem: Problem,
+        problem: Quadratic,
         point: Point,
         rounding: bool,
         enough: float,
@@ -156,7 +156,7 @@ class _Attempts:
         self.floor = floor
         self.shifted = Shifted.of(problem, point)
         if given_up:
-            fewer = problem.admissible((1.0 - given_up) * self.shifted.multipliers)
+            fewer = problem.kinds.apply("admissible", (1.0 - given_up) * self.shifted.multipliers)
             self.shifted = replace(self.shifted, multipliers=fewer)
         self.is_rotation, self.weights = self.shifted.is_rotation, self.shifted.weights
         pin = self.shifted.pin
@@ -349,7 +349,7 @@ class _Attempts:
         """The bound by multipliers with S >= 0."""
         poses = self.problem.held
         diagonal = _diagonals(proven)[poses]
-        value = self.problem.value_of(diagonal)
+        value = self.problem.kinds.proven(diagonal)
         taken = _diagonals(self.shifted.multipliers)[poses] - diagonal
         return DualBound(
             value,

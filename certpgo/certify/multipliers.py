@@ -10,12 +10,12 @@ import numpy as np
 
 from certpgo.errors import NumericalError
 from certpgo.graph.edges import symmetric
-from certpgo.graph.relaxed_point import Point
+from certpgo.graph.relaxed_point import Point, translations_of
 from certpgo.linalg import compiled
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import U
 from certpgo.linalg.compiled import LARGEST_RANK
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,16 +45,16 @@ class Shifted:
     poses: IntArray
 
     @staticmethod
-    def of(problem: Problem, point: Point) -> Shifted:
+    def of(problem: Quadratic, point: Point) -> Shifted:
         """The family of a point of any rank."""
-        is_rotation = problem.held_rows
+        is_rotation = _held_rows(problem)
         arms, pin = np.zeros((0, point.rotations.shape[1])), None
         weights = np.ones(len(is_rotation))
         if problem.has_positions and point.translations is not None:
             t = point.translations
             # Pinning the pose nearest the centroid costs least.
             pin = int(np.argmin(np.linalg.norm(t - t.mean(axis=0), axis=1)))
-            arms = problem.loose_rows(point, pin)
+            arms = _loose_rows(problem, point, pin)
             is_position = ~problem.rotation_rows
             weights[is_position] = 2.0 ** _exponent(arms[is_position[~is_rotation]])
             unscaled = ~(is_rotation | is_position)
@@ -63,9 +63,12 @@ class Shifted:
                 weights[unscaled] = np.exp2(np.round(np.log2(lengths)))
         unit = U * float(np.abs(problem.matrix.diagonal()[is_rotation]).mean())
         multipliers = problem.multipliers(point)
+        blocks = point.rotations
+        if problem.takes_scales:
+            blocks = blocks / problem.sizes_of(blocks)[:, None, None]
         return Shifted(
             multipliers,
-            problem.frames_of(point),
+            blocks,
             arms,
             pin,
             is_rotation,
@@ -108,6 +111,28 @@ class Shifted:
         if self.pin is None:
             return rotations
         return rotations + float(demand[~self.is_rotation] @ np.sum(self.arms**2, axis=1))
+
+
+def _held_rows(problem: Quadratic) -> BoolArray:
+    """(N,) which rows of the matrix are of blocks whose columns have known lengths."""
+    if len(problem.held) == len(problem.poses):
+        return problem.rotation_rows
+    layout = problem.pattern.layout_of(problem.matrix)
+    rows = np.zeros((problem.n, layout.sizes.max()), dtype=bool)
+    rows[problem.held, -problem.d :] = True
+    return np.asarray(layout.pack(rows))
+
+
+def _loose_rows(problem: Quadratic, point: Point, pin: int) -> FloatArray:
+    """(k, r) rows of X^T whose lengths no constraint fixes, the pinned pose at the origin."""
+    point = problem.blocks(point)
+    t = translations_of(point)
+    rows = problem.lifting.position_rows(t - t[pin])
+    if len(problem.held) == len(problem.poses):
+        return rows.reshape(-1, t.shape[1])
+    rows = np.concatenate([rows, np.swapaxes(point.rotations, 1, 2)], axis=1)
+    layout = problem.pattern.layout_of(problem.matrix)
+    return np.asarray(layout.pack(rows)[~_held_rows(problem)])
 
 
 def _exponent(arms: FloatArray) -> int:

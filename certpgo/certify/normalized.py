@@ -65,7 +65,7 @@ class NormalizedProblem(Generic[AnyObjective]):
             An unknown tier.
         """
         if not isinstance(problem, Objective):
-            said = "a PoseProblem(graph) or RotationProblem(graph) is judged, not"
+            said = "a Quadratic(graph) is judged, not"
             raise InputError(f"{said} {kind_of(problem)}")
         tier = tier_called(tier)
         require_numbers(rtol=rtol, atol=atol)

@@ -26,7 +26,7 @@ from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.rotations import rotation_defect
 from certpgo.objective import operators
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 
 #: First shift tried, in units of rounding of the mean diagonal (for poses, times the growth), and
 #: its growth per attempt.
@@ -62,7 +62,7 @@ class Witness:
 
 
 def prove(
-    problem: Problem,
+    problem: Quadratic,
     graph: checker.Graph,
     point: Point,
     fallback: FloatArray | None = None,
@@ -101,7 +101,7 @@ def prove(
 
 
 def proven_bound(
-    problem: Problem, graph: checker.Graph, point: Estimate, bound: DualBound
+    problem: Quadratic, graph: checker.Graph, point: Estimate, bound: DualBound
 ) -> DualBound | None:
     """A bound of the standard tier, proven without trusting a factorization; None if that fails.
 
@@ -123,7 +123,7 @@ def proven_bound(
     loose, held = np.isin(poses, problem.held, invert=True), problem.held
     if any(math.fsum(row) < 0.0 for row in diagonal[loose].tolist()):
         return None
-    value = problem.value_of(diagonal[~loose])
+    value = problem.kinds.proven(diagonal[~loose])
     taken = np.einsum("naa->na", problem.multipliers(point)[held]) - diagonal[~loose]
     return replace(bound, value=value, multipliers=multipliers, shift=float(taken.max()))
 
@@ -135,18 +135,18 @@ def distances(graph: checker.Graph, R: FloatArray) -> FloatArray:
     return np.asarray(apart + rotation_defect(R) + 8.0 * checker.U)
 
 
-def exact_cost(problem: Problem, graph: checker.Graph, estimate: Estimate) -> float:
+def exact_cost(problem: Quadratic, graph: checker.Graph, estimate: Estimate) -> float:
     """F of the estimate, rounded up; infinite beyond the range of doubles."""
     try:
         t = estimate.translations if problem.has_positions else None
-        s = cast("Any", problem).scales_of(estimate) if problem.takes_scales else None
+        s = problem.scales.of(estimate) if problem.takes_scales else None
         return checker.upper_bound(graph, quaternions(estimate.rotations), t, s=s)
     except (checker.Refused, OverflowError):
         return math.inf
 
 
 def proven_surrogate(
-    problem: Problem,
+    problem: Quadratic,
     constants: FloatArray,
     point: Point,
     bound: DualBound,
@@ -169,7 +169,7 @@ def proven_surrogate(
 
 
 def recentred(
-    problem: Problem, taken: checker.Graph, multipliers: FloatArray, sign: float = 1.0
+    problem: Quadratic, taken: checker.Graph, multipliers: FloatArray, sign: float = 1.0
 ) -> FloatArray:
     """Multipliers (n, d, d) where the checker's kappa I replaces polar factors, or the reverse."""
     graph, n = problem.rotation.graph, problem.n
@@ -192,7 +192,7 @@ class _Prover:
 
     def __init__(
         self,
-        problem: Problem,
+        problem: Quadratic,
         graph: checker.Graph,
         point: Point,
         spare: FloatArray | None = None,
@@ -281,7 +281,7 @@ class _Found:
     witness: Witness
 
 
-def exact_graph(problem: Problem) -> checker.Graph:
+def exact_graph(problem: Quadratic) -> checker.Graph:
     """The problem's measurements as the checker represents them.
 
     Raises

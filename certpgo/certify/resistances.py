@@ -21,7 +21,7 @@ from scipy.sparse import csc_array
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.blocks import pinned
 from certpgo.linalg.factor import Factor
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.truncated import Truncation
 
 #: Columns that are solved for at once, and those of edges that are packed one by one at most.
@@ -45,13 +45,13 @@ class Resistances:
     at : the edges at the relative poses of that estimate
     """
 
-    def __init__(self, problem: Problem, factor: Factor, at: Truncation) -> None:
+    def __init__(self, problem: Quadratic, factor: Factor, at: Truncation) -> None:
         self._problem, self._factor, self._at = problem, factor, at
         self.B = _columns(problem, at)
         self.b = at.weights.shape[1]
 
     @staticmethod
-    def of(problem: Problem, S: CSC, at: Truncation) -> Resistances | None:
+    def of(problem: Quadratic, S: CSC, at: Truncation) -> Resistances | None:
         """Those at a certificate matrix; None if it is not definite beyond the anchor."""
         A = pinned(S, _anchor(problem))
         factor = problem.symbolic(A).factor(A)
@@ -155,12 +155,12 @@ def together(found: Resistances, W: FloatArray, part: IntArray, room: FloatArray
     return [part[group] for group in groups]
 
 
-def _anchor(problem: Problem) -> IntArray:
+def _anchor(problem: Quadratic) -> IntArray:
     layout = problem.pattern.layout_of(problem.matrix)
     return layout.first_row(problem.anchor) + np.arange(layout.sizes[problem.anchor])
 
 
-def _columns(problem: Problem, at: Truncation) -> CSC:
+def _columns(problem: Quadratic, at: Truncation) -> CSC:
     """(N, k b) the block columns B, without the anchor's rows."""
     i, j = at.graph.edges.T
     (k, d), p, n = at.v.shape, at.moved, problem.n

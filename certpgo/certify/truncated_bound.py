@@ -22,7 +22,7 @@ from certpgo.certify.normalized import NormalizedProblem
 from certpgo.certify.resistances import Resistances
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.truncated import FLATTEST
 from certpgo.objective.truncated_cost import TruncatedCost
 
@@ -62,9 +62,9 @@ def bound_with(
     return replace(found, ambiguous=problem.rejected[left_out])
 
 
-def below_with(problem: TruncatedCost, point: Estimate, W: FloatArray) -> Problem:
+def below_with(problem: TruncatedCost, point: Estimate, W: FloatArray) -> Quadratic:
     """The quadratic problem of minorants of weights W."""
-    return cast("Problem", problem.surrogate(point, W).problem)
+    return cast("Quadratic", problem.surrogate(point, W).problem)
 
 
 def resistances(problem: TruncatedCost, point: Estimate) -> Resistances | None:

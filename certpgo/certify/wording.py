@@ -17,7 +17,7 @@ from certpgo.graph.phrases import (
     reading_sentence,
     rounded_up,
 )
-from certpgo.objective.base import CHORDAL
+from certpgo.objective.quadratic import CHORDAL
 
 _MEANINGS = {
     "REFUTED": "A better estimate is known. Local descent from this one does not reach it",

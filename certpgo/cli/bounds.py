@@ -47,7 +47,7 @@ def command(
     from certpgo.io.matching import Matching
     from certpgo.io.timestamps import timed
     from certpgo.objective.choose_cost import CHORDAL, own_cost
-    from certpgo.objective.problem import problem_of
+    from certpgo.objective.quadratic import Quadratic
     from certpgo.solve.bounds_table import ladder
 
     source, of_estimate = reading.resolve(graph), reading.resolve(estimate)
@@ -64,7 +64,7 @@ def command(
     for part in parts:
         point = None if given is None else restricted_to(part, given, instance)
         with working(f"bounds of {part.name}"), ends_at_once() if sdp else nullcontext():
-            found = ladder(problem_of(part.graph), point, sdp=sdp, force=force)
+            found = ladder(Quadratic(part.graph), point, sdp=sdp, force=force)
         if json:
             documents.append(_as_json(part, found))
         else:

@@ -331,10 +331,10 @@ def _by_method(
     asked: Asked,
 ) -> Solved:
     from certpgo.certify.certificate import of_instance
-    from certpgo.objective.problem import problem_of
+    from certpgo.objective.quadratic import Quadratic
     from certpgo.solve.judging import certify
 
-    problem = problem_of(part.graph)
+    problem = Quadratic(part.graph)
     with ends_at_once() if getattr(solver, "compiled", False) else nullcontext():
         solution = solver.solve(problem, initial=initial, monitor=monitor)
     if tier is None:

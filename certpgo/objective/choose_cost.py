@@ -17,13 +17,12 @@ from certpgo.graph.priors import require_determined, require_held
 from certpgo.objective.costs import CHORDAL, COSTS
 from certpgo.objective.costs.chordal import ChordalCost
 from certpgo.objective.objective import Objective, Surrogate
-from certpgo.objective.problem import SCALED, Problem, problem_of
-from certpgo.objective.similarity_problem import SimilarityProblem
+from certpgo.objective.quadratic import NO_SCALES, Quadratic
 from certpgo.objective.sum import Sum
 from certpgo.objective.truncated_cost import TruncatedCost
 
 #: What estimates are certified for.
-Certifiable = Problem | Sum
+Certifiable = Quadratic | Sum
 #: What they are judged for, with rejections among them.
 Judged = Certifiable | TruncatedCost
 
@@ -38,7 +37,6 @@ __all__ = [
     "COSTS",
     "Certifiable",
     "Judged",
-    "SimilarityProblem",
     "Surrogate",
     "Sum",
     "costs_of",
@@ -94,9 +92,7 @@ def _unknown_to(cost: str, graph: Graph, *, more: bool = False) -> str:
     return ""
 
 
-def objective_of(
-    posed: Graph | Instance | Certifiable | SimilarityProblem, cost: str | None = None
-) -> Certifiable:
+def objective_of(posed: Graph | Instance | Certifiable, cost: str | None = None) -> Certifiable:
     """What is minimised of measurements: F where it is a quadratic form, else a sum of terms.
 
     Parameters
@@ -134,10 +130,8 @@ def _under_f(measured: Graph | Instance) -> Certifiable:
         require_held(graph, named)
     elif named is not None and graph.is_partial:
         require_determined(graph, named)
-    if graph.has_scales:
-        return SimilarityProblem(graph)
-    if not graph.blocks:
-        return problem_of(graph)
+    if graph.has_scales or not graph.blocks:
+        return Quadratic(graph)
     if graph.has_couplings:
         lacks = "are for isotropic weights, not for matrix weights or directions alone"
         raise InputError(f"{source_of(measured)}measured {graph.blocks[0].kind.plural} {lacks}")
@@ -178,7 +172,7 @@ def require_poses_alone(posed: Graph | Instance) -> None:
         for_these = "for certpgo solve, certify and merge, and sessions, alone"
         raise InputError(f"{said}graphs with {others} are {for_these}")
     if graph.has_scales:
-        raise InputError(f"{said}{SCALED}")
+        raise InputError(f"{said}{NO_SCALES}")
 
 
 def require_scales(posed: Graph | Instance | Objective) -> None:

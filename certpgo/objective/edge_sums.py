@@ -6,17 +6,41 @@ compiled kernel.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from certpgo.graph import Estimate, Graph
+from certpgo.graph.display import Brief
 from certpgo.graph.relaxed_point import Point, require_nodes, translations_of
 from certpgo.linalg import compiled
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.compiled import LARGEST_RANK
 from certpgo.objective import operators, residuals
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FirstOrder(Brief):
+    """Cost and first derivatives at an estimate.
+
+    Attributes
+    ----------
+    cost : F
+    tangent : (n, p) Riemannian gradient of F/2 in body-frame tangents, or (n, d + p) with the
+        translations first
+    multipliers : (n, d, d) blocks Lam_i = sym((M X^T)_{R_i} R_i), or sym((L R^T)_i R_i); Eriksson
+        et al. eq. 16 is deg_i I - Lam_i. Their traces add up to F when the translations are
+        optimal for the rotations
+    stationarity : largest gradient of a node over its weight, radians: 0 at a stationary point.
+        Translations are measured relative to the typical length of a measurement
+    """
+
+    cost: float
+    tangent: FloatArray
+    multipliers: FloatArray
+    stationarity: float
 
 
 class EdgeSums:

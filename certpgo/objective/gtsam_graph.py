@@ -18,7 +18,7 @@ from certpgo.io.gtsam_values import estimate_from_values
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective import gtsam_similarities
 from certpgo.objective.costs.gtsam import GtsamCost
-from certpgo.objective.similarity_problem import SimilarityProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.sum import Sum
 from certpgo.objective.truncated_cost import TruncatedCost
 
@@ -28,7 +28,7 @@ TRUNCATED = "TruncatedLeastSquares"
 _PRIORS = ("PriorFactorPose2", "PriorFactorPose3")
 
 
-def from_gtsam(graph: Any, values: Any) -> tuple[Sum | TruncatedCost | SimilarityProblem, Estimate]:
+def from_gtsam(graph: Any, values: Any) -> tuple[Sum | TruncatedCost | Quadratic, Estimate]:
     """The problem of a factor graph's relative poses under GTSAM's own cost, and the estimate.
 
     The cost is twice GTSAM's error. Node k is the k-th key of the values, ascending. One prior on a
@@ -40,7 +40,7 @@ def from_gtsam(graph: Any, values: Any) -> tuple[Sum | TruncatedCost | Similarit
     what GTSAM says, and the others are kept: the problem is then a `TruncatedCost`.
 
     Factors of similarities, whose cost of logarithms has no quadratic form below it, become a
-    problem of F with the weights of their noise: a `SimilarityProblem`, with all scales unknown.
+    problem of F with the weights of their noise: a `Quadratic`, with all scales unknown.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def from_gtsam(graph: Any, values: Any) -> tuple[Sum | TruncatedCost | Similarit
 
 def _of_similarities(
     factors: list[Any], kinds: list[str], values: Any
-) -> tuple[SimilarityProblem, Estimate]:
+) -> tuple[Quadratic, Estimate]:
     """The problem of factors of similarities, all of one dimension, with at most one prior."""
     known = gtsam_similarities.BETWEEN
     other = sorted(set(kinds) - {*known, *gtsam_similarities.PRIORS})
@@ -157,7 +157,7 @@ def _require_problem(problem: object) -> None:
         raise InputError(f"to_gtsam takes a Sum, not {kind_of(problem)}")
 
 
-def to_gtsam(problem: Sum | SimilarityProblem | Graph, estimate: Estimate) -> tuple[Any, Any]:
+def to_gtsam(problem: Sum | Quadratic | Graph, estimate: Estimate) -> tuple[Any, Any]:
     r"""The factor graph and values of a problem and an estimate, with keys 0 ... n-1.
 
     ``graph.error(values)`` is half the cost under ``"gtsam"``; no prior is added. Of similarities,
@@ -186,9 +186,9 @@ def to_gtsam(problem: Sum | SimilarityProblem | Graph, estimate: Estimate) -> tu
     True
     """
     if isinstance(problem, Graph) and problem.has_scales:
-        problem = SimilarityProblem(problem)
+        problem = Quadratic(problem)
     require(estimate, Estimate, "an Estimate")
-    if isinstance(problem, SimilarityProblem):
+    if isinstance(problem, Quadratic) and problem.takes_scales:
         similar: tuple[Any, Any] = gtsam_similarities.factors_and_values(
             _library(), problem, estimate
         )

@@ -15,7 +15,7 @@ import numpy as np
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, RotationGraph, SimilarityGraph
 from certpgo.linalg.arrays import FloatArray, IntArray
-from certpgo.objective.similarity_problem import SimilarityProblem
+from certpgo.objective.quadratic import Quadratic
 
 #: The factors that are read, with their dimension, and priors, one of which only fixes the frame.
 BETWEEN = {"BetweenFactorSimilarity2": 2, "BetweenFactorSimilarity3": 3}
@@ -24,7 +24,7 @@ PRIORS = ("PriorFactorSimilarity2", "PriorFactorSimilarity3")
 
 def problem_of_factors(
     factors: list[Any], values: Any, keys: IntArray, edges: IntArray, d: int
-) -> tuple[SimilarityProblem, Estimate]:
+) -> tuple[Quadratic, Estimate]:
     """The problem of F with all scales unknown, and the estimate.
 
     Raises
@@ -41,10 +41,10 @@ def problem_of_factors(
     rotation = RotationGraph(len(keys), edges, R, kappa)
     tau = d / diagonal[:, moved].sum(axis=1) / s**2
     graph = SimilarityGraph(rotation, t, tau, scales=s)
-    return SimilarityProblem(graph), Estimate(rotations, positions, scales=scales)
+    return Quadratic(graph), Estimate(rotations, positions, scales=scales)
 
 
-def factors_and_values(gtsam: Any, problem: SimilarityProblem, estimate: Estimate) -> Any:
+def factors_and_values(gtsam: Any, problem: Quadratic, estimate: Estimate) -> Any:
     """GTSAM's graph and values of a problem and an estimate, keys 0 ... n-1.
 
     Raises
@@ -74,7 +74,7 @@ def factors_and_values(gtsam: Any, problem: SimilarityProblem, estimate: Estimat
             of = [2.0 * kappa] * 3 + [moved] * 3 + [3.0 * kappa]
         noise = gtsam.noiseModel.Diagonal.Precisions(np.array(of))
         factors.add(factor(i, j, _similarity(gtsam, R, t, s), noise))
-    t, s = estimate.translations, problem.scales_of(estimate)
+    t, s = estimate.translations, problem.scales.of(estimate)
     for k, R in enumerate(estimate.rotations):
         there = np.zeros(d) if t is None else t[k] / s[k]
         values.insert(k, _similarity(gtsam, R, there, float(s[k])))

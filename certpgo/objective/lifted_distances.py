@@ -4,7 +4,7 @@ By the tangents of `certpgo.objective.families.distances`, f is nowhere below th
 graph with an edge of some weight, of either sign, for each distance, plus a constant. With those
 of a stationary point this is exactly what the relaxation of Papalia et al. (CORA, T-RO 2024) has,
 after its unit vectors are eliminated, without nodes for them. In the plane ours is tighter: see
-`certpgo.objective.signed_weights.OrientedProblem`.
+`certpgo.objective.lifting`.
 """
 
 from __future__ import annotations
@@ -30,9 +30,10 @@ from certpgo.linalg.rotations import orthonormal
 from certpgo.objective import operators
 from certpgo.objective.edge_sums import EdgeSums
 from certpgo.objective.families.distances import FAINT, SHORTEST, Distances
-from certpgo.objective.problem import PoseProblem
+from certpgo.objective.lifting import COMPLEX, REAL
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.quadratic_model import ROUNDING, largest_step
-from certpgo.objective.signed_weights import OrientedProblem, with_rows_of
+from certpgo.objective.signed_weights import with_rows_of
 
 #: Distances of estimates below this share of the coordinates, which may be rounding, have no
 #: direction.
@@ -91,11 +92,11 @@ class LiftedDistances(Brief):
         return self.whole.graph
 
     @cached_property
-    def whole(self) -> PoseProblem:
+    def whole(self) -> Quadratic:
         """The problem in which each distance is an edge that measures zero, with its weight."""
         one = self.measured
-        kind = OrientedProblem if self.d == 2 and not one.has_matrix_weights else PoseProblem
-        return kind(with_rows_of(one, [self.distances]), self.engine)
+        lifting = COMPLEX if self.d == 2 and not one.has_matrix_weights else REAL
+        return Quadratic(with_rows_of(one, [self.distances]), self.engine, lifting)
 
     @cached_property
     def distances(self) -> Distances:
@@ -151,17 +152,9 @@ class LiftedDistances(Brief):
         return self.whole.constrained(self.gradient(point)[:, :, -self.d :], point.rotations)
 
     @property
-    def row_weights(self) -> FloatArray:
-        """(N,) the size of each row of a certificate matrix."""
-        return np.asarray(np.abs(self.whole.matrix.diagonal()))
-
-    def sizes_of(self, Y: FloatArray) -> FloatArray:
-        """(n,) scales of blocks (n, r, d): ones."""
-        return np.ones(len(Y))
-
-    def retracted(self, moved: FloatArray, Y: FloatArray) -> FloatArray:
-        """The nearest admissible blocks (n, r, d) to those that were moved from Y."""
-        return orthonormal(moved)
+    def matrix(self) -> CSC:
+        """(N, N) with the size of a certificate matrix in each row."""
+        return self.whole.matrix
 
     def linearized(self, point: Point) -> LiftedModel:
         """The quadratic model of f at a point of any rank."""
@@ -194,9 +187,9 @@ class LiftedDistances(Brief):
 
     def layout(self, rank: int) -> Layout:
         """Of such matrices at points of that rank."""
-        return self.whole.pattern.layout(rank + self.whole.tangent_dim(rank), rank)
+        return self.whole.pattern.layout(rank + self.whole.kinds.tangent_dim(rank, self.d), rank)
 
-    def tangents(self, point: Point) -> Iterator[tuple[PoseProblem, float]]:
+    def tangents(self, point: Point) -> Iterator[tuple[Quadratic, float]]:
         """Pose graphs whose edges are tangents at a point of any rank, and the constants.
 
         These are rounded down for exactly the weights of the problems. The second ones have faint
@@ -238,7 +231,7 @@ class LiftedModel:
 
     @cached_property
     def _basis(self) -> FloatArray:
-        return self.problem.whole.tangent_basis(self.point.rotations)
+        return self.problem.whole.kinds.apply("tangents", self.point.rotations)
 
     @cached_property
     def gradient(self) -> FloatArray:

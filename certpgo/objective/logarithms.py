@@ -29,8 +29,8 @@ from certpgo.graph.relaxed_point import Lift, translations_of
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.similarities import Similarities, log_derivatives
-from certpgo.objective.similarity_model import SimilarityModel
-from certpgo.objective.similarity_problem import SimilarityProblem
+from certpgo.objective.manifold_model import ManifoldModel
+from certpgo.objective.quadratic import Quadratic
 
 #: Share of the minorant's weights that rounding of the means stays below.
 ROUNDED = 1e-13
@@ -52,7 +52,9 @@ class LogarithmCost:
     """
 
     def __init__(self, graph: Graph) -> None:
-        self.quadratic = SimilarityProblem(graph)
+        if not graph.has_scales:
+            raise InputError("logarithms are of similarities: certpgo.SimilarityGraph")
+        self.quadratic = Quadratic(graph)
         if graph.is_partial:
             raise InputError("the cost of logarithms is for poses alone, without points")
         self.graph = graph
@@ -62,7 +64,7 @@ class LogarithmCost:
         self.quadratic.check(estimate)
 
     def estimate_of(self, point: Lift) -> Estimate:
-        """The nearest estimate to a point, as of `SimilarityProblem`."""
+        """The nearest estimate to a point, as of `Quadratic`."""
         return self.quadratic.estimate_of(point)
 
     def cost(self, estimate: Estimate) -> float:
@@ -77,17 +79,17 @@ class LogarithmCost:
         """The quadratic model of the cost at an estimate."""
         return LogarithmModel(self.quadratic, self.quadratic.blocks(estimate))
 
-    def minorant(self, estimate: Estimate) -> SimilarityProblem:
+    def minorant(self, estimate: Estimate) -> Quadratic:
         """F over the scales of an estimate, at most beta^2 times the cost if these are within beta.
 
         That is, within a factor beta of the root mean square of all, which is the unit of F.
         """
-        units = self.graph.in_units_of(self.quadratic.scales_of(estimate))
+        units = self.graph.in_units_of(self.quadratic.scales.of(estimate))
         sigma, kept = np.log(units.scales), 1.0 - ROUNDED
         kappa = kept * units.kappa / logarithmic_mean(sigma) ** 2
         tau = kept * units.tau / logarithmic_mean(-sigma) ** 2
         free = np.ones(units.num_nodes, dtype=bool)
-        return SimilarityProblem(units.with_weights(kappa, tau).with_unknown_scales(free))
+        return Quadratic(units.with_weights(kappa, tau).with_unknown_scales(free))
 
 
 def logarithmic_mean(sigma: FloatArray) -> FloatArray:
@@ -96,7 +98,7 @@ def logarithmic_mean(sigma: FloatArray) -> FloatArray:
     return np.asarray(np.where(sigma == 0.0, 1.0, np.expm1(safe) / safe))
 
 
-class LogarithmModel(SimilarityModel):
+class LogarithmModel(ManifoldModel):
     """The cost of logarithms near an estimate: a `QuadraticModel` of Gauss and Newton."""
 
     @cached_property
@@ -115,7 +117,8 @@ class LogarithmModel(SimilarityModel):
     def _nodes(self) -> Similarities:
         A, problem = self.point.rotations, self.problem
         t = translations_of(self.point)
-        return Similarities.of(problem.frames_of(self.point), t, problem.sizes_of(A))
+        s = problem.sizes_of(A)
+        return Similarities.of(A / s[:, None, None], t, s)
 
     @cached_property
     def _measured(self) -> Similarities:

@@ -123,6 +123,11 @@ class Objective(Speaking, ABC):
         return int(self.measured.d)
 
     @property
+    def has_positions(self) -> bool:
+        """Whether nodes have positions."""
+        return bool(self.measured.has_positions)
+
+    @property
     @abstractmethod
     def scale(self) -> float:
         """W, the scale of the cost in absolute tolerances."""
@@ -240,3 +245,8 @@ class Objective(Speaking, ABC):
     def without_minorants(self, estimate: Estimate) -> IntArray:
         """(k,) indices of the measurements that have no minorant at an estimate."""
         return np.zeros(0, dtype=np.intp)
+
+
+def cost_upper(problem: Objective, estimate: Estimate) -> float:
+    """An upper bound on the cost of the estimate, whose translations are taken as stored."""
+    return problem.enclosure(estimate)[1]

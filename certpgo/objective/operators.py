@@ -149,7 +149,7 @@ def first_order(
     turning: FloatArray,
     moving: FloatArray | None,
 ) -> tuple[float, FloatArray, FloatArray, float]:
-    """F, its Riemannian gradient, multipliers and stationarity; see `certpgo.objective.base`.
+    """F, its Riemannian gradient, multipliers and stationarity; see `certpgo.objective.edge_sums`.
 
     Parameters
     ----------

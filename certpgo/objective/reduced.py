@@ -15,7 +15,7 @@ from certpgo.errors import NumericalError
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal, pinned
 from certpgo.linalg.factor import Factor
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 
 #: Shifts over the mean diagonal, tried until the factorization succeeds.
 SHIFTS = (1e-11, 1e-9, 1e-7)
@@ -47,7 +47,7 @@ class Reduced:
 
     def __init__(
         self,
-        problem: Problem,
+        problem: Quadratic,
         matrix: CSC | None = None,
         shifts: tuple[float, ...] | None = None,
         *,
@@ -81,7 +81,7 @@ class Reduced:
         product = self._matrix @ self._padded(B)
         translations = np.zeros_like(product)
         forces = product[~self._rotations]
-        translations[~self._rotations] = -self._problem.solve_translations(forces)
+        translations[~self._rotations] = -self._problem.elimination.solve(forces)
         product += self._matrix @ translations
         return np.asarray(product[self._rotations] + self.shift * B)
 
@@ -92,7 +92,7 @@ class Reduced:
 
 
 def factor_shifted(
-    problem: Problem,
+    problem: Quadratic,
     build: Callable[[float], CSC],
     unit: float,
     shifts: tuple[float, ...] = SHIFTS,

@@ -29,7 +29,7 @@ from certpgo.objective.marginalized import isotropic_below
 from certpgo.objective.minorants import Minorants
 from certpgo.objective.normal_equations import NormalEquations
 from certpgo.objective.objective import Objective, Surrogate
-from certpgo.objective.problem import PoseProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.term import relative
 from certpgo.objective.terms import (
     Placed,
@@ -102,17 +102,17 @@ class Sum(Objective):
         return with_rows(self.measured)
 
     @cached_property
-    def chordal(self) -> PoseProblem:
+    def chordal(self) -> Quadratic:
         """The problem of these edges with isotropic weights; shares pattern and order."""
-        return PoseProblem(self.graph, self.engine)
+        return Quadratic(self.graph, self.engine)
 
     @property
-    def isotropic(self) -> PoseProblem | Sum:
+    def isotropic(self) -> Quadratic | Sum:
         """The problem of the same measurements under F, without those that do not lift."""
         if not self.measured.blocks:
             return self.chordal
         if (ranges := self.measured.ranges) is None:
-            return PoseProblem(self.measured.with_blocks(), self.engine)
+            return Quadratic(self.measured.with_blocks(), self.engine)
         return Sum(self.measured.with_blocks(ranges), ChordalCost, self.engine)
 
     @cached_property
@@ -314,7 +314,8 @@ class Sum(Objective):
 
     def residual_lengths(self, estimate: Estimate) -> FloatArray:
         """(m,) norms of t_j - t_i - R_i t_ij, then of other residuals that are lengths, metres."""
-        m, lengths = self.measured.num_edges, self.chordal.residual_lengths(estimate)
+        m = self.measured.num_edges
+        lengths = cast("FloatArray", self.chordal.residual_lengths(estimate))
         for rows, term in self.terms:
             if rows[0] >= m:
                 e = term.residuals(*term.relative(estimate))

@@ -27,8 +27,7 @@ from certpgo.objective.chi_squared import flagged_from, quantiles
 from certpgo.objective.costs import CHORDAL
 from certpgo.objective.minorants import Minorants
 from certpgo.objective.objective import Objective, Surrogate
-from certpgo.objective.problem import PoseProblem, Problem
-from certpgo.objective.rotation_problem import RotationsOfPoses
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.sum import Sum
 from certpgo.objective.truncated import Truncation
 
@@ -67,19 +66,19 @@ class TruncatedCost(Objective):
     A triangle measured twice, and once more by an edge that is wrong by a quarter turn:
 
     >>> import numpy as np
-    >>> from certpgo import Estimate, RotationGraph, RotationProblem, certify
+    >>> from certpgo import Estimate, RotationGraph, Quadratic, certify
     >>> from certpgo.objective.truncated_cost import TruncatedCost
     >>> R = np.tile(np.eye(2), (7, 1, 1))
     >>> R[-1] = [[0.0, -1.0], [1.0, 0.0]]
     >>> edges = np.array([(0, 1), (1, 2), (2, 0)] * 2 + [(0, 1)])
-    >>> whole = RotationProblem(RotationGraph(3, edges, R, kappa=np.full(7, 100.0)))
+    >>> whole = Quadratic(RotationGraph(3, edges, R, kappa=np.full(7, 100.0)))
     >>> rejecting = TruncatedCost(whole, np.r_[np.full(6, np.inf), 20.0])
     >>> certificate = certify(rejecting, Estimate(np.tile(np.eye(2), (3, 1, 1))))
     >>> print(f"{certificate.verdict}, {certificate.cost_upper:.3f}")
     CERTIFIED, 20.000
     """
 
-    whole: Problem | Sum
+    whole: Quadratic | Sum
     prices: FloatArray
 
     def __post_init__(self) -> None:
@@ -116,7 +115,7 @@ class TruncatedCost(Objective):
         return np.flatnonzero(self.is_rejected)
 
     @cached_property
-    def kept(self) -> Problem | Sum:
+    def kept(self) -> Quadratic | Sum:
         """The problem of the kept measurements."""
         return self.whole.reweighted(np.where(self.is_rejected, 0.0, 1.0))
 
@@ -133,7 +132,7 @@ class TruncatedCost(Objective):
         """(m,) the measurements whose terms are not truncated: all kept ones, for instance."""
         return np.asarray((self.terms(estimate) < self.prices) | ~self.is_rejected)
 
-    def counting(self, counted: BoolArray) -> Problem | Sum:
+    def counting(self, counted: BoolArray) -> Quadratic | Sum:
         """The problem of some measurements."""
         if (counted == ~self.is_rejected).all():
             return self.kept
@@ -188,7 +187,7 @@ class TruncatedCost(Objective):
         return self.whole.measured
 
     @property
-    def chordal(self) -> Problem:
+    def chordal(self) -> Quadratic:
         """The problem of all measurements under F."""
         return self.whole.chordal
 
@@ -295,14 +294,12 @@ class TruncatedCost(Objective):
         return found.replaced(missing, replace(none, constant=0.0 * none.tau))
 
     @cached_property
-    def _general(self) -> Problem:
+    def _general(self) -> Quadratic:
         """A problem with all edges, whose pattern surrogates share."""
         g = self.graph
         if g.has_positions:
-            return PoseProblem(
-                replace(g, arms=None, information=None, blocks=(), is_signed=True), self.engine
-            )
-        return RotationsOfPoses(g, self.engine)
+            g = replace(g, arms=None, information=None, blocks=(), is_signed=True)
+        return Quadratic(g, self.engine, is_part=True)
 
 
 def indices_of(given: ArrayLike, m: int, which: str) -> IntArray:

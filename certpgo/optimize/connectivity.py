@@ -21,7 +21,7 @@ import numpy as np
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.eigen import krylov_schur
 from certpgo.objective import operators
-from certpgo.objective.problem import RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.reduced import factor_shifted
 from certpgo.optimize.spectral import deflated_eigenpairs
 
@@ -69,7 +69,7 @@ class Connectivity:
     vector : (n,) the last eigenvector found, of unit length and orthogonal to ones
     """
 
-    def __init__(self, problem: RotationProblem, vector: FloatArray | None = None) -> None:
+    def __init__(self, problem: Quadratic, vector: FloatArray | None = None) -> None:
         self.problem = problem
         noise = np.random.default_rng(0).standard_normal((problem.n, 2))
         self.vector = noise[:, 0] if vector is None else vector

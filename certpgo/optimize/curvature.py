@@ -7,7 +7,7 @@ import numpy as np
 from certpgo.graph.relaxed_point import Point
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.eigen import krylov_schur
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.reduced import Reduced
 
 #: Shifts that make the certificate matrix definite, over the mean weight of a node.
@@ -23,12 +23,12 @@ INVERSE_ITERATIONS = 2
 RESOLUTION = 16.0 * float(np.finfo(float).eps)
 
 
-def resolution(problem: Problem) -> float:
+def resolution(problem: Quadratic) -> float:
     """The size of negative eigenvalues of the certificate matrix that may be rounding."""
     return RESOLUTION * float(problem.curvature.max())
 
 
-def negative_curvature(problem: Problem, point: Point) -> tuple[float, FloatArray]:
+def negative_curvature(problem: Quadratic, point: Point) -> tuple[float, FloatArray]:
     """The smallest eigenvalue of the certificate matrix, and its eigenvector as rows (n, d).
 
     Translations are eliminated. The value is a Rayleigh quotient, hence an upper bound: if it is
@@ -57,7 +57,7 @@ def negative_curvature(problem: Problem, point: Point) -> tuple[float, FloatArra
     return value, direction
 
 
-def smallest_eigenvalues(problem: Problem, multipliers: FloatArray, k: int) -> FloatArray:
+def smallest_eigenvalues(problem: Quadratic, multipliers: FloatArray, k: int) -> FloatArray:
     """The k smallest eigenvalues of the certificate matrix, ascending, for display; not a proof.
 
     Translations are eliminated. At a stationary point, d eigenvalues (the gauge's) are zero.
@@ -75,7 +75,7 @@ def smallest_eigenvalues(problem: Problem, multipliers: FloatArray, k: int) -> F
     return krylov_schur(S, S.solve, min(k, S.shape[0]), shift=S.shift, tol=PICTURED).values
 
 
-def _reduced(problem: Problem, multipliers: FloatArray) -> tuple[Reduced, float]:
+def _reduced(problem: Quadratic, multipliers: FloatArray) -> tuple[Reduced, float]:
     """The certificate matrix, translations eliminated, shifted until it is definite; the unit."""
     mean = float(problem.curvature[problem.poses].mean())
     matrix = problem.certificate_matrix(multipliers)

@@ -11,7 +11,7 @@ from certpgo.linalg.blocks import add_to_diagonal
 from certpgo.linalg.cg import End, Truncated, conjugate_gradients
 from certpgo.linalg.factor import Factor, Symbolic
 from certpgo.linalg.multifrontal import Precision
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 
 
 class Factors:
@@ -29,7 +29,7 @@ class Factors:
     counts : of factorizations and products
     """
 
-    def __init__(self, problem: Problem, max_products: int, single_from: int) -> None:
+    def __init__(self, problem: Quadratic, max_products: int, single_from: int) -> None:
         self._problem, self._max_products, self._single_from = problem, max_products, single_from
         self.last: Factor | None = None
         self.most = 0

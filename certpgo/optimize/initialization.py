@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.display import Brief
 from certpgo.graph.trees import tree_initialization
-from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize import spectral
 from certpgo.optimize.laplacian_averaging import laplacian_gauss_newton
 
@@ -42,7 +42,7 @@ class Start(Brief):
     near: bool = False
 
 
-def start_of(problem: Problem) -> Start:
+def start_of(problem: Quadratic) -> Start:
     """The initial estimate of a problem.
 
     Rotations are composed along a spanning tree and averaged with the scalar Laplacian
@@ -50,8 +50,13 @@ def start_of(problem: Problem) -> Start:
     used: in 3D those of the data matrix, which includes the translations (`eigen_q`), in 2D and for
     rotations alone those of the connection Laplacian (`eigen_ma`, `eigen_ra`). If these fail,
     because weights range over many decades, the averaged rotations are kept. Where some
-    measurements are of translations alone, eigenvectors of the data matrix are used at once.
+    measurements are of translations alone, eigenvectors of the data matrix are used at once. Nodes
+    of kinds that the graph does not know start as poses, rounded.
     """
+    if problem.nodes:
+        found = start_of(replace(problem, nodes=()))
+        blocks = problem.kinds.apply("rounded", found.estimate.rotations)
+        return Start(problem.complete(blocks), found.name)
     if problem.has_positions and problem.graph.is_partial:
         return _of_partial_edges(problem)
     averaged, converged = _averaged(problem, tree_initialization(problem.rotation.graph))
@@ -65,7 +70,7 @@ def start_of(problem: Problem) -> Start:
         return Start(problem.complete(averaged.rotations), "laplacian_gauss_newton")
 
 
-def _of_eigenvectors(problem: Problem, averaged: Estimate) -> Start:
+def _of_eigenvectors(problem: Quadratic, averaged: Estimate) -> Start:
     if problem.has_positions and problem.d == 2:
         return Start(spectral.spectral_start(problem, tol=L_TOL, start=averaged), "eigen_ma")
     if problem.has_positions:
@@ -73,7 +78,7 @@ def _of_eigenvectors(problem: Problem, averaged: Estimate) -> Start:
     return Start(spectral.rough_start(problem, tol=L_TOL, start=averaged), "eigen_ra", near=True)
 
 
-def _of_partial_edges(problem: PoseProblem) -> Start:
+def _of_partial_edges(problem: Quadratic) -> Start:
     tree = tree_initialization(problem.graph.rotations_alone)
     try:
         found = spectral.rough_start(problem, tol=Q_TOL, start=tree)
@@ -82,7 +87,7 @@ def _of_partial_edges(problem: PoseProblem) -> Start:
     return Start(found, "eigen_q")
 
 
-def _averaged(problem: Problem, tree: Estimate) -> tuple[Estimate, bool]:
+def _averaged(problem: Quadratic, tree: Estimate) -> tuple[Estimate, bool]:
     """Averaged rotations, and whether they converged fast."""
     tolerance = ROUGH if problem.has_positions else FINE
     patience = HASTY if problem.n < LARGE else PATIENT

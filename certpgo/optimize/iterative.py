@@ -10,6 +10,7 @@ from numbers import Integral, Real
 from typing import Any, ClassVar, Literal, get_args, get_origin, get_type_hints
 
 from certpgo.errors import InputError, SpecError, kind_of
+from certpgo.objective.quadratic import NO_SCALES
 
 
 @dataclass(frozen=True)
@@ -69,9 +70,9 @@ def _of_problems(solve: Callable[..., Any]) -> Callable[..., Any]:
     @wraps(solve)
     def checked(self: Any, problem: Any, **options: Any) -> Any:
         if not hasattr(problem, "edge_costs"):
-            raise InputError(
-                f"a PoseProblem(graph) or RotationProblem(graph) expected, not {kind_of(problem)}"
-            )
+            raise InputError(f"a Quadratic(graph) expected, not {kind_of(problem)}")
+        if problem.takes_scales:
+            raise InputError(NO_SCALES)
         return solve(self, problem, **options)
 
     return checked

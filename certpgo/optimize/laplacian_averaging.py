@@ -14,7 +14,7 @@ from certpgo.graph import Estimate
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.factor import Factor
-from certpgo.objective.problem import RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.progress import Progress
 from certpgo.optimize.solution import Solution, Status
@@ -24,7 +24,7 @@ SLOW = 0.5
 
 
 def laplacian_gauss_newton(
-    problem: RotationProblem,
+    problem: Quadratic,
     initial: Estimate,
     *,
     tolerance: float = 1e-11,
@@ -69,12 +69,12 @@ def laplacian_gauss_newton(
     return progress.solution(Estimate(point.rotations), first.cost, counts={"factorizations": 1})
 
 
-def laplacian_step(problem: RotationProblem, point: Estimate) -> tuple[Estimate, float]:
+def laplacian_step(problem: Quadratic, point: Estimate) -> tuple[Estimate, float]:
     """One step, accepted even if it increases F, and its norm."""
     factor = problem.grounded_factor(problem.laplacian)
     if factor is None:
         raise NumericalError("the graph Laplacian could not be factorized")
-    return _stepped(factor, point, problem.tangent_gradient(point))
+    return _stepped(factor, point, problem.first_order(point).tangent)
 
 
 def _stepped(factor: Factor, point: Estimate, tangent: FloatArray) -> tuple[Estimate, float]:

@@ -19,7 +19,7 @@ from certpgo.linalg.cg import End, Truncated, conjugate_gradients
 from certpgo.linalg.factor import Factor
 from certpgo.linalg.rotations import orthonormal, tangent_basis
 from certpgo.objective import operators
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.quadratic_model import ROUNDING
 from certpgo.optimize.descent_loop import Gain, Proposal, minimise
 from certpgo.optimize.monitor import Iteration, Monitor, Stopwatch, silent
@@ -51,7 +51,7 @@ class Descent(Brief):
 
 
 def descend(
-    problem: Problem,
+    problem: Quadratic,
     initial: Point,
     rank: int,
     *,
@@ -150,7 +150,7 @@ class _Tangent:
     orthonormal basis of each block's tangent space.
     """
 
-    def __init__(self, problem: Problem, point: Lift) -> None:
+    def __init__(self, problem: Quadratic, point: Lift) -> None:
         self._problem = problem
         self.point = point
         self.cost = problem.cost(point)
@@ -192,7 +192,7 @@ class _Tangent:
         return _Tangent(self._problem, _moved(self._problem, self.point, V))
 
 
-def leave(problem: Problem, point: Lift, direction: FloatArray) -> Lift:
+def leave(problem: Quadratic, point: Lift, direction: FloatArray) -> Lift:
     """The point moved along its last, empty dimension as far as F decreases.
 
     Parameters
@@ -225,7 +225,7 @@ def lowest_of_halvings(
     return best
 
 
-def _moved(problem: Problem, point: Lift, V: FloatArray) -> Lift:
+def _moved(problem: Quadratic, point: Lift, V: FloatArray) -> Lift:
     return problem.with_optimal_translations(
         Lift(orthonormal(point.rotations + V), point.translations)
     )

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Protocol, TextIO
 
-from certpgo.objective.base import CHORDAL
+from certpgo.objective.quadratic import CHORDAL
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,7 @@ class Monitor(Protocol):
     >>> def monitor(iteration):
     ...     costs.append(iteration.cost)
     ...     return iteration.number == 2
-    >>> problem = certpgo.RotationProblem(cycle(20, 0.5, np.random.default_rng(0)).graph)
+    >>> problem = certpgo.Quadratic(cycle(20, 0.5, np.random.default_rng(0)).graph)
     >>> solution = certpgo.get_solver("riemannian_gradient")().solve(problem, monitor=monitor)
     >>> solution.status.value, len(costs)
     ('interrupted', 3)

@@ -15,7 +15,7 @@ from types import FrameType
 from typing import Any
 
 from certpgo.graph import Estimate
-from certpgo.objective.base import CHORDAL
+from certpgo.objective.quadratic import CHORDAL
 from certpgo.optimize.monitor import Iteration, Monitor, Stopwatch, silent
 from certpgo.optimize.solution import Solution, Status
 

@@ -16,7 +16,7 @@ from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Lift, Point
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 
 #: Maximal number of rotations in all candidates; minimal and maximal number of candidates, at most
 #: two per node.
@@ -34,7 +34,7 @@ PERTURBATIONS = (1e-3, 0.1, 0.3, 0.6, 1.0)
 
 
 def roundings(
-    problem: Problem, point: Point, best: Estimate, rng: np.random.Generator
+    problem: Quadratic, point: Point, best: Estimate, rng: np.random.Generator
 ) -> Iterator[Estimate]:
     """Initial estimates that may descend below ``best``, the most promising first.
 
@@ -51,21 +51,23 @@ def roundings(
     most = min(MOST, 2 * problem.n, ROTATIONS // problem.n)
     number = max(FEWEST, min(CANDIDATES * extra**2, most))
     perturbed = _perturbed(best, rng, number // 2)
-    projected = _projected(point, rng, number - len(perturbed))
+    projected = _projected(problem, point, rng, number - len(perturbed))
     candidates = _Candidates(problem, np.concatenate([projected, perturbed]))
     for _ in range(SWEEPS * min(extra, 2)):
         candidates.sweep()
     return islice(candidates.distinct(), max(2, number // SELECTED))
 
 
-def _projected(point: Point, rng: np.random.Generator, number: int) -> FloatArray:
+def _projected(
+    problem: Quadratic, point: Point, rng: np.random.Generator, number: int
+) -> FloatArray:
     """(number, n, d, d) rotations nearest to random projections; every other one is reflected."""
     Y = point.rotations
     d = Y.shape[2]
     basis = rng.standard_normal((number, d, Y.shape[1]))
     basis[1::2] = basis[0 : number - 1 : 2]
     basis[1::2, 0] *= -1.0
-    return np.stack([so.project(G @ Y) for G in basis])
+    return np.stack([problem.kinds.apply("rounded", G @ Y) for G in basis])
 
 
 def _perturbed(best: Estimate, rng: np.random.Generator, number: int) -> FloatArray:
@@ -79,7 +81,7 @@ def _perturbed(best: Estimate, rng: np.random.Generator, number: int) -> FloatAr
 class _Candidates:
     """Rotations (K, n, d, d), all with their best translations."""
 
-    def __init__(self, problem: Problem, rotations: FloatArray) -> None:
+    def __init__(self, problem: Quadratic, rotations: FloatArray) -> None:
         self.problem, self.rotations = problem, rotations
         self.ahead, self.sweeps = rotations, 0
         # The curvature of an upper bound on F that projection minimises.
@@ -101,7 +103,8 @@ class _Candidates:
         point = self.stacked(self.ahead)
         G = self.problem.gradient(point)[:, :, -d:]
         target = (self.weight * point.rotations - G).reshape(n, K, d, d)
-        before, self.rotations = self.rotations, so.project(np.swapaxes(target, 0, 1))
+        before = self.rotations
+        self.rotations = self.problem.kinds.apply("rounded", np.swapaxes(target, 0, 1))
         self.sweeps += 1
         momentum = self.sweeps / (self.sweeps + 3.0)
         self.ahead = self.rotations + momentum * (self.rotations - before)

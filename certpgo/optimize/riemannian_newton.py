@@ -24,7 +24,7 @@ from certpgo.graph import Estimate
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.cg import End
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.quadratic_model import ROUNDING
 from certpgo.optimize.chord_method import Chord
 from certpgo.optimize.descent_loop import Gain, Proposal, minimise
@@ -105,7 +105,7 @@ DEFAULT = NewtonSettings()
 
 
 def newton(
-    problem: Problem,
+    problem: Quadratic,
     initial: Estimate,
     settings: NewtonSettings = DEFAULT,
     *,
@@ -124,7 +124,7 @@ def newton(
     progress = Progress(monitor, settings.tolerance, settings.max_iterations, watch or Stopwatch())
     steps = _NewtonSteps(problem, settings, exact=near)
     end = minimise(_Model(problem, initial, steps.metric), steps, progress)
-    estimate = Estimate(end.point.rotations, end.point.translations)
+    estimate = problem.as_estimate(end.point.rotations, end.point.translations)
     return progress.solution(estimate, end.cost, counts=dict(steps.factors.counts))
 
 
@@ -141,7 +141,7 @@ def forcing_term(
 class _Model:
     """F and its quadratic model F + 2 g x + x H x at a point, of which translations are optimal."""
 
-    def __init__(self, problem: Problem, point: Estimate, metric: FloatArray) -> None:
+    def __init__(self, problem: Quadratic, point: Estimate, metric: FloatArray) -> None:
         self._problem, self._metric, self.point = problem, metric, point
         self.first = problem.first_order(point)
         self.cost, self.stationarity = self.first.cost, self.first.stationarity
@@ -186,7 +186,7 @@ class _NewtonSteps:
 
     phase, counts_failures = "newton", False
 
-    def __init__(self, problem: Problem, settings: NewtonSettings, *, exact: bool) -> None:
+    def __init__(self, problem: Quadratic, settings: NewtonSettings, *, exact: bool) -> None:
         self.problem, self.settings = problem, settings
         self.least_gain = settings.min_gain
         self.metric = _metric(problem)
@@ -289,7 +289,7 @@ class _NewtonSteps:
         return max(4.0 * self._chord.rate, negligible / self._chord.decrease)
 
 
-def _metric(problem: Problem) -> FloatArray:
+def _metric(problem: Quadratic) -> FloatArray:
     """(n, b) positive diagonal that measures steps: the uncoupled curvature of F."""
     p = so.tangent_dim(problem.d)
     turn = np.repeat(2.0 * problem.rotation.node_weights[:, None], p, axis=1)
@@ -300,7 +300,7 @@ def _metric(problem: Problem) -> FloatArray:
     return np.concatenate([move, turn + spread], axis=1)
 
 
-def _retract(problem: Problem, point: Estimate, step: FloatArray) -> Estimate:
+def _retract(problem: Quadratic, point: Estimate, step: FloatArray) -> Estimate:
     """The point after a body-frame step, with optimal translations."""
     steps = problem.tangent_layout.unpack(step)
     turns = steps[:, -so.tangent_dim(problem.d) :]

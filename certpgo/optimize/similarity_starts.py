@@ -6,20 +6,20 @@ import numpy as np
 
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate, PoseGraph
+from certpgo.graph.relaxed_point import Lift
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.blocks import add_to_diagonal, pinned, scatter_sum
 from certpgo.objective.operators import laplacian
-from certpgo.objective.problem import PoseProblem
-from certpgo.objective.similarity_problem import SimilarityProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.initialization import Start, start_of
 
 
-def nearest_start(problem: SimilarityProblem) -> Start:
+def nearest_start(problem: Quadratic) -> Start:
     """The nearest to a minimum."""
-    return Start(problem.linear_start(), "linear relaxation")
+    return Start(linear_start(problem), "linear relaxation")
 
 
-def least_shrunk_start(problem: SimilarityProblem) -> Start:
+def least_shrunk_start(problem: Quadratic) -> Start:
     """See `separate_start`."""
     return Start(separate_start(problem), "scales, then poses")
 
@@ -28,7 +28,7 @@ def least_shrunk_start(problem: SimilarityProblem) -> Start:
 STARTS = (nearest_start, least_shrunk_start)
 
 
-def first_start(problem: SimilarityProblem) -> Start:
+def first_start(problem: Quadratic) -> Start:
     """The first of them that can be computed.
 
     Raises
@@ -42,7 +42,31 @@ def first_start(problem: SimilarityProblem) -> Start:
         return least_shrunk_start(problem)
 
 
-def separate_start(problem: SimilarityProblem) -> Estimate:
+def linear_start(problem: Quadratic) -> Estimate:
+    """The minimum of F over all matrices A and vectors t, one pose held, rounded.
+
+    Raises
+    ------
+    NumericalError
+        That is not unique, up to rounding, or a block has no rotation near it.
+    """
+    layout, d = problem.pattern.layout_of(problem.matrix), problem.d
+    rows = layout.first_row(problem.root) + np.arange(d + 1)
+    fixed = np.zeros((problem.matrix.shape[0], d))
+    fixed[rows[1:]] = np.eye(d)
+    forces = -(problem.matrix @ fixed)
+    forces[rows] = 0.0
+    A = pinned(problem.matrix, rows)
+    factor = problem.symbolic(A).factor(A)
+    if factor is None:
+        raise NumericalError("the measurements leave a node free, up to rounding")
+    X = layout.unpack(factor.solve(forces) + fixed)
+    blocks = np.swapaxes(X[:, 1:], 1, 2)
+    blocks[problem.graph.is_point] = np.eye(d)
+    return problem.with_optimal_translations(problem.estimate_of(Lift(blocks, X[:, 0])))
+
+
+def separate_start(problem: Quadratic) -> Estimate:
     """Least squares of the logarithms of scales, then poses as of measurements in one unit.
 
     Raises
@@ -54,20 +78,20 @@ def separate_start(problem: SimilarityProblem) -> Estimate:
     scales = log_scales(problem)
     steps = scales[i, None] * graph.translations
     flags = graph.is_point, graph.assumed, graph.absolute
-    posed = PoseProblem(
+    posed = Quadratic(
         PoseGraph(graph.rotations_alone, steps, graph.tau, None, *flags), problem.engine
     )
     rotations = start_of(posed).estimate.rotations
     return problem.complete(rotations, scales)
 
 
-def log_scales(problem: SimilarityProblem) -> FloatArray:
+def log_scales(problem: Quadratic) -> FloatArray:
     """(n,) scales whose logarithms fit the measured ones best; 1 where they are known."""
     graph, n = problem.graph, problem.n
     i, j = graph.edges.T
     weights = graph.kappa
     known = np.flatnonzero(~graph.free)
-    if problem.in_mean_unit:
+    if problem.kinds.in_mean_unit:
         known = np.append(known, problem.root)
     measured = weights * np.log(graph.scales)
     forces = scatter_sum(j, measured, n) - scatter_sum(i, measured, n)

@@ -12,7 +12,7 @@ import numpy as np
 from certpgo.graph import Estimate, Instance
 from certpgo.graph.display import Brief
 from certpgo.linalg.arrays import FloatArray, IntArray
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.monitor import Iteration, Monitor, silent
 
 
@@ -104,9 +104,9 @@ class Solution(Brief):
 
     Examples
     --------
-    >>> from certpgo import RotationProblem, get_solver
+    >>> from certpgo import Quadratic, get_solver
     >>> from certpgo.io.datasets.synthetic import winding_cycle
-    >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
+    >>> problem = Quadratic(winding_cycle(6, 0.3, 0)[0].graph)
     >>> solution = get_solver("spanning_tree")().solve(problem)
     >>> solution.status.value, solution.lower_bound
     ('closed form', None)
@@ -166,7 +166,7 @@ class Solver(Protocol):
     rotations: ClassVar[bool]
 
     def solve(
-        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+        self, problem: Quadratic, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
         """Estimate the poses or rotations of the problem."""
         ...

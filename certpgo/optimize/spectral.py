@@ -13,12 +13,12 @@ from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal, pinned
 from certpgo.linalg.eigen import Eigenpairs, arpack, krylov_schur, smallest_space
 from certpgo.objective import operators
-from certpgo.objective.problem import PoseProblem, Problem, RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.reduced import SHIFTS, Reduced, factor_shifted
 
 
 def smallest_eigenpairs(
-    problem: RotationProblem,
+    problem: Quadratic,
     k: int | None = None,
     *,
     tol: float = 1e-5,
@@ -53,7 +53,7 @@ def smallest_eigenpairs(
 
 
 def deflated_eigenpairs(
-    problem: RotationProblem,
+    problem: Quadratic,
     A: CSC,
     null: FloatArray,
     k: int,
@@ -94,7 +94,7 @@ def deflated_eigenpairs(
 
 
 def eliminated_eigenpairs(
-    problem: PoseProblem,
+    problem: Quadratic,
     *,
     tol: float = 1e-3,
     start: Estimate | None = None,
@@ -120,7 +120,7 @@ def eliminated_eigenpairs(
     return krylov_schur(Q, Q.solve, problem.d, shift=Q.shift, tol=tol, start=_block(begin))
 
 
-def rough_start(problem: Problem, *, tol: float, start: Estimate) -> Estimate:
+def rough_start(problem: Quadratic, *, tol: float, start: Estimate) -> Estimate:
     """The estimate of the smallest eigenvectors of Q, or of L for rotations, to a few digits.
 
     In single precision, and without the eigenvalues. Parameters and errors as
@@ -138,7 +138,7 @@ def _block(estimate: Estimate | None) -> FloatArray | None:
     return np.swapaxes(estimate.rotations, 1, 2).reshape(-1, estimate.d)
 
 
-def spectral_bound(problem: Problem, pairs: Eigenpairs) -> float:
+def spectral_bound(problem: Quadratic, pairs: Eigenpairs) -> float:
     """A bound n (lambda_1 + ... + lambda_d) <= F*, from computed eigenvalues; after thesis eq. 4.7.
 
     The pairs are those of the connection Laplacian, or for poses those of Q, whose bound is
@@ -171,7 +171,7 @@ def round_anchored(V: FloatArray, d: int) -> FloatArray:
     return so.project(np.swapaxes(blocks @ np.linalg.inv(blocks[0]), 1, 2))
 
 
-def solve_anchored(problem: RotationProblem) -> FloatArray:
+def solve_anchored(problem: Quadratic) -> FloatArray:
     """Rotations from L_2 X = -L_1 with the first fixed at the identity; thesis Appendix B.6.
 
     The chordal relaxation of Martinec and Pajdla, solved by one factorization.
@@ -182,7 +182,7 @@ def solve_anchored(problem: RotationProblem) -> FloatArray:
         The reduced matrix could not be factorized.
     """
     d, n = problem.d, problem.n
-    L = problem.connection_laplacian
+    L = problem.matrix
     first = np.arange(d)
     reduced = pinned(L, first)
     factor = problem.symbolic(reduced).factor(reduced)
@@ -196,7 +196,7 @@ def solve_anchored(problem: RotationProblem) -> FloatArray:
 
 
 def spectral_start(
-    problem: Problem, *, tol: float = 1e-5, start: Estimate | None = None
+    problem: Quadratic, *, tol: float = 1e-5, start: Estimate | None = None
 ) -> Estimate:
     """EigenRA's rotations, with the optimal translations if the problem has any.
 

@@ -21,8 +21,7 @@ from certpgo.linalg.blocks import add_to_diagonal, divided, pinned
 from certpgo.linalg.eigen import krylov_schur
 from certpgo.linalg.factor import Factor
 from certpgo.objective.lifted_distances import LiftedDistances
-from certpgo.objective.problem import PoseProblem, Problem
-from certpgo.objective.similarity_problem import SimilarityProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize import low_rank_descent as low_rank
 from certpgo.optimize.curvature import negative_curvature, resolution
 from certpgo.optimize.descent_loop import minimise
@@ -43,8 +42,8 @@ ACCURACY, MORE = 1e-3, 2
 #: Negative eigenvalues above minus this, of a matrix of unit diagonal, may be rounding.
 RESOLUTION = 1e-13
 
-#: Problems whose translations move with their rotations.
-Climbing = SimilarityProblem | LiftedDistances
+#: Problems that points of any rank have a cost of.
+Climbing = Quadratic | LiftedDistances
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +87,7 @@ class WayDown(NamedTuple):
 
 
 def climb(
-    problem: Problem | LiftedDistances,
+    problem: Climbing,
     start: Point,
     highest: int,
     stop: Stop,
@@ -118,7 +117,7 @@ def climb(
         No factorization, no convergence, or a stop before a way down was found.
     """
     monitor = monitor or stop
-    noise = resolution(cast("Problem", problem)) if problem.eliminates else RESOLUTION
+    noise = resolution(cast("Quadratic", problem)) if problem.eliminates else RESOLUTION
     goes_on = goes_on or (lambda _, eigenvalue: eigenvalue < -noise)
     point, rank = start, start.rotations.shape[1]
     if rank > problem.d:
@@ -135,7 +134,7 @@ def climb(
 
 
 def way_down(
-    problem: Problem | LiftedDistances,
+    problem: Quadratic | LiftedDistances,
     point: Point,
     rank: int,
     should_stop: Callable[[], bool] = lambda: False,
@@ -153,13 +152,13 @@ def way_down(
         No factorization, no convergence, or a stop.
     """
     if not problem.eliminates:
-        return _lower(cast("Climbing", problem), point, should_stop)
-    eigenvalue, direction = negative_curvature(cast("Problem", problem), point)
+        return _lower(problem, point, should_stop)
+    eigenvalue, direction = negative_curvature(cast("Quadratic", problem), point)
     return WayDown(eigenvalue, point, rank + 1, direction)
 
 
 def _minimised(
-    problem: Problem | LiftedDistances,
+    problem: Quadratic | LiftedDistances,
     way: WayDown,
     stop: Stop,
     monitor: Monitor,
@@ -168,7 +167,7 @@ def _minimised(
     """The end of descent along a way."""
     if problem.eliminates:
         found = low_rank.descend(
-            cast("Problem", problem),
+            cast("Quadratic", problem),
             way.point,
             way.rank,
             direction=way.direction,
@@ -178,7 +177,7 @@ def _minimised(
         )
         return Stair(found.point, found.cost, found.status, found.counts)
     progress = Progress(monitor, STATIONARY, MOST, stop.watch)
-    here = cast("Climbing", problem).linearized(way.point)
+    here = problem.linearized(way.point)
     end = minimise(here, DampedSteps(here), progress)
     return Stair(end.point, end.cost, stop.request or progress.status)
 
@@ -195,7 +194,7 @@ def _lower(problem: Climbing, point: Point, should_stop: Callable[[], bool]) -> 
     layout = below.pattern.layout_of(S)
     moved = int(layout.sizes.max()) - problem.d
     S = pinned(S, layout.first_row(problem.root) + np.arange(moved))
-    root = np.sqrt(np.maximum(problem.row_weights, np.finfo(float).tiny))
+    root = np.sqrt(np.maximum(np.abs(problem.matrix.diagonal()), np.finfo(float).tiny))
     A = divided(S, root)
     # The motions of the whole have eigenvalue zero, and must not hide the one that is looked for.
     value, v = smallest_eigenpair(below, A, here.rank + MORE, should_stop)
@@ -203,12 +202,13 @@ def _lower(problem: Climbing, point: Point, should_stop: Callable[[], bool]) -> 
         return None
     rows = layout.unpack(v / root)
     rows[problem.root, :moved] = 0.0
-    lower = _leave(problem, here, below.rising(rows))
+    rising = below.lifting.rising(rows, problem.d)
+    lower = _leave(problem, below, here, rising)
     return None if lower is None else WayDown(value, lower, lower.rank)
 
 
 def smallest_eigenpair(
-    below: PoseProblem, A: CSC, pairs: int, should_stop: Callable[[], bool]
+    below: Quadratic, A: CSC, pairs: int, should_stop: Callable[[], bool]
 ) -> tuple[float, FloatArray]:
     """The smallest eigenvalue, of as many that are computed together, and its vector."""
     for shift in SHIFTS:
@@ -230,17 +230,19 @@ def smallest_eigenpair(
     raise NumericalError("the certificate matrix could not be factorized, even when shifted")
 
 
-def _leave(problem: Climbing, here: Lift, rising: Lift) -> Lift | None:
+def _leave(problem: Climbing, below: Quadratic, here: Lift, rising: Lift) -> Lift | None:
     """The point moved into new dimensions as far as its cost decreases; None if it does not."""
     start = lifted(here, here.rank + rising.rank)
     V, w = np.zeros_like(start.rotations), np.zeros_like(translations_of(start))
     V[:, -rising.rank :], w[:, -rising.rank :] = rising.rotations, translations_of(rising)
-    size = float((np.linalg.norm(V, axis=(1, 2)) / problem.sizes_of(here.rotations)).max())
+    scales = below.sizes_of(here.rotations)
+    size = float((np.linalg.norm(V, axis=(1, 2)) / scales).max())
     reach = float(np.linalg.norm(translations_of(start), axis=1).max())
     step = min(1.0 / max(size, 1e-300), reach / max(float(np.abs(w).max()), 1e-300))
 
     def moved(step: float) -> Lift:
-        blocks = problem.retracted(start.rotations + step * V, here.rotations)
+        frames = (start.rotations + step * V) / scales[:, None, None]
+        blocks = scales[:, None, None] * below.kinds.apply("nearest", frames)
         return Lift(blocks, translations_of(start) + step * w)
 
     return low_rank.lowest_of_halvings(problem.cost, moved, step, problem.cost(start))

@@ -26,7 +26,7 @@ from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Point
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.objective import Surrogate
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.descent import CLOSE, descend, polished, rested
 from certpgo.optimize.riemannian_newton import NewtonSettings
 from certpgo.optimize.staircase import Stair, climb
@@ -285,7 +285,7 @@ def _bound_at(
 
 def _of_form(
     normalized: NormalizedProblem[Any],
-    form: Problem,
+    form: Quadratic,
     point: Point,
     cost: float,
     *,

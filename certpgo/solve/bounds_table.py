@@ -25,11 +25,11 @@ from certpgo.certify.bounds import (
     row_bound,
 )
 from certpgo.certify.tolerances import SETTLED
-from certpgo.errors import CertPGOError, NumericalError
+from certpgo.errors import CertPGOError, InputError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.cycles import is_cycle
 from certpgo.graph.phrases import bound_shown
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import NO_SCALES, Quadratic
 from certpgo.optimize import spectral
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 from certpgo.optimize.solution import Status
@@ -111,7 +111,7 @@ class Ladder:
 
 
 def ladder(
-    problem: Problem, estimate: Estimate | None = None, *, sdp: bool = False, force: bool = False
+    problem: Quadratic, estimate: Estimate | None = None, *, sdp: bool = False, force: bool = False
 ) -> Ladder:
     """Compute all bounds of a connected graph.
 
@@ -124,12 +124,14 @@ def ladder(
     Raises
     ------
     InputError
-        An estimate of another graph.
+        An estimate of another graph, or nodes of unknown scale.
     NumericalError
         No estimate was given, and none was found.
     KeyboardInterrupt
         Ctrl-C, also where the search returns an estimate after it.
     """
+    if problem.takes_scales:
+        raise InputError(NO_SCALES)
     if estimate is None:
         found, seconds = _timed(lambda: _searched(problem))
         point, certificate, proven = found.estimate, found.certificate, found.certificate
@@ -156,7 +158,7 @@ def ladder(
 
 
 def rungs_of_eigenvalues(
-    problem: Problem, estimate: Estimate, certificate: Certificate
+    problem: Quadratic, estimate: Estimate, certificate: Certificate
 ) -> tuple[Rung, ...]:
     """The rungs that need only a few eigenvalues, for an estimate with its certificate."""
     F = _Cost(problem.cost(estimate), certificate.cost_upper)
@@ -164,7 +166,7 @@ def rungs_of_eigenvalues(
     return tuple(_in_view_of_earlier([*_spectral(problem, F), *_angles(problem, stationary)]))
 
 
-def _searched(problem: Problem, initial: Estimate | None = None) -> CertifiedSolution:
+def _searched(problem: Quadratic, initial: Estimate | None = None) -> CertifiedSolution:
     """The pipeline's result; an unfinished one would be taken for what the graph has to offer."""
     found = solve(problem, initial=initial)
     if found.solution.status is Status.INTERRUPTED:
@@ -172,7 +174,7 @@ def _searched(problem: Problem, initial: Estimate | None = None) -> CertifiedSol
     return found
 
 
-def _certificates(problem: Problem, point: Estimate) -> tuple[Certificate, Certificate]:
+def _certificates(problem: Quadratic, point: Estimate) -> tuple[Certificate, Certificate]:
     """The certificate of the point, and the one with the higher bound: this or the pipeline's."""
     own = certify(problem, point)
     if own.verdict is Verdict.CERTIFIED or own.basin_is_global:
@@ -203,7 +205,7 @@ class _Cost(NamedTuple):
     upper: float
 
 
-def _stationary_rotations(problem: Problem, point: Estimate) -> Estimate | None:
+def _stationary_rotations(problem: Quadratic, point: Estimate) -> Estimate | None:
     found = newton(
         problem.rotation, Estimate.trusted(point.rotations), NewtonSettings(max_iterations=200)
     )
@@ -230,7 +232,7 @@ def _eigenvalues(step: Callable[[], T]) -> tuple[T | None, str, float]:
     return found, why, seconds
 
 
-def _spectral(problem: Problem, F: _Cost) -> Iterator[Rung]:
+def _spectral(problem: Quadratic, F: _Cost) -> Iterator[Rung]:
     rotation, alone = problem.rotation, problem.has_positions
     value, why, seconds = _eigenvalues(
         lambda: spectral.spectral_bound(rotation, spectral.smallest_eigenpairs(rotation))
@@ -277,7 +279,7 @@ def _lower(
     return Rung(key, title, "cost", value, cost, holds, needs, seconds, says)
 
 
-def _angles(problem: Problem, stationary: Estimate | None) -> Iterator[Rung]:
+def _angles(problem: Quadratic, stationary: Estimate | None) -> Iterator[Rung]:
     rotation = problem.rotation
     angles = np.array([math.inf]) if stationary is None else rotation.residual_angles(stationary)
     largest, total = float(angles.max()), float(angles.sum())
@@ -344,7 +346,7 @@ def _sdp(value: float | None, F: _Cost, seconds: float, why: str, title: str = "
     return _lower("sdp", f"semidefinite program{title}", value, F, needs, seconds, why)
 
 
-def _program(problem: Problem, F: _Cost, force: bool) -> Rung:
+def _program(problem: Quadratic, F: _Cost, force: bool) -> Rung:
     """The bound of the relaxation, for the rotations alone, by feasible multipliers.
 
     The solver's own value may lie above F*, as its multipliers are feasible only up to a tolerance.

@@ -21,7 +21,7 @@ from certpgo.objective.choose_cost import (
     objective_of,
     require_poses_alone,
 )
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.solution import Solution, Solver, Status
 from certpgo.solve.judging import certify
 from certpgo.solve.metrics import TrajectoryErrors, f_ml
@@ -229,7 +229,7 @@ def compare(
             yield replace(blank, error=in_one_line(error))
 
 
-def _result(blank: MethodResult, solution: Solution, problem: Problem | Sum) -> MethodResult:
+def _result(blank: MethodResult, solution: Solution, problem: Quadratic | Sum) -> MethodResult:
     if solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
     certificate, _ = certified(solution, problem)
@@ -254,7 +254,7 @@ def _result(blank: MethodResult, solution: Solution, problem: Problem | Sum) -> 
 
 def solution_of(
     method: Competitor,
-    problem: Problem,
+    problem: Quadratic,
     instance: Instance | None = None,
     *,
     settings: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
@@ -277,7 +277,7 @@ def solution_of(
     if method.reads_source:
         own["source"] = "" if instance is None else instance.source
     solver = registry.build(method.solver, own, problem.graph)
-    posed: Problem | Sum = problem
+    posed: Quadratic | Sum = problem
     if method.cost != CHORDAL:
         minimised = getattr(solver, "own_costs", ())
         if instance is None or (method.cost in COSTS and method.cost not in minimised):
@@ -295,7 +295,7 @@ def solution_of(
     )
 
 
-def certified(solution: Solution, problem: Problem | Sum) -> tuple[Certificate, float]:
+def certified(solution: Solution, problem: Quadratic | Sum) -> tuple[Certificate, float]:
     """The certificate for the measurements that the method kept, and its run time in seconds."""
     start = time.perf_counter()
     certificate = certify(solution.judged(problem), solution.estimate)
@@ -312,7 +312,7 @@ def in_one_line(error: Exception) -> str:
     return f"{type(error).__name__}: {str(error).partition(chr(10))[0]}"
 
 
-def _timed(solver: Solver, problem: Problem | Sum, initial: Estimate | None = None) -> Solution:
+def _timed(solver: Solver, problem: Quadratic | Sum, initial: Estimate | None = None) -> Solution:
     """The method's solution, on one thread; if it reports no phases, it is timed as a whole."""
     from threadpoolctl import threadpool_limits
 

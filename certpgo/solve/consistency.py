@@ -15,7 +15,7 @@ from certpgo.errors import InputError
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective import operators
-from certpgo.objective.problem import RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize import spectral
 
 
@@ -44,7 +44,7 @@ class Consistency:
         return inconsistency(float(self.measured[0, 0]), float(self.graph[1]))
 
 
-def consistency(problem: RotationProblem, k: int = 2) -> Consistency:
+def consistency(problem: Quadratic, k: int = 2) -> Consistency:
     """Compare the k smallest eigenvalues of the graph Laplacian with the k d of L.
 
     Parameters
@@ -80,7 +80,7 @@ def inconsistency(smallest: float, fiedler: float) -> float:
     return max(smallest, 0.0) / fiedler
 
 
-def perturbation_bound(problem: RotationProblem, estimate: Estimate) -> float:
+def perturbation_bound(problem: Quadratic, estimate: Estimate) -> float:
     """A bound on Weyl differences: max_i sum_j kappa_ij ||R_ij - R_i^T R_j||, operator norms.
 
     Proof. H with blocks deg_i I and -kappa_ij R_i^T R_j is D^T (L_G x I) D, with the orthogonal D =

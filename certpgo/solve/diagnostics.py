@@ -17,7 +17,7 @@ from certpgo.graph.trees import tree_initialization
 from certpgo.linalg import rotations as so
 from certpgo.linalg.factor import default_engine, engines
 from certpgo.objective.choose_cost import CHORDAL, objective_of
-from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize import spectral
 from certpgo.optimize.methods.eigen_ma import EigenMA
 from certpgo.optimize.unobservable import undetermined
@@ -142,7 +142,7 @@ def _misclosure(graph: Graph) -> float | None:
         return None
     alone = graph.rotations_alone
     along_tree = tree_initialization(alone)
-    return math.degrees(RotationProblem(alone).residual_angles(along_tree).max())
+    return math.degrees(Quadratic(alone).residual_angles(along_tree).max())
 
 
 def kinds_in_words(instance: Instance) -> list[str]:
@@ -185,7 +185,7 @@ def spectra(graph: Graph) -> Mapping[str, Spectrum]:
     """
     if not (graph.measures_rotation.all() and graph.is_connected):
         return {}
-    weighted = RotationProblem(graph.rotations_alone)
+    weighted = Quadratic(graph.rotations_alone)
     return {"unit": _spectrum(weighted.with_unit_weights()), "weighted": _spectrum(weighted)}
 
 
@@ -205,7 +205,7 @@ def symmetry(instance: Instance) -> Symmetry | None:
     of_others = instance.measurements.without(Kind.BETWEEN).counts
     if of_others or graph.has_scales:
         return None
-    each = metrics.symmetry(graph, EigenMA().solve(PoseProblem(graph)).estimate)
+    each = metrics.symmetry(graph, EigenMA().solve(Quadratic(graph)).estimate)
     worst = int(each.argmin())
     i, j = (int(instance.ids[node]) for node in graph.edges[worst])
     return Symmetry(
@@ -221,7 +221,7 @@ def engines_in_words() -> str:
     return f"{default_engine()} (installed: {', '.join(engines())})"
 
 
-def _spectrum(problem: RotationProblem) -> Spectrum:
+def _spectrum(problem: Quadratic) -> Spectrum:
     fiedler = fiedler_value(problem)
     smallest = tuple(float(x) for x in spectral.smallest_eigenpairs(problem).values)
     return Spectrum(

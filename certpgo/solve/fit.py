@@ -26,9 +26,9 @@ from certpgo.graph.held import displaced
 from certpgo.graph.information import Information
 from certpgo.graph.phrases import counted
 from certpgo.linalg.arrays import FloatArray, IntArray
-from certpgo.objective.base import NONE
 from certpgo.objective.choose_cost import CHORDAL, Judged
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
+from certpgo.objective.residuals import NONE
 from certpgo.objective.sum import Sum
 from certpgo.objective.term import Term
 from certpgo.optimize.unobservable import MOST, undetermined
@@ -147,7 +147,7 @@ def fit_of(
         kept = np.ones(problem.graph.num_edges)
         kept[problem.rejected] = 0.0
         return fit_of(instance, cast("Judged", problem.kept), estimate, kept)
-    posed = cast("Problem | Sum", problem)
+    posed = cast("Quadratic | Sum", problem)
     if weights is not None:
         if not np.isin(weights, (0.0, 1.0)).all():
             return None
@@ -161,7 +161,7 @@ def fit_of(
     return None
 
 
-def _as_roots(problem: Problem | Sum, estimate: Estimate) -> float | None:
+def _as_roots(problem: Quadratic | Sum, estimate: Estimate) -> float | None:
     """chi^2 if information were its square root; under F for multiples of the identity alone."""
     if problem.cost_name != CHORDAL:
         own = cast("Sum", problem)
@@ -180,7 +180,7 @@ def _as_root(term: Term, estimate: Estimate) -> float:
 
 
 def goodness_of_fit(
-    problem: Problem | Sum,
+    problem: Quadratic | Sum,
     estimate: Estimate,
     information: Information | None = None,
     *,
@@ -202,13 +202,13 @@ def goodness_of_fit(
     A square of four poses, each step measured with a variance of 0.01 in each number:
 
     >>> import certpgo
-    >>> from certpgo import PoseGraph, PoseProblem, RotationGraph
+    >>> from certpgo import PoseGraph, Quadratic, RotationGraph
     >>> turn = np.array([[0.0, -1.0], [1.0, 0.0]])
     >>> edges = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
     >>> rotation = RotationGraph(4, edges, np.array([turn] * 4), np.full(4, 100.0))
     >>> steps = np.array([[1.1, 0.0], [1.0, 0.0], [1.0, 0.0], [1.0, 0.0]])
     >>> graph = PoseGraph(rotation, steps, np.full(4, 100.0))
-    >>> print(goodness_of_fit(PoseProblem(graph), certpgo.solve(graph).estimate))
+    >>> print(goodness_of_fit(Quadratic(graph), certpgo.solve(graph).estimate))
     0.2099 at 3 degrees of freedom
     """
     if problem.cost_name != CHORDAL:
@@ -235,7 +235,7 @@ class _Law:
 
 
 def _law(
-    problem: Problem | Sum,
+    problem: Quadratic | Sum,
     estimate: Estimate,
     information: Information | None,
     mahalanobis: bool,
@@ -253,7 +253,7 @@ def _law(
 
 
 def squares(
-    problem: Problem | Sum, estimate: Estimate, *, mahalanobis: bool = False
+    problem: Quadratic | Sum, estimate: Estimate, *, mahalanobis: bool = False
 ) -> tuple[FloatArray, IntArray]:
     """(m, 2) squares of translations and rotations over their variances, and numbers measured.
 
@@ -301,7 +301,7 @@ def _ranks(information: FloatArray) -> IntArray:
     return np.asarray((np.linalg.eigvalsh(scaled) > NONE).sum(axis=1))
 
 
-def _determined(problem: Problem | Sum, estimate: Estimate, partial: bool) -> int | None:
+def _determined(problem: Quadratic | Sum, estimate: Estimate, partial: bool) -> int | None:
     """How many numbers the measurements determine, beside the world's frame; None if not known.
 
     Where some are ``partial``, they may leave motions open.

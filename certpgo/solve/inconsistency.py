@@ -28,7 +28,7 @@ from certpgo.graph import Estimate, Graph
 from certpgo.graph.succession import Succession
 from certpgo.graph.trees import tree_initialization
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.sum import Sum
 from certpgo.objective.truncated_cost import TruncatedCost
 from certpgo.optimize.progress import Stop
@@ -173,7 +173,7 @@ def _part(problem: Posed, edges: IntArray, nodes: IntArray) -> Posed:
     """The problem of some measurements between some nodes."""
     graph = problem.graph.with_edges(edges).subgraph(nodes)
     if problem.is_chordal:
-        return problem_of(graph, problem.engine)
+        return Quadratic(graph, problem.engine)
     return replace(cast("Sum", problem), measured=graph)
 
 

@@ -90,10 +90,10 @@ def certify(
     A cycle with a closing error of 0.3 radians, and the stationary point that winds around once:
     descent cannot leave it, yet it is not optimal.
 
-    >>> from certpgo import RotationProblem, certify
+    >>> from certpgo import Quadratic, certify
     >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> instance, around = winding_cycle(9, 0.3, 1)
-    >>> problem = RotationProblem(instance.graph)
+    >>> problem = Quadratic(instance.graph)
     >>> certificate = certify(problem, around)
     >>> certificate.verdict.value, problem.cost(certificate.better) < problem.cost(around)
     ('REFUTED', True)

@@ -13,7 +13,7 @@ from certpgo.io.accept_paths import AnyPath, measured
 from certpgo.linalg.ball_arithmetic import U
 from certpgo.objective.choose_cost import objective_of, require_scales
 from certpgo.objective.logarithms import LogarithmCost
-from certpgo.objective.similarity_problem import SimilarityProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.levenberg_marquardt import descend
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.progress import Stop
@@ -85,7 +85,7 @@ class LogarithmFit(Brief):
 
 
 def fit_logarithms(
-    graph: Graph | SimilarityProblem | Instance | AnyPath,
+    graph: Graph | Quadratic | Instance | AnyPath,
     settings: SolveSettings | None = None,
     *,
     initial: Estimate | None = None,

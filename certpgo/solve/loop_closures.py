@@ -16,7 +16,7 @@ from certpgo.graph.succession import Succession, succession
 from certpgo.graph.trees import minimum_spanning_tree
 from certpgo.io.accept_paths import AnyPath, as_instance
 from certpgo.linalg.arrays import BoolArray, IntArray
-from certpgo.objective.problem import RotationProblem
+from certpgo.objective.quadratic import Quadratic
 
 
 class Rotations(NamedTuple):
@@ -25,7 +25,7 @@ class Rotations(NamedTuple):
     edges: IntArray
     nodes: IntArray
     order: Succession
-    problem: RotationProblem
+    problem: Quadratic
 
 
 def with_rotations(graph: Instance | Graph | AnyPath) -> tuple[Instance, Rotations]:
@@ -40,7 +40,7 @@ def with_rotations(graph: Instance | Graph | AnyPath) -> tuple[Instance, Rotatio
     rotation = instance.graph.rotations_alone.with_edges(edges).subgraph(nodes)
     if not rotation.is_connected:
         raise GraphError(f"{instance.name}: rotations between poses do not connect them")
-    return instance, Rotations(edges, nodes, succession(instance), RotationProblem(rotation))
+    return instance, Rotations(edges, nodes, succession(instance), Quadratic(rotation))
 
 
 def loop_closures(rotations: Rotations) -> BoolArray:

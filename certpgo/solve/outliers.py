@@ -24,8 +24,7 @@ from certpgo.graph.phrases import counted
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.chi_squared import flagged_from, quantiles
-from certpgo.objective.problem import Problem, problem_of
-from certpgo.objective.rotation_problem import RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.sum import Sum
 from certpgo.optimize.descent import descend
 from certpgo.optimize.initialization import start_of
@@ -116,12 +115,12 @@ def disagreement(
     A triangle with four exact measurements per edge, and one more that is wrong by 90 degrees:
 
     >>> import numpy as np
-    >>> from certpgo import RotationGraph, RotationProblem, solve
+    >>> from certpgo import RotationGraph, Quadratic, solve
     >>> from certpgo.solve.outliers import disagreement
     >>> edges = np.array([(0, 1), (1, 2), (2, 0)] * 4 + [(0, 1)])
     >>> R = np.tile(np.eye(2), (13, 1, 1))
     >>> R[-1] = [[0.0, -1.0], [1.0, 0.0]]
-    >>> problem = RotationProblem(RotationGraph(3, edges, R, kappa=np.full(13, 1e4)))
+    >>> problem = Quadratic(RotationGraph(3, edges, R, kappa=np.full(13, 1e4)))
     >>> print(disagreement(problem, solve(problem).estimate, refit=True))
     1 of 13 measurements disagrees with the rest, by up to 90 degrees
     """
@@ -219,11 +218,11 @@ def select(
     Examples
     --------
     >>> import numpy as np
-    >>> from certpgo import RotationProblem
+    >>> from certpgo import Quadratic
     >>> from certpgo.io.datasets.thesis import langevin_graph
     >>> from certpgo.solve.outliers import select
     >>> instance = langevin_graph(40, 12.0, 3.0, np.random.default_rng(0), outliers=0.15)
-    >>> chosen = select(RotationProblem(instance.graph))
+    >>> chosen = select(Quadratic(instance.graph))
     >>> chosen.method, bool((chosen.rejected == instance.outliers).all())
     ('adaptive_trimming', True)
     """
@@ -233,7 +232,8 @@ def select(
         fits = [begun] if begun.stated is None else [begun, begun.stated]
         chosen, *stated = (_under(of_program, one, trusted, monitor) for one in fits)
         return _beside(problem, chosen, stated)
-    if isinstance(problem, RotationProblem) and problem.graph.num_edges >= PLENTY * problem.n:
+    problem = cast("Quadratic", problem)
+    if not problem.has_positions and problem.graph.num_edges >= PLENTY * problem.n:
         name = "adaptive_trimming"
         found = AdaptiveTrimming().solve(problem, initial=initial, monitor=monitor)
         found_at = [(found, 1.0)] if states_noise(problem) else []
@@ -241,7 +241,7 @@ def select(
             found_at.insert(0, (found, WIDER * _noise_kept(problem, found)))
     else:
         name = "graduated_non_convexity"
-        found_at = _graduated(cast("Problem", problem), fit, initial, trusted, monitor)
+        found_at = _graduated(problem, fit, initial, trusted, monitor)
     chosen, *stated = (
         Selection(_kept(problem, one.estimate, scale, trusted), one.estimate, name, scale)
         for one, scale in found_at
@@ -263,7 +263,7 @@ def _begun(
         return select(edges, fit=fit, initial=initial, trusted=trusted, monitor=monitor)
     graph, rows = problem.measured.with_blocks(), problem.graph.num_edges
     try:
-        alone = problem_of(graph, problem.engine)
+        alone = Quadratic(graph, problem.engine)
     except GraphError:  # all else that is measured determines some nodes
         found = fit or initial or near_relaxation(problem)
         return Selection(np.ones(rows), found, "residuals", 1.0)
@@ -337,7 +337,7 @@ def _reconsidered(problem: Posed, chosen: Selection, monitor: Monitor) -> Select
 
 
 def _graduated(
-    problem: Problem,
+    problem: Quadratic,
     fit: Estimate | None,
     initial: Estimate | None,
     trusted: IntArray | None,
@@ -373,13 +373,13 @@ def _graduated(
     return [(found, WIDER * _noise_kept(problem, found)), *at_stated]
 
 
-def _noise_kept(problem: Problem, found: Solution) -> float:
+def _noise_kept(problem: Quadratic, found: Solution) -> float:
     """The noise scale of the measurements that a method kept."""
     kept = None if found.weights is None else found.weights > 0.0
     return noise_scale(problem, problem.edge_costs(found.estimate), kept)
 
 
-def _confirms_weights(problem: Problem, found: Solution) -> bool:
+def _confirms_weights(problem: Quadratic, found: Solution) -> bool:
     """Whether clearly more than a spanning tree was kept."""
     tree, m = problem.n - 1, problem.graph.num_edges
     return found.kept is None or found.kept - tree >= BELIEVABLE * (m - tree)

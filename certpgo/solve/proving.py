@@ -29,9 +29,9 @@ from certpgo.io.pipes import readable
 from certpgo.io.writing import atomically
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective import choose_cost as costs
-from certpgo.objective.choose_cost import SimilarityProblem, Sum
+from certpgo.objective.choose_cost import Sum
 from certpgo.objective.objective import Objective
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.truncated_cost import TruncatedCost
 from certpgo.optimize.descent import rested
 from certpgo.solve.rejection_bounds import at_rest, optimum_of_kept
@@ -120,7 +120,7 @@ def _proof(
     if prices is not None:
         claim, graph = claim_and_graph(source, instance)
         claim |= {"version": 3}
-        cut = TruncatedCost(problem_of(instance.graph), prices)
+        cut = TruncatedCost(Quadratic(instance.graph), prices)
         evidence = _of_rejections(cut, graph, certificate)
     elif instance.graph.has_scales or certificate.objective == CHORDAL:
         claim, graph = claim_and_graph(source, instance)
@@ -133,8 +133,8 @@ def _proof(
     claim |= {"pin": witness.pin, "exponent": witness.exponent}
     proof = proof_of(estimate, evidence.multipliers, witness, evidence.minorants)
     if instance.graph.has_scales:
-        similar = cast("SimilarityProblem", costs.objective_of(instance))
-        proof = proof._replace(s=similar.scales_of(estimate))
+        similar = cast("Quadratic", costs.objective_of(instance))
+        proof = proof._replace(s=similar.scales.of(estimate))
     return claim, proof._replace(rejections=evidence.rejections)
 
 

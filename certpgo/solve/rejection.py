@@ -16,7 +16,7 @@ from certpgo.graph.display import Brief
 from certpgo.graph.phrases import bound_shown, cost_shown
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.chi_squared import flagged_from, quantiles
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.sum import Sum
 from certpgo.objective.truncated_cost import TruncatedCost, rejecting
 from certpgo.optimize.monitor import Monitor, silent
@@ -137,7 +137,7 @@ def headline(certificate: Certificate, rejection: Rejection | None = None) -> st
 
 
 def certify_rejection(
-    problem: Problem | Sum,
+    problem: Quadratic | Sum,
     estimate: Estimate,
     rejected: IntArray,
     *,

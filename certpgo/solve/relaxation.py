@@ -70,7 +70,7 @@ class Relaxed:
 
     def __init__(self, problem: LiftedDistances, stop: Stop, highest: int) -> None:
         self.problem, self.stop = problem, stop
-        self.highest = max(highest, problem.d + problem.whole.dimensions)
+        self.highest = max(highest, problem.d + problem.whole.lifting.dimensions)
         self.rng = np.random.default_rng(0)
         self.point = self.start()
         self.bound: DualBound | None = None
@@ -86,7 +86,7 @@ class Relaxed:
         apart = distances[distances > SHORTEST * distances.max()]
         length = float(np.median(apart)) if len(apart) else _lever(problem.measured)
         t = length * rng.standard_normal((problem.n, problem.d))
-        new = problem.whole.dimensions
+        new = problem.whole.lifting.dimensions
         point = lifted(Estimate(tree.rotations, t), problem.d + new)
         out = OUT * length * rng.standard_normal((problem.n, new))
         return Lift(point.rotations, np.concatenate([t, out], axis=1))
@@ -114,7 +114,7 @@ class Relaxed:
         point = self.point
         basis = main_subspace(point.subset(self.problem.poses))
         for _ in range(PROJECTIONS):
-            for B in self.problem.whole.frames(basis):
+            for B in self.problem.whole.lifting.frames(basis):
                 with self.stop.watch.phase("round"):
                     R = so.project(B.T @ point.rotations)
                 yield Estimate(R, translations_of(point) @ B)

@@ -12,7 +12,7 @@ from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.display import Brief
 from certpgo.io.accept_paths import AnyPath, measured
 from certpgo.objective.choose_cost import objective_of, require_scales
-from certpgo.objective.similarity_problem import SimilarityProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.settings import SolveSettings
 from certpgo.solve.solving import solve
@@ -52,7 +52,7 @@ class Reweighed(Brief):
 
 
 def reweigh(
-    graph: Graph | SimilarityProblem | Instance | AnyPath,
+    graph: Graph | Quadratic | Instance | AnyPath,
     settings: SolveSettings | None = None,
     *,
     rounds: int = ROUNDS,

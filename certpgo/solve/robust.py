@@ -19,7 +19,7 @@ from certpgo.graph.capabilities import require_capable
 from certpgo.io.accept_paths import AnyPath, measured
 from certpgo.linalg.arrays import IntArray
 from certpgo.objective.choose_cost import Sum, objective_of
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.truncated_cost import UncertifiableError, indices_of
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor
@@ -135,7 +135,7 @@ def solve_robustly(
 
 
 def _answered(
-    posed: Problem | Sum,
+    posed: Quadratic | Sum,
     selection: Selection,
     settings: SolveSettings,
     quantile: float | None,

@@ -15,7 +15,7 @@ from certpgo.graph.labels import WORLD, Label
 from certpgo.graph.origins import Measured
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.choose_cost import CHORDAL
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 from certpgo.solve.outliers import (
     agrees,
@@ -138,7 +138,7 @@ class RobustSession(Session):
         self._keep({*self._numbers.edges, *numbers[agreeing].tolist()})
 
     @property
-    def _problem(self) -> Problem:
+    def _problem(self) -> Quadratic:
         return chordal_problem(self.graph, self._called)
 
     def _noise(self) -> float:
@@ -171,7 +171,7 @@ class RobustSession(Session):
             self._put_aside[number] = one, self._put_aside[number][1]
         super()._move_world(measured[:1], origin)
 
-    def _everything(self) -> tuple[Problem, IntArray]:
+    def _everything(self) -> tuple[Quadratic, IntArray]:
         """All measurements that ever came, in that order, and their numbers."""
         kept, aside, place = self.graph, self._put_aside, self._poses.numbers
         nodes = [np.arange(kept.num_nodes)]

@@ -13,13 +13,13 @@ from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.display import Brief
 from certpgo.linalg.arrays import BoolArray, FloatArray
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.sum import Sum
 from certpgo.optimize.methods._robust import remark
 from certpgo.solve import relaxation
 
 #: What measurements are chosen for.
-Posed = Problem | Sum
+Posed = Quadratic | Sum
 
 
 @dataclass(frozen=True, eq=False, repr=False)

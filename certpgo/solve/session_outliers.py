@@ -14,7 +14,7 @@ from certpgo.graph import Estimate
 from certpgo.graph.display import Brief
 from certpgo.graph.labels import Label
 from certpgo.linalg.arrays import IntArray
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.sum import Sum
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.methods._robust import connected
@@ -74,7 +74,7 @@ class Suspicion(Brief):
 SHOWN = 5
 
 
-def _hidden(problem: Problem | Sum, estimate: Estimate) -> Disagreement | None:
+def _hidden(problem: Quadratic | Sum, estimate: Estimate) -> Disagreement | None:
     """What a robust fit rejects, though least squares spreads its error below the stated noise."""
     with suppress(NumericalError, np.linalg.LinAlgError):
         chosen = select(problem, fit=estimate)
@@ -86,7 +86,7 @@ def _hidden(problem: Problem | Sum, estimate: Estimate) -> Disagreement | None:
 
 
 def suspicion(
-    problem: Problem | Sum,
+    problem: Quadratic | Sum,
     estimate: Estimate,
     certificate: Certificate,
     numbers: IntArray,

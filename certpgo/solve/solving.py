@@ -12,7 +12,7 @@ from certpgo.graph import Estimate, Graph, Instance
 from certpgo.io.accept_paths import AnyPath, estimated, measured
 from certpgo.io.writing import AnyAnswer
 from certpgo.objective.choose_cost import Certifiable, objective_of
-from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.sum import Sum
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor
@@ -94,7 +94,7 @@ def solve(
     if cost is not None:
         require(cost, str, "the name of a cost")
     known = (Graph, Instance)
-    problems = (PoseProblem, RotationProblem, Sum)
+    problems = (Quadratic, Sum)
     if not isinstance(posed, (*known, *problems)):
         raise InputError(
             f"solve takes a graph, a problem, an instance or a path, not {kind_of(posed)}"

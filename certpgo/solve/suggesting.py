@@ -16,7 +16,7 @@ from certpgo.graph.phrases import counted
 from certpgo.graph.succession import succession
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.choose_cost import CHORDAL, objective_of
-from certpgo.objective.problem import RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.connectivity import Connectivity
 from certpgo.solve.loop_closures import loop_closures, with_rotations
 from certpgo.solve.search import search
@@ -137,7 +137,7 @@ def suggest_loops(
         gain = (v[new[:, 0]] - v[new[:, 1]]) ** 2
         trials = []
         for pair in new[np.argsort(-gain, kind="stable")[:TRIED]]:
-            trial = RotationProblem(_with_loop(problem.graph, pair, kappa))
+            trial = Quadratic(_with_loop(problem.graph, pair, kappa))
             one = Connectivity(trial, v)
             trials.append((one(np.ones(trial.graph.num_edges))[0], pair, trial, one))
         if not trials:

@@ -24,7 +24,7 @@ from certpgo.objective.choose_cost import (
 )
 from certpgo.objective.edge_cost import EdgeCost
 from certpgo.objective.enclosure import enclosure
-from certpgo.objective.problem import Problem, problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.sum import Sum
 from certpgo.objective.terms import (
     Placed,
@@ -92,7 +92,7 @@ class Terms:
         terms = self._terms(graph)
         return (enclosure(graph, estimate) if terms is None else enclosure_of(terms, estimate))[1]
 
-    def problem(self, graph: Graph, named: Callable[[int], str]) -> Problem | Sum:
+    def problem(self, graph: Graph, named: Callable[[int], str]) -> Quadratic | Sum:
         """The problem of measurements, of nodes that are called so.
 
         Raises
@@ -137,10 +137,10 @@ class Terms:
         return terms_of(self._of_edges(graph), graph.blocks)
 
 
-def chordal_problem(graph: Graph, named: Callable[[int], str]) -> Problem:
+def chordal_problem(graph: Graph, named: Callable[[int], str]) -> Quadratic:
     """The problem of F, of nodes that are called so."""
     _require_determined(graph, named)
-    return problem_of(graph)
+    return Quadratic(graph)
 
 
 def _require_determined(graph: Graph, named: Callable[[int], str]) -> None:

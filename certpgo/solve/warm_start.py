@@ -15,7 +15,7 @@ from certpgo.certify.units import scaled_down, scaled_up
 from certpgo.certify.verdict import verdict
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.sum import Sum
 from certpgo.optimize.descent import polished
 from certpgo.optimize.initialization import Start
@@ -46,7 +46,7 @@ class Found:
         return self.judge()
 
 
-def descended(problem: Problem | Sum, start: Estimate, settings: SolveSettings) -> Found | None:
+def descended(problem: Quadratic | Sum, start: Estimate, settings: SolveSettings) -> Found | None:
     """The end of descent from an estimate, if that is certified."""
     tier = settings.tier or Tier.STANDARD
     normalized = NormalizedProblem.of(problem, tier, settings.rtol, settings.atol)
@@ -70,7 +70,7 @@ def descended(problem: Problem | Sum, start: Estimate, settings: SolveSettings) 
     )
 
 
-def searched(problem: Problem | Sum, settings: SolveSettings, start: Start | None) -> Found:
+def searched(problem: Quadratic | Sum, settings: SolveSettings, start: Start | None) -> Found:
     """The end of the whole search of `certpgo.solve`; Ctrl-C ends it, and is passed on."""
     result = found_anew(problem, settings, start)
     if result.solution.status is Status.INTERRUPTED:
@@ -80,7 +80,7 @@ def searched(problem: Problem | Sum, settings: SolveSettings, start: Start | Non
 
 
 def found_anew(
-    problem: Problem | Sum, settings: SolveSettings, start: Start | None
+    problem: Quadratic | Sum, settings: SolveSettings, start: Start | None
 ) -> CertifiedSolution:
     """The answer of the whole search; that on F alone begins from an estimate."""
     return search(problem, settings, start if problem.is_chordal else None)

@@ -12,7 +12,7 @@ from certpgo.errors import InputError, kind_of, require
 from certpgo.graph import Estimate
 from certpgo.graph.phrases import bound_shown, cost_shown, gap_shown
 from certpgo.objective.choose_cost import Certifiable, Sum
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.monitor import Iteration
 from certpgo.optimize.solution import Solution
 from certpgo.solve.bounds_table import rungs_of_eigenvalues
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def residuals(
-    of: CertifiedSolution | Problem | Sum,
+    of: CertifiedSolution | Quadratic | Sum,
     estimate: Estimate | None = None,
     *,
     bins: int = 50,
@@ -44,10 +44,10 @@ def residuals(
     A cycle that is wound up has the same residual on every edge:
 
     >>> from matplotlib.figure import Figure
-    >>> from certpgo import RotationProblem, plot
+    >>> from certpgo import Quadratic, plot
     >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> instance, around = winding_cycle(9, 0.0, 1)
-    >>> problem = RotationProblem(instance.graph)
+    >>> problem = Quadratic(instance.graph)
     >>> ax = plot.residuals(problem, around, ax=Figure().add_subplot())
     >>> ax.get_title()
     '9 edges, at most 40 degrees'
@@ -71,7 +71,7 @@ def residuals(
 
 
 def spectrum(
-    of: CertifiedSolution | Problem | Sum,
+    of: CertifiedSolution | Quadratic | Sum,
     certificate: Certificate | None = None,
     *,
     count: int = 8,
@@ -114,7 +114,7 @@ def spectrum(
 
 
 def bounds(
-    of: CertifiedSolution | Problem | Sum,
+    of: CertifiedSolution | Quadratic | Sum,
     certificate: Certificate | None = None,
     *,
     ax: Axes | None = None,

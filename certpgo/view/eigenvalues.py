@@ -7,7 +7,7 @@ from typing import NamedTuple
 from certpgo.certify import Certificate
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.choose_cost import Certifiable
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.curvature import smallest_eigenvalues
 
 
@@ -21,7 +21,7 @@ class CertificateMatrix(NamedTuple):
         that of the certificate
     """
 
-    problem: Problem
+    problem: Quadratic
     multipliers: FloatArray
     touches: float | None = None
 

@@ -27,8 +27,7 @@ from certpgo.io.matching import MAX_DIFFERENCE, Matching
 from certpgo.io.surfaces import Surface, is_ply, read_surface
 from certpgo.io.timestamps import timed
 from certpgo.linalg.arrays import BoolArray, IntArray
-from certpgo.objective.problem import problem_of
-from certpgo.objective.similarity_problem import SimilarityProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.initialization import start_of
 from certpgo.optimize.methods.spanning_tree import SpanningTree
 from certpgo.optimize.similarity_starts import first_start
@@ -274,9 +273,9 @@ def start(instance: Instance) -> tuple[str, Estimate]:
             "not connected and has no initial values"
         )
     if instance.graph.has_scales:
-        return "start", first_start(SimilarityProblem(instance.graph)).estimate
+        return "start", first_start(Quadratic(instance.graph)).estimate
     graph = instance.graph
-    problem = problem_of(graph.with_blocks() if graph.has_positions else graph)
+    problem = Quadratic(graph.with_blocks() if graph.has_positions else graph)
     if graph.is_partial:
         return "start", start_of(problem).estimate
     return "dead reckoning", SpanningTree(tree="odometry").solve(problem).estimate

@@ -10,7 +10,7 @@ from sphinx.application import Sphinx
 
 from certpgo import Instance, certify, solve
 from certpgo.io.datasets import synthetic
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.solve.assessment import assess
 from certpgo.view.certificate_page import Origin, certificate_page
 
@@ -53,7 +53,7 @@ def corridor() -> str:
 def wound() -> str:
     """Cameras around a circle that turn once too often, as HTML: a local minimum."""
     instance, estimate = synthetic.winding_cycle(CAMERAS, 0.0, 1)
-    problem = problem_of(instance.graph)
+    problem = Quadratic(instance.graph)
     assessment = assess(problem, estimate, certify(instance, estimate), instance=instance)
     origin = Origin("cycle.g2o", "wound.g2o")
     return certificate_page(instance, problem, estimate, assessment, origin)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo import Instance, RotationProblem
+from certpgo import Instance, Quadratic
 from certpgo.graph import Estimate, RotationGraph
 from certpgo.io import datasets
 from certpgo.io.datasets import thesis
@@ -90,16 +90,16 @@ def exact_random(n: int, fiedler: float) -> Instance:
 
 def fiedler(exact: Instance) -> float:
     """The second eigenvalue of the graph Laplacian."""
-    return float(consistency(RotationProblem(exact.graph)).graph[1])
+    return float(consistency(Quadratic(exact.graph)).graph[1])
 
 
 def noisy(
     exact: Instance, sigma_deg: float, rng: np.random.Generator, *, outliers: float = 0.0
-) -> RotationProblem:
+) -> Quadratic:
     """The measurements with noise of Lang(I, 1/sigma_R^2), thesis eq. 2.5, and outliers."""
     graph = exact.graph
     concentration = np.inf if sigma_deg == 0.0 else float(np.radians(sigma_deg) ** -2.0)
     measured = so.langevin(rng, concentration, graph.num_edges, 3) @ graph.rotations
     wrong = rng.random(graph.num_edges) < outliers
     measured[wrong] = so.random(rng, int(wrong.sum()), 3)
-    return RotationProblem(replace(graph, rotations=measured))
+    return Quadratic(replace(graph, rotations=measured))

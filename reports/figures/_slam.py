@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from certpgo import PoseProblem
+from certpgo import Quadratic
 from certpgo.graph import Graph
 from certpgo.optimize.methods.eigen_ma import EigenMA
 from certpgo.optimize.solution import Solver
@@ -29,7 +29,7 @@ class Entry(NamedTuple):
     """A set: its problem, all its edges, and EigenMA as the thesis has it there."""
 
     name: str
-    problem: PoseProblem
+    problem: Quadratic
     graph: Graph
     method: EigenMA
 
@@ -48,7 +48,7 @@ def problems(quick: bool, data: Path | None) -> Iterator[Entry]:
         complete = _scenes.load(name, data, unit_weights=True).graph
         simple = _scenes.load(name, data, unit_weights=True, **reading).graph
         method = EigenMA(translations="thesis", anchor="first", tol=1e-10)
-        yield Entry(title, PoseProblem(simple), complete, method)
+        yield Entry(title, Quadratic(simple), complete, method)
 
 
 def maps(key: str, method: Callable[[Entry], Solver], quick: bool, data: Path | None) -> Data:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo import Certificate, Estimate, RotationProblem, certify
+from certpgo import Certificate, Estimate, Quadratic, certify
 from certpgo.io.datasets import synthetic
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
@@ -48,11 +48,11 @@ class Minimum:
     starts: int
 
 
-def problem() -> tuple[RotationProblem, Estimate]:
+def problem() -> tuple[Quadratic, Estimate]:
     """The near-cycle, and the true rotations."""
     rng = np.random.default_rng(SEED)
     instance = synthetic.orbital(CAMERAS, SIGMA, rng, closures=1, reach=CAMERAS // 2)
-    return RotationProblem(instance.graph), instance.truth
+    return Quadratic(instance.graph), instance.truth
 
 
 def minima(starts: int) -> list[Minimum]:
@@ -79,7 +79,7 @@ def minima(starts: int) -> list[Minimum]:
     ]
 
 
-def is_minimum(cameras: RotationProblem, point: Estimate) -> bool:
+def is_minimum(cameras: Quadratic, point: Estimate) -> bool:
     """Whether the point is stationary and its Hessian definite but for the gauge."""
     if cameras.stationarity(point) > 1e-9:
         return False

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from certpgo import PoseProblem
-from certpgo.objective.problem import problem_of
+from certpgo import Quadratic
 from certpgo.registry import get_solver
 from certpgo.solve.bounds_table import ladder
 from reports.harness.experiments.figure import Data, Figure
@@ -61,17 +60,17 @@ def compute(quick: bool, data: Path | None) -> Data:
 def _bounds(name: str, alone: bool, program: bool, data: Path | None, quick: bool) -> Data:
     graph = _scenes.load(name, data).graph
     graph = graph.rotations_alone if alone else graph
-    problem = problem_of(graph)
+    problem = Quadratic(graph)
     climbed = ladder(problem, sdp=program and not quick)
     rungs = [
         {"key": rung.key, "value": rung.value, "seconds": rung.seconds}
         for rung in climbed.rungs
         if rung.about == "cost" and rung.value is not None
     ]
-    if isinstance(problem, PoseProblem):
+    if problem.has_positions:
         rungs[0]["key"] = "spectral_rotations"
     else:
-        found = get_solver("block_coordinate_descent")().solve(problem_of(graph))
+        found = get_solver("block_coordinate_descent")().solve(Quadratic(graph))
         seconds = sum(found.seconds.values())
         between = {"key": "block_coordinate_descent", "value": found.lower_bound}
         rungs.insert(1, {**between, "seconds": seconds})

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo import Iteration, RotationProblem, solve
+from certpgo import Iteration, Quadratic, solve
 from certpgo.errors import CertPGOError
 from certpgo.optimize.methods.spanning_tree import SpanningTree
 from certpgo.registry import get_solver
@@ -48,7 +48,7 @@ def compute(quick: bool, data: Path | None) -> Data:
         graph = _scenes.exact_random(60, 5.0)
         problem, name = _scenes.noisy(graph, 10.0, _scenes.generator(13)), "random graph"
     else:
-        problem, name = RotationProblem(_scenes.load(SET, data).graph.rotations_alone), SET
+        problem, name = Quadratic(_scenes.load(SET, data).graph.rotations_alone), SET
     proven = solve(problem)
     start = SpanningTree().solve(problem).estimate
     methods, budget = [], QUICK_BUDGET if quick else BUDGET

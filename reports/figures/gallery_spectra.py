@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo import Estimate, RotationProblem, solve
+from certpgo import Estimate, Quadratic, solve
 from certpgo.io.datasets import synthetic
 from certpgo.linalg import rotations as so
 from certpgo.optimize.riemannian_newton import newton
@@ -28,7 +28,7 @@ def compute(quick: bool, data: Path | None) -> Data:
     n = 24 if quick else 60
     rng = _scenes.generator(12)
     instance = synthetic.orbital(n, np.radians(SIGMA_DEG), rng, closures=CLOSURES)
-    problem = RotationProblem(instance.graph)
+    problem = Quadratic(instance.graph)
     best = solve(instance.graph)
     turn = 2.0 * np.pi * np.arange(n)[:, None] / n * np.array([0.0, 0.0, 1.0])
     once_more = Estimate(instance.truth.rotations @ so.exp(turn))
@@ -53,7 +53,7 @@ def compute(quick: bool, data: Path | None) -> Data:
     }
 
 
-def _spectrum(problem: RotationProblem, point: Estimate, unit: float) -> Data:
+def _spectrum(problem: Quadratic, point: Estimate, unit: float) -> Data:
     """Eigenvalues of S = L - blkdiag(Lam), in units of the mean degree."""
     S = problem.certificate_matrix(problem.multipliers(point)).toarray()
     values = np.linalg.eigvalsh(S)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from certpgo import solve
-from certpgo.objective.problem import PoseProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.methods.spanning_tree import SpanningTree
 from certpgo.solve import metrics
 from certpgo.view.load_scene import scene_of
@@ -25,7 +25,7 @@ def compute(quick: bool, data: Path | None) -> Data:
     names = _scenes.here(SETS, data)
     for name in names[:1] if quick else names:
         instance = _scenes.load(name, data)
-        problem = PoseProblem(instance.graph)
+        problem = Quadratic(instance.graph)
         before, source = instance.initial, "the file's initial values"
         if before is None:
             before, source = SpanningTree().solve(problem).estimate, "a spanning tree"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo import Estimate, RotationProblem
+from certpgo import Estimate, Quadratic
 from certpgo.optimize.methods.eigen_ra import EigenRA
 from reports.harness.experiments.figure import Data, Figure
 
@@ -21,11 +21,11 @@ LEVELS = 16
 def compute(quick: bool, data: Path | None) -> Data:
     """The angular errors of the measurements between cameras whose truth is known."""
     instance, nodes, truth = _scenes.with_truth(NAME, data)
-    answer = EigenRA(weights="unit").solve(RotationProblem(instance.graph)).estimate
+    answer = EigenRA(weights="unit").solve(Quadratic(instance.graph)).estimate
     graph = instance.graph.subgraph(nodes)
     degrees = np.bincount(graph.edges.ravel(), minlength=len(nodes))
     place = np.argsort(np.argsort(-degrees, kind="stable"), kind="stable")
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
 
     def errors_of(estimate: Estimate) -> np.ndarray:
         return np.round(np.degrees(problem.residual_angles(estimate)), 1)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo import Estimate, Instance, RotationProblem
+from certpgo import Estimate, Instance, Quadratic
 from certpgo.optimize.methods.eigen_ra import EigenRA
 from certpgo.optimize.methods.riemannian_gradient import RiemannianGradient
 from certpgo.solve import metrics
@@ -63,7 +63,7 @@ def compute(quick: bool, data: Path | None) -> Data:
     }
 
 
-def _refined(problem: RotationProblem, answer: Estimate) -> Estimate:
+def _refined(problem: Quadratic, answer: Estimate) -> Estimate:
     return RiemannianGradient(tolerance=1e-7).solve(problem, initial=answer).estimate
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo import RotationProblem
+from certpgo import Quadratic
 from certpgo.optimize.methods.adaptive_trimming import AdaptiveTrimming
 from certpgo.optimize.methods.eigen_rao import EigenRAO
 from certpgo.solve import metrics
@@ -22,7 +22,7 @@ MEASURES = {"mean_deg": "mean", "median_deg": "median", "rmse_deg": "RMSE"}
 def compute(quick: bool, data: Path | None) -> Data:
     """Errors of each iterate, and of adaptive trimming."""
     instance, nodes, truth = _scenes.with_truth(NAME, data)
-    problem = RotationProblem(instance.graph).with_unit_weights()
+    problem = Quadratic(instance.graph).with_unit_weights()
 
     def errors_of(estimate) -> list[float]:
         errors = metrics.angular_errors(estimate.subset(nodes), truth)

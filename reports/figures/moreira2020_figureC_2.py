@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 from pathlib import Path
 
-from certpgo import Estimate, PoseProblem
+from certpgo import Estimate, Quadratic
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 from certpgo.registry import get_solver
 from certpgo.solve import metrics
@@ -47,7 +47,7 @@ def compute(quick: bool, data: Path | None) -> Data:
     }
 
 
-def _refined(problem: PoseProblem, start: Estimate, gtsam: bool) -> Estimate:
+def _refined(problem: Quadratic, start: Estimate, gtsam: bool) -> Estimate:
     if not gtsam:
         return newton(problem, start, NewtonSettings(max_iterations=ITERATIONS)).estimate
     solver = get_solver("gtsam_gauss_newton")(max_iterations=ITERATIONS)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from certpgo import PoseProblem
+from certpgo import Quadratic
 from certpgo.io.datasets import thesis
 from certpgo.optimize.methods.eigen_ma import EigenMA
 from certpgo.registry import get_solver
@@ -26,7 +26,7 @@ def compute(quick: bool, data: Path | None) -> Data:
     for place, (sigma_deg, sigma_t) in enumerate(NOISE):
         rng = _scenes.generator(10, place)
         scene = thesis.spherical_path(missing, sigma_deg, sigma_t, rng, n=n)
-        problem = PoseProblem(scene.graph)
+        problem = Quadratic(scene.graph)
         panel = {
             "sigma_deg": sigma_deg,
             "sigma_t": sigma_t,

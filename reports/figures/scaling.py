@@ -13,7 +13,7 @@ from certpgo import Estimate, Graph
 from certpgo.errors import CertPGOError
 from certpgo.graph import PoseGraph
 from certpgo.io.datasets import synthetic
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.solution import Solver
 from certpgo.registry import get_solver, solver_names
 from reports.harness.experiments.figure import Data, Figure
@@ -105,7 +105,7 @@ def _timed(solver: Solver, graphs: list[Graph], runs: int) -> Data:
 
 def _seconds(solver: Solver, graph: Graph) -> float:
     # A new problem each time: nothing remembered from the run before.
-    problem = problem_of(replace(graph) if solver.poses else replace(graph.rotations_alone))
+    problem = Quadratic(replace(graph) if solver.poses else replace(graph.rotations_alone))
     start = time.perf_counter()
     solver.solve(problem)
     return time.perf_counter() - start

@@ -88,7 +88,7 @@ lines = [
 (folder / "drive.g2o").write_text("\n".join(lines) + "\n")
 
 instance = certpgo.read(folder / "drive.g2o")
-problem = certpgo.PoseProblem(instance.graph)
+problem = certpgo.Quadratic(instance.graph)
 print(f"{instance.graph.num_nodes} poses, {instance.graph.num_edges} measurements")
 
 # %% [markdown]
@@ -113,7 +113,7 @@ def optimized(file, start, iterations=100):
     """GTSAM's Levenberg-Marquardt on a g2o file from an estimate: its Values."""
     if gtsam is None:
         reading = "tangent" if file.name == "isotropic.g2o" else "quaternion"
-        given = certpgo.PoseProblem(certpgo.read(file, rotation_information=reading).graph)
+        given = certpgo.Quadratic(certpgo.read(file, rotation_information=reading).graph)
         newton = certpgo.get_solver("newton")(max_iterations=iterations)
         return newton.solve(given, initial=start).estimate
     factors, _ = gtsam.readG2o(str(file), True)

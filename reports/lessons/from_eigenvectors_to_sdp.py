@@ -22,12 +22,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import certpgo
-from certpgo import RotationProblem, get_solver, solve
+from certpgo import Quadratic, get_solver, solve
 from certpgo.errors import InputError
 from certpgo.io import datasets
 from certpgo.io.datasets.synthetic import helix
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import problem_of
 from certpgo.plot import STYLE
 from certpgo.solve.bounds_table import ladder
 
@@ -44,7 +43,7 @@ try:
 except InputError:
     print("MIT.g2o is not here (CERTPGO_DATA names a folder): a simulated helix instead")
     instance = helix(7, np.random.default_rng(0), rotation_noise=0.2)
-problem = RotationProblem(instance.graph.rotations_alone)
+problem = Quadratic(instance.graph.rotations_alone)
 n, d = problem.n, problem.d
 print(instance.name, "in", d, "dimensions:", n, "nodes,", problem.graph.num_edges, "edges")
 
@@ -182,7 +181,7 @@ with tempfile.TemporaryDirectory() as folder:
     graph_file, proof_file = Path(folder, "rotations.g2o"), Path(folder, "rotations.cert")
     certpgo.write(graph_file, problem.graph)
     written = certpgo.read(graph_file, quiet=True)
-    certificate = certpgo.certify(RotationProblem(written.graph), answer.estimate)
+    certificate = certpgo.certify(Quadratic(written.graph), answer.estimate)
     certpgo.write_proof(proof_file, graph_file, written, answer.estimate, certificate)
     proof, seconds = timed(lambda: certpgo.check(graph_file, proof_file))
 rungs["proof"] = proof.lower, seconds
@@ -244,7 +243,7 @@ with plt.rc_context(STYLE):
 # them inconclusive.
 
 # %%
-climbed = ladder(problem_of(instance.graph))
+climbed = ladder(Quadratic(instance.graph))
 print(f"F = {climbed.cost:.9g}, {climbed.certificate.verdict.value}")
 for rung in climbed.rungs:
     if rung.value is not None:
@@ -312,7 +311,7 @@ print(f"bound {sdp.lower_bound:.7f} <= F* <= {sdp.cost:.7f}, of the rounded Y")
 both = np.array([[0, 1], [1, 0]])
 ahead = np.array([[1.0, 0.0, 0.0]] * 2)
 unturned = certpgo.RotationGraph(2, both, np.array([np.eye(3)] * 2), np.full(2, 1e-3))
-facing = certpgo.PoseProblem(certpgo.PoseGraph(unturned, ahead, np.ones(2)))
+facing = certpgo.Quadratic(certpgo.PoseGraph(unturned, ahead, np.ones(2)))
 same = facing.complete(np.array([np.eye(3), np.eye(3)]))
 opposed = facing.complete(np.array([np.eye(3), np.diag([-1.0, -1.0, 1.0])]))
 print(f"F = {facing.cost(same):.3f}, gradient {facing.stationarity(same):.0e}, residuals zero")

@@ -21,7 +21,7 @@ import numpy as np
 import certpgo
 from certpgo.io.datasets.monocular import drifting
 from certpgo.io.datasets.synthetic import helix
-from certpgo.objective.similarity_problem import SimilarityProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.plot import STYLE
 
 truth = helix(20, np.random.default_rng(0)).truth
@@ -44,7 +44,7 @@ print(graph.size_in_words)
 # explains everything. Without a unit there is no problem to solve.
 
 # %%
-held_at_0 = SimilarityProblem(graph.with_unknown_scales(np.arange(n) > 0))
+held_at_0 = Quadratic(graph.with_unknown_scales(np.arange(n) > 0))
 elsewhere = (graph.edges > 0).all(axis=1)
 for size in (1.0, 0.5, 0.1):
     smaller = replace(

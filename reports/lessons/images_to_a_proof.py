@@ -189,7 +189,7 @@ plt.show()
 
 # %%
 instance = neither.instance
-problem = certpgo.PoseProblem(instance.graph)
+problem = certpgo.Quadratic(instance.graph)
 bounds = quantiles(problem, 0.99)
 
 

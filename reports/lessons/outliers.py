@@ -80,7 +80,7 @@ ROBUST = {
 def compared(share):
     """Least squares and the robust solutions for a share of wrong measurements."""
     instance = scene(share)
-    problem = certpgo.RotationProblem(instance.graph)
+    problem = certpgo.Quadratic(instance.graph)
     squares = certpgo.solve(instance.graph)
     found = {}
     for name, settings in ROBUST.items():
@@ -141,7 +141,7 @@ COUNTS = (0, 1, 5, 20)
 closures = {}
 for count in COUNTS:
     graph, wrong = spoiled(count)
-    problem = certpgo.PoseProblem(graph)
+    problem = certpgo.Quadratic(graph)
     squares = certpgo.solve(graph)
     robust = certpgo.get_solver("graduated_non_convexity")().solve(problem)
     closures[count] = (
@@ -246,7 +246,7 @@ def mistaken(count):
     first = len(edges) - ACROSS
     ahead[first : first + count] = quarter @ ahead[first : first + count]
     R_ij = np.swapaxes(truth.rotations[i], 1, 2) @ ahead @ noise
-    return certpgo.RotationProblem(certpgo.RotationGraph(2 * ROOM, edges, R_ij, np.ones(len(i))))
+    return certpgo.Quadratic(certpgo.RotationGraph(2 * ROOM, edges, R_ij, np.ones(len(i))))
 
 
 alike = {}
@@ -344,7 +344,7 @@ for factor in (0.5, 1.0, 2.0, 10.0):
 # zero, F is that of the two rooms, and nothing contradicts it.
 everything = mistaken(1)
 bridge = len(edges) - ACROSS  # the first of the doors, which is wrong
-lonely = certpgo.RotationProblem(everything.graph.with_edges(np.arange(bridge + 1)))
+lonely = certpgo.Quadratic(everything.graph.with_edges(np.arange(bridge + 1)))
 believed = certpgo.get_solver("adaptive_trimming")().solve(lonely)
 bridge_residual = np.degrees(lonely.residual_angles(believed.estimate)[-1])
 lonely_error = angular_errors(believed.estimate, truth).mean_deg

@@ -18,7 +18,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-from certpgo import Estimate, Instance, RotationProblem, get_solver, solve
+from certpgo import Estimate, Instance, Quadratic, get_solver, solve
 from certpgo.graph import RotationGraph
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.io.datasets.thesis import langevin_graph
@@ -52,14 +52,14 @@ def measured(instance, sigma_deg, seed=0):
     R, m = instance.truth.rotations, instance.graph.num_edges
     noise = so.langevin(rng, np.radians(sigma_deg) ** -2, m, 3) if sigma_deg > 0.0 else np.eye(3)
     rotations = np.swapaxes(R[i], 1, 2) @ R[j] @ noise
-    return RotationProblem(RotationGraph(len(R), instance.graph.edges, rotations, np.ones(m)))
+    return Quadratic(RotationGraph(len(R), instance.graph.edges, rotations, np.ones(m)))
 
 
 sparse = langevin_graph(60, 3.0, 0.0, np.random.default_rng(4))
 truth = sparse.truth
 perfect = measured(sparse, 0.0)
 print("nodes, edges:", perfect.n, perfect.graph.num_edges)
-print("L_G is", perfect.laplacian.shape, "and L is", perfect.connection_laplacian.shape)
+print("L_G is", perfect.laplacian.shape, "and L is", perfect.matrix.shape)
 print("Fiedler value:", round(consistency(perfect).graph[1], 4))
 
 # %% [markdown]
@@ -79,7 +79,7 @@ print("L_G:", repeated.graph.round(6))
 print("L, by threes:")
 print(abs(repeated.measured.round(6)))
 answer = np.swapaxes(truth.rotations, 1, 2).reshape(-1, 3)  # R^T
-print("largest entry of L R^T:", f"{abs(perfect.connection_laplacian @ answer).max():.0e}")
+print("largest entry of L R^T:", f"{abs(perfect.matrix @ answer).max():.0e}")
 
 # %% [markdown]
 # ## Noise: Weyl's inequality
@@ -118,7 +118,7 @@ for sigma in SIGMAS:
 
 # %%
 problem = measured(sparse, 10.0)
-values, vectors = np.linalg.eigh(problem.connection_laplacian.toarray())
+values, vectors = np.linalg.eigh(problem.matrix.toarray())
 blocks = np.swapaxes(vectors[:, :3].reshape(-1, 3, 3), 1, 2)  # R^T stacks the R_i^T
 if np.linalg.det(blocks).sum() < 0.0:
     blocks[:, 0] *= -1.0  # eigenvectors have no sign: undo a common reflection
@@ -158,7 +158,7 @@ GRID = (0.0, 5.0, 10.0, 20.0, 40.0, 60.0, 90.0, 180.0, 1e6)  # the last: uniform
 
 def smallest(problem):
     """lambda_1(L), by dense algebra, which is fast at this size."""
-    return np.linalg.eigvalsh(problem.connection_laplacian.toarray())[0]
+    return np.linalg.eigvalsh(problem.matrix.toarray())[0]
 
 
 def mean_ratios(instance, draws=5):
@@ -211,7 +211,7 @@ print("ratio:        ", round(spectra.inconsistency, 1))
 
 # %%
 cut_bound = 1.0 * 40 / 20**2
-L = joined.connection_laplacian.toarray().reshape(40, 3, 40, 3)
+L = joined.matrix.toarray().reshape(40, 3, 40, 3)
 R = joined.graph.rotations[-1]
 L[0, :, 0] -= np.eye(3)  # remove the term of the edge between them
 L[20, :, 20] -= np.eye(3)
@@ -298,7 +298,7 @@ plain = measured(cliques, 20.0).graph
 other = plain.rotations.copy()
 other[-1] = so.random(np.random.default_rng(1), 1, 3)[0]
 turned = RotationGraph(40, EDGES, other, plain.kappa)
-before, after = (consistency(RotationProblem(graph)).measured for graph in (plain, turned))
+before, after = (consistency(Quadratic(graph)).measured for graph in (plain, turned))
 optima = [solve(graph).cost for graph in (plain, turned)]
 print("F*:", *optima)
 print("lambda_1:", before[0, 0], after[0, 0])
@@ -313,7 +313,7 @@ print("lambda_1:", before[0, 0], after[0, 0])
 # theta / n between neighbours, with eigenvalues 2 - 2 cos((theta +- 2 pi k) / n). The smallest one
 # occurs twice, and n (lambda_1 + lambda_2) = 2 n (2 - 2 cos(theta / n)) = 8 n sin^2(theta / 2 n) =
 # F*.
-ring = RotationProblem(winding_cycle(12, 0.9, 0, d=2)[0].graph)
+ring = Quadratic(winding_cycle(12, 0.9, 0, d=2)[0].graph)
 ring_bound = ring.n * consistency(ring).measured[0].sum()
 ring_optimum = 8 * 12 * np.sin(0.9 / 24) ** 2
 print(f"bound {ring_bound:.12f}, F* {ring_optimum:.12f}")
@@ -330,8 +330,8 @@ print(f"bound {ring_bound:.12f}, F* {ring_optimum:.12f}")
 # half turn's axis agree with all measurements, so that lambda_1 stays 0, and the next two rise.
 one_wrong = np.broadcast_to(np.eye(3), (len(CLIQUE), 3, 3)).copy()
 one_wrong[0] = np.diag([-1.0, -1.0, 1.0])
-wrong = RotationProblem(RotationGraph(20, CLIQUE, one_wrong, np.ones(len(CLIQUE))))
-wrong_values = np.linalg.eigvalsh(wrong.connection_laplacian.toarray())[:3]
+wrong = Quadratic(RotationGraph(20, CLIQUE, one_wrong, np.ones(len(CLIQUE))))
+wrong_values = np.linalg.eigvalsh(wrong.matrix.toarray())[:3]
 print("Weyl: at most 2; by the cost: at most", round(8 / 60, 4))
 print("smallest eigenvalues:", abs(wrong_values.round(6)))
 

@@ -205,7 +205,7 @@ ax.legend(frameon=False)
 # %%
 def triangle(a):
     """The same three measurements, residual angle a, as the package's problem."""
-    return certpgo.RotationProblem(winding_cycle(3, 3.0 * a, 0, d=2)[0].graph)
+    return certpgo.Quadratic(winding_cycle(3, 3.0 * a, 0, d=2)[0].graph)
 
 
 program = certpgo.get_solver("sdp_dual")()
@@ -388,7 +388,7 @@ print(f"smallest (computed - guaranteed): {(smallest - guaranteed).min():.1e}")
 complete_bounds = {}
 for n in (3, 4, 5, 10, 30, 100):
     graph = complete(n, 0.0, np.random.default_rng(0)).graph
-    bound = alpha_max(fiedler_value(certpgo.RotationProblem(graph)) / (n - 1))
+    bound = alpha_max(fiedler_value(certpgo.Quadratic(graph)) / (n - 1))
     complete_bounds[n] = np.degrees(bound)
     print(f"K_{n:<4} {complete_bounds[n]:8.4f} degrees")
 limit = np.degrees(alpha_max(1.0))
@@ -439,7 +439,7 @@ print(f"the mixture: value {np.trace(L1 @ mixture):.9f}, rank {mixture_rank}")
 # eigenvalues 0, 3, 3. Three zeros now belong to rotations of the world; the rest, including the
 # angle, is unchanged.
 space, best = winding_cycle(3, theta, 0, d=3)
-problem3 = certpgo.RotationProblem(space.graph)
+problem3 = certpgo.Quadratic(space.graph)
 S3 = problem3.certificate_matrix(problem3.multipliers(best)).toarray()
 eigenvalues3 = np.linalg.eigvalsh(S3)
 print((eigenvalues3.round(6) + 0.0).tolist())

@@ -24,7 +24,7 @@ from certpgo import PoseGraph, certify, solve, solve_robustly
 from certpgo.graph import RotationGraph
 from certpgo.io.datasets import synthetic
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.solve.outlier_report import outlier_report
 
 BLUE, VERMILION, GREEN, BLACK = "#0072B2", "#D55E00", "#009E73", "#000000"
@@ -205,7 +205,7 @@ quarter = so.exp(np.array([[0.0], [1.5], [1.5]]))
 majority = RotationGraph(2, np.array([[0, 1]] * 3), quarter, np.full(3, 100.0))
 fooled = certpgo.Estimate(quarter[[0, 1]])
 verdict = certify(majority, fooled, rejected=np.array([0]))
-out = problem_of(majority).cost(fooled)
+out = Quadratic(majority).cost(fooled)
 print(verdict.verdict, f"although the only right measurement, of cost {out:.0f}, is out")
 
 # %% [markdown]

@@ -22,7 +22,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import certpgo
-from certpgo import RotationProblem, certify, checker, registry
+from certpgo import Quadratic, certify, checker, registry
 from certpgo.errors import MissingDependency
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.plot import STYLE
@@ -44,7 +44,7 @@ THETA = -0.3
 def ring(n):
     """The problem of a ring, its optimum, and the point that is wound up once."""
     instance, wound = winding_cycle(n, THETA, 1)
-    return RotationProblem(instance.graph), instance.truth, wound
+    return Quadratic(instance.graph), instance.truth, wound
 
 
 problem, best, wound = ring(200)
@@ -295,7 +295,7 @@ folder = tempfile.TemporaryDirectory()
 graph_file, proof_file = Path(folder.name, "ring.g2o"), Path(folder.name, "ring.cert")
 certpgo.write(graph_file, small.graph)
 instance = certpgo.read(graph_file, quiet=True)
-certificate = certify(RotationProblem(instance.graph), best)
+certificate = certify(Quadratic(instance.graph), best)
 certpgo.write_proof(proof_file, graph_file, instance, best, certificate)
 honest = certpgo.check(graph_file, proof_file)
 print(honest)
@@ -392,7 +392,7 @@ print(f"so F* >= 12/70 = {12 / 70:.5f}; equal residuals cost {shared:.5f}")
 threshold = int(np.ceil(2 * np.pi / np.arccos(1 - 0.5e-3)))
 for n in (threshold - 1, threshold):
     instance_, wound_ = winding_cycle(n, 0.0, 1)
-    print(n, WORDS[accepts("se_sync_rule", RotationProblem(instance_.graph), wound_)])
+    print(n, WORDS[accepts("se_sync_rule", Quadratic(instance_.graph), wound_)])
 
 # %% [markdown]
 # **2.** Repair the rule: given that $S + \eta I$ has a factor, when is the point proven to be

@@ -32,7 +32,7 @@ plt.rcParams.update({"font.size": 9, "axes.spines.top": False, "axes.spines.righ
 def noisy(degrees):
     """Ten cameras in space and 20 measurements, with this noise in degrees about each axis."""
     rng = np.random.default_rng(3)  # the same graph and the same draws, scaled
-    return certpgo.RotationProblem(random_graph(10, 4.0, np.radians(degrees), rng).graph)
+    return certpgo.Quadratic(random_graph(10, 4.0, np.radians(degrees), rng).graph)
 
 
 # %% [markdown]
@@ -253,7 +253,7 @@ for rung in climbed.rungs:
 # All degrees are equal, so nu_2 = lambda_2 / d_max. The complete graph has the best connectivity:
 # the bound is larger, and the certificate holds for even more noise.
 dense = [complete(10, np.radians(s), np.random.default_rng(3)).graph for s in noise]
-dense_problem = certpgo.RotationProblem(dense[0])
+dense_problem = certpgo.Quadratic(dense[0])
 dense_alpha = alpha_max(fiedler_value(dense_problem) / dense_problem.node_weights.max())
 dense_normalized = alpha_max(normalized_fiedler_value(dense_problem))
 dense_verdicts = [certpgo.solve(graph).verdict.value for graph in dense]
@@ -299,7 +299,7 @@ measured_rotations = graph.rotations.copy()
 measured_rotations[7] = measured_rotations[7] @ so.exp(np.radians([0.0, 0.0, 170.0]))
 wrong = certpgo.RotationGraph(graph.num_nodes, graph.edges, measured_rotations, graph.kappa)
 wrong_answer = certpgo.solve(wrong)
-wrong_angles = np.degrees(certpgo.RotationProblem(wrong).residual_angles(wrong_answer.estimate))
+wrong_angles = np.degrees(certpgo.Quadratic(wrong).residual_angles(wrong_answer.estimate))
 print(f"{wrong_answer.verdict.value}; alpha_max {alpha:.1f}, normalized {normalized:.1f} degrees")
 print(f"largest residual: edge {wrong_angles.argmax()}, {wrong_angles.max():.1f} degrees")
 
@@ -314,7 +314,7 @@ print(f"largest residual: edge {wrong_angles.argmax()}, {wrong_angles.max():.1f}
 half_turns = np.array([np.diag([1.0, -1, -1]), np.diag([-1.0, 1, -1]), np.diag([-1.0, -1, 1])])
 mirrored = certpgo.RotationGraph(2, np.array([[0, 1]] * 3), half_turns, np.ones(3))
 mirrored_answer = certpgo.solve(mirrored)
-reflected = program.solve(certpgo.RotationProblem(mirrored)).relaxation
+reflected = program.solve(certpgo.Quadratic(mirrored)).relaxation
 determinants = np.linalg.det(reflected.rows)
 print(f"{mirrored_answer.verdict.value}, F {mirrored_answer.cost:.6f}, v {reflected.value:.6f}")
 print(f"rank {reflected.rank}, product of the determinants {determinants.prod():.6f}")

@@ -49,7 +49,7 @@ n, theta = 24, np.radians(20.0)
 
 # %%
 graph = winding_cycle(n, theta, 0, d=2)[0].graph  # identities, except one rotation by theta
-problem = certpgo.RotationProblem(graph)
+problem = certpgo.Quadratic(graph)
 points = {k: stationary_point(graph, k) for k in range(-3, 4)}
 costs = {k: problem.cost(point) for k, point in points.items()}
 formula = {k: 8 * n * np.sin((theta + 2 * np.pi * k) / (2 * n)) ** 2 for k in points}
@@ -325,7 +325,7 @@ def by_the_formula(n, a):
 
 
 for size, closing in ((3, np.radians(120.0)), (n, theta)):
-    ring = certpgo.RotationProblem(winding_cycle(size, closing, 0, d=3)[0].graph)
+    ring = certpgo.Quadratic(winding_cycle(size, closing, 0, d=3)[0].graph)
     for k in (0, -1, 1):
         point = stationary_point(ring.graph, k)
         found = hessian_eigenvalues(ring, point)
@@ -349,7 +349,7 @@ for size, closing in ((3, np.radians(120.0)), (n, theta)):
 sizes = np.arange(3, 1000)
 first = int(sizes[2 * np.cos(2 * np.pi / sizes) - 2 > -1e-3][0])
 large = winding_cycle(first, 0.0, 1, d=2)
-large_problem = certpgo.RotationProblem(large[0].graph)
+large_problem = certpgo.Quadratic(large[0].graph)
 large_verdicts = [
     certpgo.certify(large_problem, point).verdict.value for point in (large[1], large[0].truth)
 ]
@@ -363,7 +363,7 @@ print(f"from n = {first} on; winding 1 and 0 of that ring: {large_verdicts}")
 # One body axis points to the pole in all cameras, the other goes around the equator once. Only the
 # second column costs anything: sum |y_j - y_i|^2 = n (2 sin(pi / n))^2 = 4 n sin^2(pi / n), while
 # winding 1 has two columns that each cost that much.
-perfect = certpgo.RotationProblem(winding_cycle(n, 0.0, 0, d=2)[0].graph)
+perfect = certpgo.Quadratic(winding_cycle(n, 0.0, 0, d=2)[0].graph)
 turn = 2 * np.pi * np.arange(n) / n
 Y = np.zeros((n, 3, 2))
 Y[:, 2, 0] = 1.0
@@ -387,7 +387,7 @@ print(f"gradient beyond what the multipliers hold: {np.abs(left_over).max():.1e}
 weights = np.ones(n)
 weights[5] = 0.1
 weak_graph = winding_cycle(n, np.radians(90.0), 0, d=2)[0].graph.with_weights(weights)
-weak = certpgo.RotationProblem(weak_graph)
+weak = certpgo.Quadratic(weak_graph)
 weak_point = stationary_point(weak_graph)
 weak_angles = weak.residual_angles(weak_point)
 weak_certificate = certpgo.certify(weak, weak_point)
@@ -406,7 +406,7 @@ print(f"pulls equal up to {np.ptp(pulls):.1e}; {weak_certificate.verdict.value}"
 # degrees in all, the least of the odd ones (winding 1 turns by 380). Every other winding is a
 # saddle, and descent leaves it without lifting.
 space = winding_cycle(n, theta, 0, d=3)[0].graph
-space_problem = certpgo.RotationProblem(space)
+space_problem = certpgo.Quadratic(space)
 space_minima = [
     k
     for k in range(-3, 4)

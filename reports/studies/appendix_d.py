@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 import certpgo
-from certpgo import PoseProblem
+from certpgo import Quadratic
 from certpgo.registration.fuse import GRID, NEIGHBOURS
 from certpgo.registration.ransac import RansacSettings
 from certpgo.registration.reconstruct import ReconstructSettings
@@ -86,7 +86,7 @@ def quantities(frames: FrameSequence) -> dict[str, str]:
     inliers = np.array([pair.inliers for pair in kept])
     errors = np.array([pair.chi2 for pair in kept])
     graph = found.instance.graph.with_edges(found.averaged.kept).with_weights(1.0, 1.0)
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     rotations = certpgo.get_solver("eigen_ra")().solve(problem.rotation)
     solver, seconds = certpgo.get_solver("eigen_ma")(), []
     for _ in range(REPEATS):

@@ -18,7 +18,7 @@ import gtsam
 import numpy as np
 
 import certpgo
-from certpgo import Estimate, Instance, PoseProblem, certify
+from certpgo import Estimate, Instance, Quadratic, certify
 from certpgo.graph.points import with_points
 from certpgo.graph.trees import tree_initialization
 from certpgo.io import datasets
@@ -66,7 +66,7 @@ def rows(name: str) -> str:
     return ROW.format(name, f"{cost:.8g}", f"{seconds:.1f}", judged, *mine, said)
 
 
-def by_gtsam(instance: Instance, problem: PoseProblem | Sum) -> Estimate:
+def by_gtsam(instance: Instance, problem: Quadratic | Sum) -> Estimate:
     """The answer of Levenberg and Marquardt's method."""
     start = first_guess(problem)
     factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
@@ -108,7 +108,7 @@ def by_gtsam(instance: Instance, problem: PoseProblem | Sum) -> Estimate:
     return _estimate_of(found, points, d)
 
 
-def first_guess(problem: PoseProblem | Sum) -> Estimate:
+def first_guess(problem: Quadratic | Sum) -> Estimate:
     """Poses along a tree, and points where they are first seen or some way off."""
     graph = problem.measured
     nodes = graph.pose_nodes

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo import RotationProblem, solve
+from certpgo import Quadratic, solve
 from certpgo.certify.bounds import alpha_max, fiedler_value
 from certpgo.linalg import rotations as so
 from certpgo.optimize.methods.eigen_rao import EigenRAO
@@ -45,7 +45,7 @@ def readings() -> Iterator[tuple[str, ...]]:
         cameras.items(), ("halved", "printed"), (False, True), (True, False)
     ):
         method = EigenRAO(loss=loss, frobenius=frobenius, accumulate=accumulate)
-        steps = islice(method.steps(RotationProblem(graph).with_unit_weights()), ITERATIONS + 1)
+        steps = islice(method.steps(Quadratic(graph).with_unit_weights()), ITERATIONS + 1)
         errors = []
         for number, step in enumerate(steps):
             for norm in ("l1", "l2"):
@@ -70,11 +70,11 @@ def readings() -> Iterator[tuple[str, ...]]:
 def sphinx() -> Iterator[tuple[str, ...]]:
     """A row for each number of measurements dropped."""
     instance, nodes, truth = _scenes.with_truth("sphinx_SO3", None)
-    graph = RotationProblem(instance.graph.rotations_alone).with_unit_weights().graph
+    graph = Quadratic(instance.graph.rotations_alone).with_unit_weights().graph
     true = np.full((graph.num_nodes, 3, 3), np.nan)
     true[nodes] = truth.rotations
     for _ in range(DROPPED + 1):
-        problem, answer = RotationProblem(graph), solve(graph)
+        problem, answer = Quadratic(graph), solve(graph)
         residuals = np.degrees(problem.residual_angles(answer.estimate))
         largest = int(residuals.argmax())
         i, j = graph.edges[largest]

@@ -34,7 +34,7 @@ from certpgo.io import datasets
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import objective_of
 from certpgo.objective.lifted_distances import LiftedDistances
-from certpgo.objective.problem import PoseProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.descent import descend
 from certpgo.solve.relaxation import Relaxed
 
@@ -216,7 +216,7 @@ def row(name: str, copies: int) -> str:
     if problem.d == 2:
         flat = NormalizedProblem.of(posed, "standard", 1e-5, 1e-9)
         form = flat.problem.lifted_form
-        form.__dict__["whole"] = PoseProblem(form.whole.graph, form.engine)
+        form.__dict__["whole"] = Quadratic(form.whole.graph, form.engine)
         real = gap(unit * climbed(flat).bound.value)
     starts = [*islice(relaxed.projections(), PROJECTED)]
     costs = np.array([unit * descend(normalized.problem, start).cost for start in starts])

@@ -37,7 +37,7 @@ from certpgo.io import datasets
 from certpgo.io.datasets.monocular import drifting, in_one_unit, keyframes, odometry
 from certpgo.linalg.arrays import IntArray
 from certpgo.objective.logarithms import LogarithmCost
-from certpgo.objective.similarity_problem import SimilarityProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.levenberg_marquardt import descend
 from certpgo.optimize.similarity_starts import separate_start
 from certpgo.optimize.solution import Status
@@ -107,7 +107,7 @@ def starts(unit: float | None) -> dict[str, Callable[[Graph], Estimate]]:
         "odometry": odometry,
         "FastSync": lambda graph: fast_sync(graph, unit or length(graph)),
         "solve": lambda graph: certpgo.solve(graph, time_limit=SHORT).estimate,
-        "scales, then poses": lambda graph: separate_start(SimilarityProblem(graph)),
+        "scales, then poses": lambda graph: separate_start(Quadratic(graph)),
     }
 
 

@@ -36,7 +36,7 @@ from certpgo.graph import Graph, Instance
 from certpgo.io.datasets.monocular import random_maps
 from certpgo.linalg import rotations as so
 from certpgo.objective.logarithms import LogarithmCost
-from certpgo.objective.similarity_problem import SimilarityProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.levenberg_marquardt import descend
 from certpgo.solve.proving import write_proof
 from reports.studies.damaged_proofs import damaged, packed, verdicts
@@ -62,7 +62,7 @@ def sampled(rng: np.random.Generator) -> Graph:
     return graph.with_unknown_scales(~graph.is_point) if in_mean_unit else graph
 
 
-def lowest(problem: SimilarityProblem, rng: np.random.Generator, count: int) -> float:
+def lowest(problem: Quadratic, rng: np.random.Generator, count: int) -> float:
     """The lowest cost that descents from random rotations and scales find."""
     best, n = np.inf, problem.n
     for _ in range(count):
@@ -72,7 +72,7 @@ def lowest(problem: SimilarityProblem, rng: np.random.Generator, count: int) -> 
     return best
 
 
-def relaxation(problem: SimilarityProblem) -> float:
+def relaxation(problem: Quadratic) -> float:
     """The minimum of the semidefinite relaxation, translations eliminated, by Clarabel."""
     import cvxpy as cp
 
@@ -88,7 +88,7 @@ def relaxation(problem: SimilarityProblem) -> float:
         block = G[k * d : (k + 1) * d, k * d : (k + 1) * d]
         sizes.append(block[0, 0] if problem.graph.free[node] else 1.0)
         constraints.append(block == sizes[-1] * np.eye(d))
-    if problem.in_mean_unit:
+    if problem.kinds.in_mean_unit:
         constraints.append(sum(sizes) == len(sizes))
     posed = cp.Problem(cp.Minimize(cp.trace(Q @ G)), constraints)
     return float(posed.solve(solver=cp.CLARABEL))
@@ -101,7 +101,7 @@ def attack(graphs: int, sdp: int, seed: int, starts: int = STARTS) -> list[str]:
     for k in range(graphs):
         rng = np.random.default_rng([seed, k])
         graph = sampled(rng)
-        problem, answer = SimilarityProblem(graph), certpgo.solve(graph)
+        problem, answer = Quadratic(graph), certpgo.solve(graph)
         verdict, bound = answer.verdict.value, answer.certificate.lower_bound
         counts[verdict] += 1
         ranks[answer.levels[-1].rank - graph.d] += 1

@@ -19,7 +19,7 @@ import numpy as np
 
 from certpgo import Estimate, Instance, solve, sparsify
 from certpgo.io import datasets
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize import connectivity
 from certpgo.solve.metrics import angular_errors, trajectory_errors
 from reports.studies._printing import print_table
@@ -98,8 +98,8 @@ def rows(name: str, keep: float) -> Iterator[dict[str, object]]:
     if instance.outliers is not None:
         wrong = instance.outliers
         best = solve(graph.with_edges(~wrong), cost="chordal")
-    problem = problem_of(graph.with_edges(~wrong))
-    measure = connectivity.Connectivity(problem_of(graph).rotation)
+    problem = Quadratic(graph.with_edges(~wrong))
+    measure = connectivity.Connectivity(Quadratic(graph).rotation)
     loops = np.ones(graph.num_edges, dtype=bool)
     loops[np.setdiff1d(found.kept, found.chosen)] = False
     choices = [

@@ -18,7 +18,7 @@ import numpy as np
 
 from certpgo import CertPGOError, Estimate, certify, solve
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 from reports.harness.certifiers.campaign import uneven_graph
 
 #: Graphs that a process is given at once.
@@ -29,7 +29,7 @@ def outcomes(seed: int) -> Counter[str]:
     """What each function makes of one graph, and of a random estimate of it."""
     rng = np.random.default_rng(np.random.SeedSequence((15, seed)))
     graph = uneven_graph(rng)
-    problem = problem_of(graph)
+    problem = Quadratic(graph)
     n, d = graph.num_nodes, graph.d
     far = 10.0 ** rng.uniform(-9.0, 9.0) * rng.standard_normal((n, d))
     estimate = Estimate(so.random(rng, n, d), far)

@@ -45,7 +45,7 @@ from certpgo.errors import GraphError
 from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.truncated_cost import TruncatedCost
 from certpgo.optimize.progress import Stop
 from certpgo.solve.inconsistency import budgets, proven_rises
@@ -90,7 +90,7 @@ def examined(seed: int, most: int) -> tuple[str, Counter[str]]:
     rng = np.random.default_rng(seed)
     d, poses = int(rng.integers(2, 4)), bool(rng.integers(2))
     graph, doubtful, wrong = random_graph(rng, d, poses, most)
-    whole, price = problem_of(graph), math.exp(rng.uniform(1.0, 4.0))
+    whole, price = Quadratic(graph), math.exp(rng.uniform(1.0, 4.0))
     problem = TruncatedCost(whole, np.where(doubtful, price, np.inf))
     kept = solve(problem.kept)
     certificate = certify(problem, kept.estimate)

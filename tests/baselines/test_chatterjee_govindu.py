@@ -12,7 +12,7 @@ from certpgo import io, registry
 from certpgo.errors import InputError, SpecError
 from certpgo.graph import Estimate, RotationGraph
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import RotationProblem, problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.solution import Status
 from certpgo.solve import metrics
 
@@ -32,13 +32,13 @@ def problem_with(seed, n, d, *, noise=0.05, extra=None, outliers=0.0):
     bad = rng.permutation(graph.num_edges)[: round(outliers * graph.num_edges)]
     R = graph.rotations.copy()
     R[bad] = so.random(rng, len(bad), d)
-    return RotationProblem(RotationGraph(n, graph.edges, R, graph.kappa)), Estimate(truth)
+    return Quadratic(RotationGraph(n, graph.edges, R, graph.kappa)), Estimate(truth)
 
 
 def test_l1_regression_of_two_nodes_takes_medians():
     rng = rng_of(1)
     b = rng.standard_normal((7, 3))
-    problem = RotationProblem(
+    problem = Quadratic(
         RotationGraph(2, np.tile([0, 1], (7, 1)), np.tile(np.eye(3), (7, 1, 1)), np.ones(7))
     )
     factor = module().laplacian_factor(problem, np.ones(7))
@@ -83,7 +83,7 @@ def test_residuals_vanish_to_first_order_with_the_turns(d):
     i, j = problem.graph.edges.T
     delta = 1e-6 * rng_of(5).standard_normal((6, so.tangent_dim(d)))
     # Exact measurements, so that the residual is small and turns add up.
-    exact = RotationProblem(
+    exact = Quadratic(
         RotationGraph(6, problem.graph.edges, np.swapaxes(R[i], 1, 2) @ R[j], np.ones(len(i)))
     )
     moved = module().logarithms(exact, so.exp(delta) @ R)
@@ -139,7 +139,7 @@ def test_neither_names_nor_directions_of_edges_matter(d):
     flip = rng_of(11).random(graph.num_edges) < 0.5
     edges, R = names[graph.edges], graph.rotations.copy()
     edges[flip], R[flip] = edges[flip][:, ::-1], np.swapaxes(R[flip], 1, 2)
-    other = RotationProblem(RotationGraph(12, edges, R, graph.kappa))
+    other = Quadratic(RotationGraph(12, edges, R, graph.kappa))
     back = Estimate(truth.rotations[np.argsort(names)])
     # IRLS alone: the method of multipliers is stopped early, where its held node still shows.
     method = solver(l1_iterations=0, tolerance=1e-8, max_iterations=1000)
@@ -150,8 +150,8 @@ def test_neither_names_nor_directions_of_edges_matter(d):
 
 def test_translations_are_left_aside():
     graph = pose_graph(rng_of(12), 8, 3)[0]
-    solution = solver().solve(problem_of(graph))
-    alone = solver().solve(problem_of(graph.rotations_alone))
+    solution = solver().solve(Quadratic(graph))
+    alone = solver().solve(Quadratic(graph.rotations_alone))
     assert solution.estimate.translations is None
     assert solution.cost == alone.cost
     method = type(solver())
@@ -160,7 +160,7 @@ def test_translations_are_left_aside():
 
 def test_the_graph_s_own_weights_play_no_part():
     problem, _ = problem_with(13, 10, 3)
-    heavier = RotationProblem(problem.graph.with_weights(rng_of(1).uniform(1, 5, 29)))
+    heavier = Quadratic(problem.graph.with_weights(rng_of(1).uniform(1, 5, 29)))
     ours, theirs = (solver().solve(p).estimate.rotations for p in (problem, heavier))
     # Only the tree may choose the heavier of parallel edges.
     assert np.abs(ours - theirs).max() < 0.05
@@ -184,7 +184,7 @@ def test_an_initial_estimate_of_another_graph_is_refused():
 def test_ellis_island_is_as_accurate_as_printed(dataset, dataset_path):
     instance = dataset("Ellis_Island")
     nodes, truth = io.read_truth(dataset_path("Ellis_Island_truth"), instance)
-    solution = solver().solve(problem_of(instance.graph))
+    solution = solver().solve(Quadratic(instance.graph))
     errors = metrics.angular_errors(solution.estimate.subset(nodes), truth, norm="l1")
     # Thesis Table 5.4, from the authors' paper: 2.87, 0.51 and 10.36.
     assert errors.mean_deg == pytest.approx(2.87, abs=0.03)

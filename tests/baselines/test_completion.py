@@ -13,7 +13,7 @@ from certpgo.errors import InputError, SpecError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.io.datasets import synthetic
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.methods import _memory
 from certpgo.optimize.solution import Status
 from certpgo.solve import metrics
@@ -46,8 +46,8 @@ def instance(generator, kind, d, n=10, extra=20, noise=0.0):
     """A random problem with parallel and backward edges and uneven weights, and its truth."""
     graph, R, t = strategies.pose_graph(generator, n, d, extra=extra, noise=noise)
     if kind == "rotations":
-        return RotationProblem(graph.rotations_alone), Estimate(R)
-    return PoseProblem(graph), Estimate(R, t)
+        return Quadratic(graph.rotations_alone), Estimate(R)
+    return Quadratic(graph), Estimate(R, t)
 
 
 def shaken(estimate, generator, amount):
@@ -92,7 +92,7 @@ def matrices(problem):
     """Mtilde_B and its mask W, dense, read from the formulas edge by edge."""
     rotation = problem.rotation.graph
     n, d = problem.n, problem.d
-    b = d + isinstance(problem, PoseProblem)
+    b = d + problem.has_positions
     total, count = np.zeros((n, n, b, b)), np.zeros((n, n, 1, 1))
     for e, (i, j) in enumerate(rotation.edges):
         M = np.eye(b)
@@ -283,7 +283,7 @@ def test_the_smallest_graphs(name, d, kind, edges):
     graph = RotationGraph(n, edges, R, np.ones(m))
     if kind == "poses":
         graph = PoseGraph(graph, np.ones((m, d)), np.ones(m))
-    solution = solver(name, start="tree").solve(problem_of(graph))
+    solution = solver(name, start="tree").solve(Quadratic(graph))
     assert solution.cost < 1e-9
     assert solution.status is Status.CONVERGED
 
@@ -324,7 +324,7 @@ def test_a_bipartite_graph_is_tied_together_by_its_identities(name, kind):
     turned = R.copy()
     turned[::2] = so.exp(np.array([0.3, 0.2, 0.1])) @ R[::2]
     start = Estimate(turned, truth.translations)
-    solution = solver(name, max_iterations=5000).solve(problem_of(graph), initial=start)
+    solution = solver(name, max_iterations=5000).solve(Quadratic(graph), initial=start)
     assert_same(solution.estimate, truth, 1e-3)
 
 
@@ -360,10 +360,10 @@ def test_moving_the_world_and_naming_nodes_anew_change_nothing(name, seed, d):
         place = generator.permutation(problem.n)
         graph = relabelled(problem.graph, place)
         order = np.argsort(place)
-        renamed = method.solve(problem_of(graph), initial=start.subset(order))
+        renamed = method.solve(Quadratic(graph), initial=start.subset(order))
         assert_same(renamed.estimate, solution.estimate.subset(order), 1e-6)
 
-        backward = method.solve(problem_of(reversed_graph(problem.graph)), initial=start)
+        backward = method.solve(Quadratic(reversed_graph(problem.graph)), initial=start)
         assert_same(backward.estimate, solution.estimate, 1e-6)
 
 
@@ -387,7 +387,7 @@ def reversed_graph(graph):
 
 @pytest.mark.parametrize("d", [2, 3])
 def test_nothing_missing_is_the_eigenvectors_answer(d):
-    problem = problem_of(complete("rotations", 0.2, d=d).graph)
+    problem = Quadratic(complete("rotations", 0.2, d=d).graph)
     eigenvectors = solver("eigen_ra", tol=1e-12).solve(problem)
     for name in DESCENTS[:2]:
         assert_same(solver(name).solve(problem).estimate, eigenvectors.estimate, 1e-7)
@@ -408,7 +408,7 @@ def test_expectation_maximization_and_damped_newton_agree(d, kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_outliers_move_least_squares_but_not_the_robust_methods(kind):
     made = complete(kind, 0.02, n=30)
-    problem = problem_of(with_outliers(made.graph, 0.15, rng()))
+    problem = Quadratic(with_outliers(made.graph, 0.15, rng()))
 
     def error(name):
         return metrics.angular_errors(solver(name).solve(problem).estimate, made.truth).rmse_deg
@@ -420,7 +420,7 @@ def test_outliers_move_least_squares_but_not_the_robust_methods(kind):
 
 
 def test_the_relaxation_is_below_the_estimate_it_starts_from(dataset):
-    problem = problem_of(dataset("smallGrid3D").graph.rotations_alone).with_unit_weights()
+    problem = Quadratic(dataset("smallGrid3D").graph.rotations_alone).with_unit_weights()
     best = solver("riemannian_gradient").solve(problem)
     solution = solver("damped_newton").solve(problem, initial=best.estimate)
     # Each edge counts twice, and half.

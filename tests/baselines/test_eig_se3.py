@@ -12,7 +12,7 @@ from certpgo import registry
 from certpgo.errors import SpecError
 from certpgo.graph import PoseGraph
 from certpgo.io.datasets import synthetic
-from certpgo.objective.problem import RotationProblem, problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.solution import Status
 from certpgo.solve import metrics
 
@@ -35,7 +35,7 @@ def graph_of(kind, seed, n, d, **options):
 
 
 def cost(graph, **settings):
-    return solver(**settings).solve(problem_of(graph)).cost
+    return solver(**settings).solve(Quadratic(graph)).cost
 
 
 def dense(problem, weights):
@@ -56,7 +56,7 @@ def dense(problem, weights):
 
 def test_the_printed_digits_of_the_sphere(dataset):
     graph = dataset("sphere_bignoise_vertex3", unit_weights=True).graph
-    solution = solver().solve(problem_of(graph))
+    solution = solver().solve(Quadratic(graph))
     assert f"{metrics.f_ml(graph, solution.estimate):.1f}" == "-516589.2"
     assert solution.status is Status.CLOSED_FORM
 
@@ -65,7 +65,7 @@ def test_the_printed_digits_of_the_sphere(dataset):
 @pytest.mark.parametrize("kind", KINDS)
 @given(seed=seeds, d=dimensions)
 def test_exact_measurements_are_fitted(kind, vectors, seed, d):
-    problem = problem_of(graph_of(kind, seed, 9, d, noise=0.0))
+    problem = Quadratic(graph_of(kind, seed, 9, d, noise=0.0))
     solution = solver(vectors=vectors).solve(problem)
     assert solution.cost < 1e-14 * problem.scale
     assert set(solution.seconds) == {"eigen", "round"}
@@ -76,7 +76,7 @@ def test_exact_measurements_are_fitted(kind, vectors, seed, d):
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("n", [2, 3])
 def test_two_or_three_nodes_are_enough(n, d, kind, vectors):
-    problem = problem_of(graph_of(kind, 1, n, d, noise=0.0, extra=0))
+    problem = Quadratic(graph_of(kind, 1, n, d, noise=0.0, extra=0))
     assert solver(vectors=vectors).solve(problem).cost < 1e-14 * problem.scale
 
 
@@ -84,7 +84,7 @@ def test_two_or_three_nodes_are_enough(n, d, kind, vectors):
 @pytest.mark.parametrize("noise", [0.05, 0.5, 2.0])
 @given(seed=seeds, d=dimensions)
 def test_eigenvectors_are_those_of_the_dense_matrix(kind, noise, seed, d):
-    problem = problem_of(graph_of(kind, seed, 12, d, noise=noise, extra=24))
+    problem = Quadratic(graph_of(kind, seed, 12, d, noise=noise, extra=24))
     weights, loop = problem.rotation.graph.kappa, 0.7
     A, degree = dense(problem, weights)
     P = (A + loop * np.eye(len(A))) / (degree + loop)[:, None]
@@ -98,7 +98,7 @@ def test_eigenvectors_are_those_of_the_dense_matrix(kind, noise, seed, d):
 
 def test_noise_puts_eigenvectors_of_the_graph_in_place_of_rotations():
     for noise, spurious in ((0.01, False), (2.0, True)):
-        problem = problem_of(pose_graph(rng_of(3), 30, 3, noise=noise, extra=60)[0])
+        problem = Quadratic(pose_graph(rng_of(3), 30, 3, noise=noise, extra=60)[0])
         ones = np.ones(problem.graph.num_edges)
         V = parts().leading_eigenvectors(problem, ones, 1.0, tol=1e-9)
         last = V.reshape(-1, 4, 4)[:, 3]
@@ -109,7 +109,7 @@ def test_noise_puts_eigenvectors_of_the_graph_in_place_of_rotations():
 @pytest.mark.parametrize("kind", KINDS)
 @given(seed=seeds, d=dimensions)
 def test_singular_vectors_span_what_the_dense_ones_span(kind, seed, d):
-    problem = problem_of(graph_of(kind, seed, 10, d, noise=0.1))
+    problem = Quadratic(graph_of(kind, seed, 10, d, noise=0.1))
     weights = problem.rotation.graph.kappa
     A, degree = dense(problem, weights)
     V = parts().trailing_singular_vectors(problem, weights, tol=1e-10)
@@ -122,7 +122,7 @@ def test_singular_vectors_span_what_the_dense_ones_span(kind, seed, d):
 
 def test_on_regular_graphs_rotations_are_those_of_eigen_ra():
     graph = synthetic.complete(9, 0.3, rng_of(2)).graph
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     theirs = registry.get_solver("eigen_ra")(weights="unit", tol=1e-10).solve(problem)
     for vectors in VECTORS:
         assert solver(vectors=vectors).solve(problem).cost == pytest.approx(theirs.cost, rel=1e-9)
@@ -132,7 +132,7 @@ def test_on_regular_graphs_rotations_are_those_of_eigen_ra():
 @pytest.mark.parametrize("d", [2, 3])
 def test_small_noise_moves_it_from_eigen_ma_as_little(vectors, d):
     graph = pose_graph(rng_of(4), 20, d, noise=1e-5, extra=60, weights=False)[0]
-    problem = problem_of(graph)
+    problem = Quadratic(graph)
     ours = solver(vectors=vectors).solve(problem).estimate.anchored(0)
     theirs = registry.get_solver("eigen_ma")(tol=1e-10).solve(problem).estimate.anchored(0)
     assert np.abs(ours.rotations - theirs.rotations).max() < 1e-4
@@ -153,9 +153,9 @@ def test_neither_names_nor_directions_of_edges_matter(kind, vectors, seed, d):
     )
     flip = rng.random(graph.num_edges) < 0.5
     # Reversed translations have other residuals: rotations are what stays.
-    problem = problem_of(graph).rotation
-    other = problem_of(reversed_where(graph, flip))
-    estimates = [solver(vectors=vectors).solve(p).estimate for p in (problem_of(graph), other)]
+    problem = Quadratic(graph).rotation
+    other = Quadratic(reversed_where(graph, flip))
+    estimates = [solver(vectors=vectors).solve(p).estimate for p in (Quadratic(graph), other)]
     costs = [problem.cost(estimate) for estimate in estimates]
     assert costs[0] == pytest.approx(costs[1], rel=1e-4)
 
@@ -182,9 +182,9 @@ def test_graph_weights_are_kappa_alone_up_to_their_unit(kind):
             return graph.with_weights(kappa)
         return graph.with_weights(kappa, graph.tau)
 
-    problem = problem_of(graph)
+    problem = Quadratic(graph)
     costs = [
-        problem.cost(solver(weights=weights).solve(problem_of(weighted(kappa))).estimate)
+        problem.cost(solver(weights=weights).solve(Quadratic(weighted(kappa))).estimate)
         for weights, kappa in (
             ("graph", graph.kappa),
             ("graph", 4.0 * graph.kappa),
@@ -200,7 +200,7 @@ def test_graph_weights_are_kappa_alone_up_to_their_unit(kind):
 def test_the_unit_of_length_does_not_matter_to_eigenvectors():
     graph = pose_graph(rng_of(7), 15, 3, noise=0.05)[0]
     longer = PoseGraph(graph.rotations_alone, 100.0 * graph.translations, graph.tau)
-    ours, theirs = (solver().solve(problem_of(g)).estimate.anchored(0) for g in (graph, longer))
+    ours, theirs = (solver().solve(Quadratic(g)).estimate.anchored(0) for g in (graph, longer))
     np.testing.assert_allclose(theirs.rotations, ours.rotations, atol=1e-8)
     np.testing.assert_allclose(theirs.translations, 100.0 * ours.translations, atol=1e-4)
 

@@ -9,7 +9,7 @@ from certpgo.errors import InputError, MissingDependency, NumericalError, SpecEr
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.io.datasets import synthetic
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.solution import Status
 
 NAMES = ("gtsam_chordal", "gtsam_fastsync", "gtsam_gauss_newton", "gtsam_levenberg_marquardt")
@@ -48,7 +48,7 @@ def poses(d, n=12, noise=0.02, parallel=False):
     steps = np.einsum("mba,mb->ma", R[i], t[j] - t[i]) + noise * generator.standard_normal((m, d))
     kappa, tau = generator.uniform(50, 200, (2, m))
     graph = PoseGraph(RotationGraph(n, edges, rotations, kappa), steps, tau)
-    return PoseProblem(graph), truth
+    return Quadratic(graph), truth
 
 
 # Golden costs: GTSAM's own run on the files' full information, evaluated by SE-Sync's objective.
@@ -78,7 +78,7 @@ ISOTROPIC = [
 
 @pytest.mark.parametrize(("method", "name", "cost"), FULL_INFORMATION)
 def test_golden_costs_with_the_files_information(gtsam, dataset, dataset_path, method, name, cost):
-    problem = PoseProblem(dataset(name).graph)
+    problem = Quadratic(dataset(name).graph)
     solution = solver(method, source=str(dataset_path(name))).solve(problem)
     assert solution.cost == pytest.approx(cost, rel=1e-6)
     assert "full information" in solution.note
@@ -86,7 +86,7 @@ def test_golden_costs_with_the_files_information(gtsam, dataset, dataset_path, m
 
 @pytest.mark.parametrize(("method", "name", "cost"), ISOTROPIC)
 def test_golden_costs_with_isotropic_information(gtsam, dataset, method, name, cost):
-    solution = solver(method).solve(PoseProblem(dataset(name).graph))
+    solution = solver(method).solve(Quadratic(dataset(name).graph))
     assert solution.cost == pytest.approx(cost, rel=1e-6)
     assert "full information" not in solution.note
 
@@ -95,7 +95,7 @@ def test_golden_costs_with_isotropic_information(gtsam, dataset, method, name, c
 def test_gtsam_gives_up_on_the_indefinite_information_of_cubicle(
     gtsam, dataset, dataset_path, method
 ):
-    problem = PoseProblem(dataset("cubicle").graph)
+    problem = Quadratic(dataset("cubicle").graph)
     with pytest.raises(NumericalError, match=r"GTSAM: Indeterminate linear system") as caught:
         solver(method, source=str(dataset_path("cubicle"))).solve(problem)
     assert "\n" not in str(caught.value)
@@ -104,7 +104,7 @@ def test_gtsam_gives_up_on_the_indefinite_information_of_cubicle(
 def test_a_file_that_gtsam_half_reads_is_not_used(gtsam, dataset, dataset_path):
     instance = dataset("stonewall")
     source = str(dataset_path("stonewall"))
-    solution = solver("gtsam_chordal", source=source).solve(PoseProblem(instance.graph))
+    solution = solver("gtsam_chordal", source=source).solve(Quadratic(instance.graph))
     assert "it finds 2 nodes and 1 edges" in solution.note
 
 
@@ -145,7 +145,7 @@ def test_solutions_are_complete(gtsam, name, d):
 @pytest.mark.parametrize("d", [2, 3])
 def test_fastsync_takes_rotations_alone(gtsam, d):
     instance = synthetic.random_graph(30, 6.0, 0.0, rng(), d=d)
-    problem = RotationProblem(instance.graph)
+    problem = Quadratic(instance.graph)
     solution = solver("gtsam_fastsync").solve(problem)
     assert solution.cost < 1e-9
     assert solution.estimate.translations is None
@@ -153,7 +153,7 @@ def test_fastsync_takes_rotations_alone(gtsam, d):
 
 @pytest.mark.parametrize("name", ["gtsam_chordal", *ITERATIVE])
 def test_the_others_refuse_rotations_alone(gtsam, name):
-    problem = RotationProblem(synthetic.cycle(5, 0.1, rng()).graph)
+    problem = Quadratic(synthetic.cycle(5, 0.1, rng()).graph)
     with pytest.raises(InputError, match="takes pose graphs"):
         solver(name).solve(problem)
 
@@ -189,7 +189,7 @@ def test_an_iteration_limit_is_told(gtsam):
 
 
 def test_a_step_that_raises_the_error_is_a_stall(gtsam, dataset, dataset_path):
-    problem = PoseProblem(dataset("torus3D").graph)
+    problem = Quadratic(dataset("torus3D").graph)
     search = solver("gtsam_gauss_newton", source=str(dataset_path("torus3D")), start="file")
     solution = search.solve(problem)
     assert (solution.status, solution.iterations) == (Status.STALLED, 1)
@@ -203,7 +203,7 @@ def test_the_smallest_graphs(gtsam, name, d, edges):
     edges = np.array(edges)
     m, n = len(edges), edges.max() + 1
     rotation = RotationGraph(n, edges, np.broadcast_to(np.eye(d), (m, d, d)), np.ones(m))
-    solution = solver(name).solve(PoseProblem(PoseGraph(rotation, np.ones((m, d)), np.ones(m))))
+    solution = solver(name).solve(Quadratic(PoseGraph(rotation, np.ones((m, d)), np.ones(m))))
     assert solution.cost < 1e-9
     assert solution.status in {Status.CLOSED_FORM, Status.CONVERGED}
 
@@ -236,7 +236,7 @@ def triangle(information, tmp_path):
     graph = PoseGraph(RotationGraph(3, edges, R, np.full(3, 4.0)), t, np.full(3, 2.0))
     path = tmp_path / "triangle.g2o"
     path.write_text(SE2_FILE.format(information=information))
-    return PoseProblem(graph), str(path)
+    return Quadratic(graph), str(path)
 
 
 def test_arbitrary_ids_in_the_file_are_the_nodes_in_their_order(gtsam, tmp_path):
@@ -255,7 +255,7 @@ def test_arbitrary_ids_in_space_with_parallel_edges(gtsam, tmp_path):
     edges = np.array([[2, 1], [1, 0], [0, 2], [0, 2]])
     t = np.array([[1.0, 0, 0], [0, 1, 0], [-1, -1, 0.1], [-1, -1, 0.1]])
     rotation = RotationGraph(3, edges, np.broadcast_to(np.eye(3), (4, 3, 3)), np.full(4, 4.0))
-    problem = PoseProblem(PoseGraph(rotation, t, np.full(4, 2.0)))
+    problem = Quadratic(PoseGraph(rotation, t, np.full(4, 2.0)))
     for name in ("gtsam_chordal", *ITERATIVE):
         of_file = solver(name, source=str(path)).solve(problem)
         isotropic = solver(name).solve(problem)
@@ -280,7 +280,7 @@ def test_lago_does_without_odometry(gtsam):
         graph.translations,
         graph.tau,
     )
-    assert solver("gtsam_chordal").solve(PoseProblem(relabelled)).cost < 1e-9
+    assert solver("gtsam_chordal").solve(Quadratic(relabelled)).cost < 1e-9
 
 
 def test_a_start_from_the_file(gtsam, tmp_path):

@@ -12,7 +12,7 @@ from certpgo import io, registry
 from certpgo.errors import SpecError
 from certpgo.graph import Estimate
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.solution import Status
 from certpgo.solve import metrics
 
@@ -57,7 +57,7 @@ def test_residuals_without_spread_weigh_alike():
 @pytest.mark.parametrize("d", [2, 3])
 def test_residuals_are_those_of_the_blocks(d):
     graph, R, t = graph_of("poses", 5, 8, d)
-    problem = problem_of(graph)
+    problem = Quadratic(graph)
     norms = module().residual_norms(problem, Estimate(R, t))
     for e, (i, j) in enumerate(graph.edges):
         T, measured = np.tile(np.eye(d + 1), (2, 1, 1)), np.eye(d + 1)
@@ -70,7 +70,7 @@ def test_residuals_are_those_of_the_blocks(d):
 @pytest.mark.parametrize("kind", KINDS)
 @given(seed=seeds, d=dimensions)
 def test_exact_measurements_are_fitted(kind, seed, d):
-    problem = problem_of(graph_of(kind, seed, 9, d, noise=0.0)[0])
+    problem = Quadratic(graph_of(kind, seed, 9, d, noise=0.0)[0])
     assert solver(max_iterations=3).solve(problem).cost < 1e-12 * problem.scale
 
 
@@ -78,7 +78,7 @@ def test_exact_measurements_are_fitted(kind, seed, d):
 @pytest.mark.parametrize("d", [2, 3])
 def test_it_resists_outliers_that_mislead_the_plain_one(kind, d):
     graph, *truth = graph_of(kind, 8, 30, d, noise=0.005, extra=300, weights=False)
-    problem = problem_of(with_outliers(graph, 0.2, rng_of(9)))
+    problem = Quadratic(with_outliers(graph, 0.2, rng_of(9)))
     truth = Estimate(*truth)
     robust = solver().solve(problem)
     plain = registry.get_solver("eig_se3")().solve(problem)
@@ -95,7 +95,7 @@ def test_it_resists_outliers_that_mislead_the_plain_one(kind, d):
 
 
 def test_its_first_estimate_is_the_plain_one():
-    problem = problem_of(graph_of("poses", 3, 12, 3)[0])
+    problem = Quadratic(graph_of("poses", 3, 12, 3)[0])
     told = []
     solution = solver().solve(problem, monitor=lambda iteration: told.append(iteration) or True)
     assert (solution.status, solution.iterations) == (Status.INTERRUPTED, 0)
@@ -103,7 +103,7 @@ def test_its_first_estimate_is_the_plain_one():
 
 
 def test_an_iteration_limit_is_told():
-    problem = problem_of(graph_of("rotations", 3, 12, 3)[0])
+    problem = Quadratic(graph_of("rotations", 3, 12, 3)[0])
     solution = solver(max_iterations=2, tolerance=0.0).solve(problem)
     assert (solution.status, solution.iterations) == (Status.ITERATION_LIMIT, 2)
     assert len(solution.trace) == 3
@@ -112,7 +112,7 @@ def test_an_iteration_limit_is_told():
 def test_the_graph_s_own_weights_play_no_part():
     graph = graph_of("rotations", 3, 12, 3)[0]
     estimates = [
-        solver().solve(problem_of(g)).estimate.rotations for g in (graph, graph.with_weights(1.0))
+        solver().solve(Quadratic(g)).estimate.rotations for g in (graph, graph.with_weights(1.0))
     ]
     np.testing.assert_array_equal(*estimates)
 
@@ -120,7 +120,7 @@ def test_the_graph_s_own_weights_play_no_part():
 def test_ellis_island(dataset, dataset_path):
     instance = dataset("Ellis_Island")
     nodes, truth = io.read_truth(dataset_path("Ellis_Island_truth"), instance)
-    solution = solver().solve(problem_of(instance.graph))
+    solution = solver().solve(Quadratic(instance.graph))
     errors = metrics.angular_errors(solution.estimate.subset(nodes), truth, norm="l1")
     # Thesis Table 5.4 prints 3.07, 0.81 and 10.50.
     assert errors.median_deg == pytest.approx(0.81, abs=0.015)

@@ -13,7 +13,7 @@ from certpgo.graph import PoseGraph
 from certpgo.graph.relaxed_point import Lift
 from certpgo.io.datasets import synthetic
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.solution import Status
 
 NAME = "pymanopt_trust_region"
@@ -38,17 +38,17 @@ def problem_in(d, kind):
     kappa, tau = rng().uniform(0.5, 20.0, (2, instance.graph.num_edges))
     rotation = instance.graph.with_weights(kappa)
     if kind == "rotations":
-        return RotationProblem(rotation)
+        return Quadratic(rotation)
     i, j = rotation.edges.T
     R, t = instance.truth.rotations, 3.0 * rng().standard_normal((rotation.num_nodes, d))
     steps = np.einsum("mba,mb->ma", R[i], t[j] - t[i])
-    return PoseProblem(PoseGraph(rotation, steps + 0.1 * rng().standard_normal(steps.shape), tau))
+    return Quadratic(PoseGraph(rotation, steps + 0.1 * rng().standard_normal(steps.shape), tau))
 
 
 @pytest.mark.parametrize(("kind", "cost"), [("rotations", 484.976072679), ("poses", 1025.398056)])
 def test_the_optima_of_small_grid(pymanopt, dataset, kind, cost):
     graph = dataset("smallGrid3D").graph
-    problem = problem_of(graph if kind == "poses" else graph.rotations_alone)
+    problem = Quadratic(graph if kind == "poses" else graph.rotations_alone)
     solution = solver(min_gradient_norm=1e-3).solve(problem)
     assert solution.cost == pytest.approx(cost, rel=1e-9)
     assert solution.cost == problem.cost(solution.estimate)
@@ -97,7 +97,7 @@ def test_the_translations_are_the_best_ones(pymanopt):
 
 def test_a_stationary_start_is_where_it_ends(pymanopt):
     instance, wound = synthetic.winding_cycle(40, 0.0, 1)
-    problem = RotationProblem(instance.graph)
+    problem = Quadratic(instance.graph)
     for start, verdict in ((wound, Verdict.REFUTED), (instance.truth, Verdict.CERTIFIED)):
         solution = solver().solve(problem, initial=start)
         assert (solution.status, solution.iterations) == (Status.CONVERGED, 1)
@@ -108,7 +108,7 @@ def test_a_stationary_start_is_where_it_ends(pymanopt):
 @pytest.mark.parametrize("d", [2, 3])
 def test_exact_measurements_are_fitted(pymanopt, d):
     instance = synthetic.random_graph(12, 4.0, 0.0, rng(), d=d)
-    solution = solver().solve(RotationProblem(instance.graph))
+    solution = solver().solve(Quadratic(instance.graph))
     assert solution.cost < 1e-9
 
 

@@ -7,7 +7,7 @@ from certpgo import certify, registry
 from certpgo.errors import SpecError
 from certpgo.io.datasets import synthetic
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.methods.cycle_closed_form import stationary_point
 
 pytest.importorskip("gtsam")
@@ -22,7 +22,7 @@ def test_it_minimises_the_weighted_chordal_cost(d):
     rng = np.random.default_rng(d)
     graph = synthetic.random_graph(12, 5.0, 0.3, rng, d=d).graph
     graph = graph.with_weights(rng.uniform(0.5, 4.0, graph.num_edges))
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     solution = method(starts=5).solve(problem)
     assert problem.stationarity(solution.estimate) < 1e-5
     assert certify(problem, solution.estimate).verdict.value == "CERTIFIED"
@@ -30,7 +30,7 @@ def test_it_minimises_the_weighted_chordal_cost(d):
 
 
 def test_from_random_starts_a_cycle_is_left_wound_up_now_and_then():
-    problem = RotationProblem(synthetic.cycle(20, 0.1, np.random.default_rng(0)).graph)
+    problem = Quadratic(synthetic.cycle(20, 0.1, np.random.default_rng(0)).graph)
     best = problem.cost(stationary_point(problem.graph))
     costs = [method(seed=seed).solve(problem).cost for seed in range(12)]
     reached = [cost <= best * (1 + 1e-6) for cost in costs]
@@ -42,7 +42,7 @@ def test_from_random_starts_a_cycle_is_left_wound_up_now_and_then():
 
 
 def test_starts_are_drawn_from_the_seed_and_the_graph():
-    problem = RotationProblem(synthetic.cycle(20, 0.1, np.random.default_rng(0)).graph)
+    problem = Quadratic(synthetic.cycle(20, 0.1, np.random.default_rng(0)).graph)
     first, again = (method().solve(problem).estimate.rotations for _ in range(2))
     np.testing.assert_array_equal(first, again)
     other = method(seed=1).solve(problem).estimate.rotations
@@ -51,7 +51,7 @@ def test_starts_are_drawn_from_the_seed_and_the_graph():
 
 def test_an_initial_estimate_is_the_first_start():
     instance, wound = synthetic.winding_cycle(12, 0.7, -1)
-    problem = RotationProblem(instance.graph)
+    problem = Quadratic(instance.graph)
     solution = method().solve(problem, initial=wound)
     assert solution.cost == pytest.approx(problem.cost(wound), rel=1e-9)
 

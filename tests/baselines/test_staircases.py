@@ -14,7 +14,7 @@ from certpgo.errors import InputError, MissingDependency, NumericalError, SpecEr
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.io.datasets import synthetic
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.solution import Status
 
 NAMES = ("gtsam_shonan", "gtsam_staircase")
@@ -48,24 +48,24 @@ def module(name):
 def problem_in(d):
     """A random graph whose kappa differ from edge to edge."""
     graph = synthetic.random_graph(20, 5.0, 0.1, rng(), d=d).graph
-    return RotationProblem(graph.with_weights(rng().uniform(0.5, 200.0, graph.num_edges)))
+    return Quadratic(graph.with_weights(rng().uniform(0.5, 200.0, graph.num_edges)))
 
 
 def pose_problem():
     rotation = problem_in(3).graph
     m = rotation.num_edges
-    return PoseProblem(PoseGraph(rotation, rng().standard_normal((m, 3)), np.ones(m)))
+    return Quadratic(PoseGraph(rotation, rng().standard_normal((m, 3)), np.ones(m)))
 
 
 def wound_up(n, d=3):
     """A cycle without noise, and its stationary estimate that turns once too often."""
     instance, estimate = synthetic.winding_cycle(n, 0.0, 1, d)
-    return RotationProblem(instance.graph), estimate
+    return Quadratic(instance.graph), estimate
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_optimum_of_small_grid(gtsam, name, dataset):
-    problem = RotationProblem(dataset("smallGrid3D").graph.rotations_alone)
+    problem = Quadratic(dataset("smallGrid3D").graph.rotations_alone)
     solution = solver(name).solve(problem)
     assert solution.cost == pytest.approx(484.976072679, rel=ACCURACY[name])
     assert solution.cost == problem.cost(solution.estimate)
@@ -247,7 +247,7 @@ def test_the_smallest_graphs(gtsam, name, d, edges, start):
     edges = np.array(edges)
     measured = so.exp(np.full((len(edges), so.tangent_dim(d)), 0.4))
     graph = RotationGraph(edges.max() + 1, edges, measured, np.ones(len(edges)))
-    solution = solver(name, start=start).solve(RotationProblem(graph))
+    solution = solver(name, start=start).solve(Quadratic(graph))
     assert solution.cost < 1e-6
 
 

@@ -20,7 +20,7 @@ from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import factor
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.riemannian_newton import newton
 
 
@@ -39,7 +39,7 @@ def with_fixes(rng, n, d, far, noise=0.1):
 
 
 def optimum(graph, R, t=None):
-    problem = problem_of(graph)
+    problem = Quadratic(graph)
     if problem.n > len(R):  # the world
         R = np.concatenate([R, np.eye(problem.d)[None]])
     return problem, problem.complete(newton(problem, problem.complete(R)).estimate.rotations)
@@ -90,7 +90,7 @@ def test_no_point_is_too_far_from_stationary_for_the_bound_to_hold(seed, d, expo
 def test_no_estimate_costs_less_where_edges_are_general_or_lead_to_points(seed, d):
     rng = rng_of(seed)
     for graph in (general_graph(rng, 6, d)[0], point_graph(rng, 5, 3, d)[0]):
-        problem = PoseProblem(graph)
+        problem = Quadratic(graph)
         start = problem.complete(so.random(rng, problem.n, d))
         point = problem.complete(newton(problem, start).estimate.rotations)
         bound = anchored(problem, point)
@@ -152,7 +152,7 @@ def test_wound_up_cycles_have_no_anchored_bound():
     for n in (6, 60, 600):
         for d in (2, 3):
             instance, wound = winding_cycle(n, 0.3, 1, d)
-            problem = RotationProblem(instance.graph)
+            problem = Quadratic(instance.graph)
             bound = anchored(problem, problem.complete(wound.rotations))
             assert bound is None or bound.value <= problem.cost(instance.truth)
 
@@ -192,7 +192,7 @@ def test_precise_positions_along_a_long_road_keep_their_bound(d):
 def test_what_counts_as_zero_does_not_grow_with_the_distance_from_the_origin():
     """Poses that are all a centimetre off cost twice as much, and are not certified."""
     graph = road(2)
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     best = certpgo.solve(graph)
     off = 0.01 * np.random.default_rng(1).choice([-1.0, 1.0], best.estimate.translations.shape)
     moved = best.estimate.with_translations(best.estimate.translations + off)

@@ -15,7 +15,7 @@ from certpgo.linalg import factor
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import CSC
 from certpgo.linalg.rounding_bound import RoundingBound, is_cholesky
-from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize import descent
 from certpgo.optimize.methods.eigen_ra import EigenRA
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
@@ -26,7 +26,7 @@ def wound_poses(n, winding, tau=1.0, theta=0.0):
     """A wound-up cycle of poses that all stand at the origin."""
     instance, estimate = winding_cycle(n, theta, winding)
     graph = PoseGraph(instance.graph, np.zeros((n, 3)), np.full(n, tau))
-    return PoseProblem(graph), estimate
+    return Quadratic(graph), estimate
 
 
 @pytest.mark.parametrize("refine", [True, False])
@@ -41,9 +41,7 @@ def test_overflow_certifies_nothing(refine):
 
 def test_weights_that_add_up_beyond_doubles_are_refused():
     problem, wound = wound_poses(20, 1)
-    far = PoseProblem(
-        PoseGraph(problem.graph.rotations_alone, np.full((20, 3), 1e160), np.ones(20))
-    )
+    far = Quadratic(PoseGraph(problem.graph.rotations_alone, np.full((20, 3), 1e160), np.ones(20)))
     with pytest.raises(InputError, match="beyond the range of doubles"):
         certify(far, Estimate(wound.rotations, np.zeros((20, 3))))
 
@@ -52,8 +50,8 @@ def test_weights_that_add_up_beyond_doubles_are_refused():
 def test_verdicts_know_no_scale(power):
     instance, wound = winding_cycle(20, 0.3, 1)
     _, right = winding_cycle(20, 0.3, 0)
-    reference = certify(RotationProblem(instance.graph), right)
-    problem = RotationProblem(instance.graph.with_weights(2.0**power))
+    reference = certify(Quadratic(instance.graph), right)
+    problem = Quadratic(instance.graph.with_weights(2.0**power))
     assert certify(problem, wound).verdict is Verdict.REFUTED
     certificate = certify(problem, right)
     assert certificate.verdict is Verdict.CERTIFIED
@@ -81,8 +79,8 @@ class _Rigged:
 
 def test_a_rigged_factorization_is_noticed(monkeypatch):
     instance, wound = winding_cycle(12, 0.5, 1)
-    problem = RotationProblem(instance.graph)
-    monkeypatch.setattr(RotationProblem, "symbolic", lambda self, A: _Rigged(A))
+    problem = Quadratic(instance.graph)
+    monkeypatch.setattr(Quadratic, "symbolic", lambda self, A: _Rigged(A))
     bound = dual_bound(problem, wound)
     optimum = 8 * 12 * math.sin(0.5 / 24) ** 2
     assert bound is None or bound.value <= optimum
@@ -119,7 +117,7 @@ def test_near_the_truth_of_exact_data(n, noise):
     instance, right = winding_cycle(n, 0.0, 0)
     graph = PoseGraph(instance.graph, np.zeros((n, 3)), np.ones(n))
     turned = right.rotations @ so.exp(noise * rng.standard_normal((n, 3)))
-    certificate = certify(PoseProblem(graph), Estimate(turned, np.zeros((n, 3))))
+    certificate = certify(Quadratic(graph), Estimate(turned, np.zeros((n, 3))))
     assert certificate.lower_bound == 0.0
     assert certificate.basin_is_global
     assert certificate.verdict is (Verdict.BOUNDED if noise else Verdict.CERTIFIED)
@@ -130,7 +128,7 @@ def test_descent_that_has_not_settled_refutes_nothing(monkeypatch):
     """Two steps do not suffice here; more of them end in the optimum's own basin."""
     rng = np.random.default_rng(0)
     instance = helix(18, rng)
-    problem = problem_of(instance.graph)
+    problem = Quadratic(instance.graph)
     start = Estimate(
         instance.truth.rotations @ so.exp(0.3 * rng.standard_normal((problem.n, 3))),
         instance.truth.translations,
@@ -149,7 +147,7 @@ def test_weights_of_absurdly_different_size_end_in_a_verdict():
         for power in (6, 8, 12):
             problem, wound = wound_poses(n, 1)
             tau = 10.0 ** (power * np.array(signs, dtype=float))
-            problem = PoseProblem(problem.graph.with_weights(tau=tau))
+            problem = Quadratic(problem.graph.with_weights(tau=tau))
             certificate = certify(problem, Estimate(wound.rotations, np.eye(n, 3)))
             assert certificate.verdict is not Verdict.CERTIFIED
             assert certificate.lower_bound <= 1e-6  # F* = 0
@@ -162,7 +160,7 @@ def test_the_spectral_bound_is_below_the_optimum_even_so():
         angles = 0.01 * rng.standard_normal((12, so.tangent_dim(d)))
         instance, right = winding_cycle(12, 0.0, 0, d)
         graph = RotationGraph(12, instance.graph.edges, so.exp(angles), np.ones(12))
-        problem = RotationProblem(graph)
+        problem = Quadratic(graph)
         best = newton(problem, right).cost
         assert EigenRA().solve(problem).lower_bound <= best
 
@@ -183,7 +181,7 @@ def test_a_long_bridge_hides_no_winding(tier):
         n + 1, edges, np.concatenate([measured, np.eye(2)[None]]), np.full(n + 1, 1000.0)
     )
     graph = PoseGraph(rotation, np.concatenate([moves, [[4.6e6, 0.0]]]), np.full(n + 1, 100.0))
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     twice = np.concatenate([so.exp((2.0 * step * np.arange(n))[:, None]), np.eye(2)[None]])
     wound = newton(problem, problem.complete(twice)).estimate
     certificate = certify(problem, wound, tier=tier)
@@ -194,7 +192,7 @@ def test_a_long_bridge_hides_no_winding(tier):
 def test_a_better_point_in_hand_is_given_even_where_descent_did_not_settle():
     instance, _ = winding_cycle(200, 0.1, 1)
     graph = PoseGraph(instance.graph, np.tile([1.0, 0.0, 0.0], (200, 1)), np.ones(200))
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     line = Estimate(np.tile(np.eye(3), (200, 1, 1)), np.arange(200)[:, None] * np.eye(1, 3))
     certificate = certify(problem, line)
     assert certificate.verdict is not Verdict.CERTIFIED
@@ -205,5 +203,5 @@ def test_a_better_point_in_hand_is_given_even_where_descent_did_not_settle():
 def test_graphs_and_problems_are_judged_and_nothing_else():
     instance, wound = winding_cycle(5, 0.0, 0)
     assert certify(instance.graph, wound).verdict == certify(instance, wound).verdict
-    with pytest.raises(InputError, match="RotationProblem"):
+    with pytest.raises(InputError, match="Quadratic"):
         certify(wound, wound)

@@ -19,7 +19,7 @@ from certpgo.graph import Estimate, RotationGraph
 from certpgo.io import read
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 
 
@@ -38,7 +38,7 @@ def cycle_graph(n):
 
 
 def published_alpha(graph):
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     return alpha_max(fiedler_value(problem) / problem.node_weights.max())
 
 
@@ -55,11 +55,11 @@ def test_closed_forms_of_alpha_max():
 
 @pytest.mark.parametrize("n", [3, 8, 25])
 def test_fiedler_values_of_complete_and_cycle_graphs(n):
-    assert fiedler_value(RotationProblem(complete_graph(n))) == pytest.approx(n, rel=1e-9)
+    assert fiedler_value(Quadratic(complete_graph(n))) == pytest.approx(n, rel=1e-9)
     expected = 2 * (1 - np.cos(2 * np.pi / n))
-    assert fiedler_value(RotationProblem(cycle_graph(n))) == pytest.approx(expected, rel=1e-9)
+    assert fiedler_value(Quadratic(cycle_graph(n))) == pytest.approx(expected, rel=1e-9)
     # On regular graphs the normalized value is the same up to the degree.
-    nu = normalized_fiedler_value(RotationProblem(cycle_graph(n)))
+    nu = normalized_fiedler_value(Quadratic(cycle_graph(n)))
     assert nu == pytest.approx(expected / 2, rel=1e-9)
 
 
@@ -72,12 +72,12 @@ def test_normalized_bound_on_viewing_graphs(name, dataset_path):
     graph = read(dataset_path(f"{name}.mat"), quiet=True).graph
     old, new = VIEWING_GRAPHS[name]
     assert np.degrees(published_alpha(graph)) == pytest.approx(old, abs=1e-3)
-    ours = alpha_max(normalized_fiedler_value(RotationProblem(graph)))
+    ours = alpha_max(normalized_fiedler_value(Quadratic(graph)))
     assert np.degrees(ours) == pytest.approx(new, abs=1e-2)
 
 
 def test_sphinx(dataset):
-    problem = RotationProblem(dataset("sphinx_SO3").graph).with_unit_weights()
+    problem = Quadratic(dataset("sphinx_SO3").graph).with_unit_weights()
     assert np.degrees(published_alpha(problem.graph)) == pytest.approx(8.879, abs=1e-3)
     ours = alpha_max(normalized_fiedler_value(problem))
     assert np.degrees(ours) == pytest.approx(14.122, abs=1e-3)
@@ -87,7 +87,7 @@ def test_sphinx(dataset):
 @given(seeds, dimensions)
 def test_normalized_is_never_weaker(seed, d):
     graph, _ = rotation_graph(rng_of(seed), 8, d)
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     dense = np.linalg.eigvalsh(problem.laplacian.toarray())[1]
     assert fiedler_value(problem) == pytest.approx(dense, rel=1e-7)
     scaling = np.diag(problem.node_weights**-0.5)
@@ -107,7 +107,7 @@ def test_stationary_points_within_a_bound_are_optimal(seed, d, noise):
     rng = rng_of(seed)
     n = int(rng.integers(3, 9))
     graph, R = rotation_graph(rng, n, d, extra=int(rng.integers(0, 2 * n)), noise=noise)
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     point = newton(problem, Estimate(R), NewtonSettings(max_iterations=200)).estimate
     largest = problem.residual_angles(point).max()
     b = bounds_of(problem, point)
@@ -126,7 +126,7 @@ def test_stationary_points_within_a_bound_are_optimal(seed, d, noise):
 def test_row_bound_sums_parallel_edges_before_norms():
     turn = so.exp(np.array([0.0, 0.0, 0.4]))
     graph = RotationGraph(2, np.array([[0, 1], [1, 0]]), np.stack([turn, turn]), np.ones(2))
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     # The two measurements disagree symmetrically about the identity: off-diagonal sum 2 (1 - cos).
     rows = row_bound(problem, Estimate(np.tile(np.eye(3), (2, 1, 1))))
     np.testing.assert_allclose(rows, 2 * (1 - np.cos(0.4)), rtol=1e-12, atol=0)
@@ -137,7 +137,7 @@ def test_row_bound_sums_parallel_edges_before_norms():
 def test_row_bounds_are_those_of_the_certificate_matrix_in_the_gauge_of_the_estimate(seed, d):
     rng = rng_of(seed)
     graph, R = rotation_graph(rng, 6, d, noise=1.0)
-    problem, point = RotationProblem(graph), Estimate(so.random(rng, 6, d))
+    problem, point = Quadratic(graph), Estimate(so.random(rng, 6, d))
     S = problem.certificate_matrix(problem.multipliers(point)).toarray().reshape(6, d, 6, d)
     R = point.rotations
     turned = np.einsum("iab,ibjc,jdc->iajd", R, S, R)
@@ -151,7 +151,7 @@ def test_every_bound_is_the_one_it_is_called():
     """A weighted star with a chord: its nodes differ in weight, and no two bounds agree."""
     edges, kappa = [[0, 1], [0, 2], [0, 3], [1, 2]], [1.0, 2.0, 5.0, 0.5]
     graph = identity_graph(4, edges, kappa)
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     x = Estimate(so.exp(np.random.default_rng(0).uniform(-0.1, 0.1, (4, 3))))
     b = bounds_of(problem, x)
     L = problem.laplacian.toarray()
@@ -172,7 +172,7 @@ def test_every_bound_is_the_one_it_is_called():
 @pytest.mark.parametrize("k", [0, 1])
 def test_cycle_bounds_know_the_winding(k):
     instance, estimate = winding_cycle(12, 0.7, k)
-    problem = RotationProblem(instance.graph)
+    problem = Quadratic(instance.graph)
     assert cycle_bound(instance.graph) == pytest.approx(np.pi / 12)
     assert cycle_sum_holds(problem, estimate) is (k == 0)
     largest = problem.residual_angles(estimate).max()
@@ -187,7 +187,7 @@ def test_weighted_cycles_may_exceed_pi_over_n_and_still_be_optimal():
     i, j = np.arange(n), (np.arange(n) + 1) % n
     edges = np.where(flip[:, None], np.c_[j, i], np.c_[i, j])
     R = np.where(flip[:, None, None], np.swapaxes(turns, 1, 2), turns)
-    problem = RotationProblem(RotationGraph(n, edges, R, weights))
+    problem = Quadratic(RotationGraph(n, edges, R, weights))
     assert cycle_bound(problem.graph) is None
     point = newton(problem, Estimate(np.tile(np.eye(3), (n, 1, 1)))).estimate
     angles = problem.residual_angles(point)
@@ -215,9 +215,9 @@ def test_the_cycle_sum_is_of_residuals_about_one_axis_and_of_one_sign(seed, turn
     measured = np.where(flip[:, None, None], np.swapaxes(measured, 1, 2), measured)
     order = rng.permutation(n)
     kappa = rng.uniform(0.5, 2.0, n)
-    problem = RotationProblem(RotationGraph(n, edges[order], measured[order], kappa))
+    problem = Quadratic(RotationGraph(n, edges[order], measured[order], kappa))
     assert cycle_sum_holds(problem, Estimate(R)) is (turns <= 1.0 and not bent)
-    exact = RotationProblem(identity_graph(n, edges[order], kappa))
+    exact = Quadratic(identity_graph(n, edges[order], kappa))
     assert cycle_sum_holds(exact, Estimate(np.tile(np.eye(3), (n, 1, 1)))) is True
 
 
@@ -230,7 +230,7 @@ def test_a_cycle_of_weights_that_differ_has_no_bound_by_its_length():
 
 
 def test_graphs_that_are_no_cycle_have_no_cycle_bound():
-    problem = RotationProblem(complete_graph(4))
+    problem = Quadratic(complete_graph(4))
     point = Estimate(np.tile(np.eye(3), (4, 1, 1)))
     assert cycle_bound(problem.graph) is None
     assert cycle_sum_holds(problem, point) is None
@@ -239,7 +239,7 @@ def test_graphs_that_are_no_cycle_have_no_cycle_bound():
 
 def test_bounds_need_stationarity():
     """K_4 with exact data: residuals of 44 < 54.4 degrees at a point that is not optimal."""
-    problem = RotationProblem(complete_graph(4))
+    problem = Quadratic(complete_graph(4))
     rng = np.random.default_rng(0)
     found = False
     for _ in range(200):

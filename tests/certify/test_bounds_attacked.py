@@ -13,7 +13,7 @@ from strategies import random_edges
 from certpgo.certify.bounds import alpha_max, normalized_fiedler_value, row_bound
 from certpgo.graph import Estimate, RotationGraph
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 
 ATTACKS = int(os.environ.get("CERTPGO_ATTACKS", "300"))
@@ -111,7 +111,7 @@ def descended(rng, edges, kappa, d):
     def at(scale):
         graph = graph_of(edges, kappa, scale * noise)
         return graph, newton(
-            RotationProblem(graph), Estimate(start), NewtonSettings(max_iterations=200)
+            Quadratic(graph), Estimate(start), NewtonSettings(max_iterations=200)
         ).estimate
 
     return at
@@ -121,7 +121,7 @@ def descended(rng, edges, kappa, d):
 class Attack:
     """A stationary point, and how near it is to each bound (1 at the bound)."""
 
-    problem: RotationProblem
+    problem: Quadratic
     point: Estimate
     normalized: float
     rows: float
@@ -135,7 +135,7 @@ class Attack:
 
 def attack_at(made, scale, nu):
     graph, point = made(scale)
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     return Attack(
         problem,
         point,
@@ -167,7 +167,7 @@ def test_no_stationary_point_inside_a_bound_has_a_negative_eigenvalue(measure, r
         tries += 1
         edges, kappa = weighted_edges(rng, family)
         bare = graph_of(edges, kappa, np.zeros((len(edges), so.tangent_dim(d))))
-        nu = normalized_fiedler_value(RotationProblem(bare))
+        nu = normalized_fiedler_value(Quadratic(bare))
         near = 2 * close <= inside
         wanted = rng.uniform(0.85, 0.999) if near else rng.uniform(0.1, CLOSE)
         attack = aimed(make(rng, edges, kappa, d), nu, measure, wanted)
@@ -188,7 +188,7 @@ def test_the_attack_finds_negative_eigenvalues_beyond_the_bounds(excess):
     edges, kappa = np.array([[0, 1], [1, 2], [2, 0]]), np.ones(3)
     turns = np.zeros((3, 3))
     turns[:, 2] = np.pi / 3 * (1 + excess)
-    problem = RotationProblem(graph_of(edges, kappa, turns))
+    problem = Quadratic(graph_of(edges, kappa, turns))
     nu = normalized_fiedler_value(problem)
     attack = attack_at(lambda _: (problem.graph, identity(problem.graph)), 0.0, nu)
     assert attack.normalized == pytest.approx(1 + excess, rel=1e-9)

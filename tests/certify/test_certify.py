@@ -15,7 +15,7 @@ from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import factor
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize import spectral
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 
@@ -23,7 +23,7 @@ from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 def winding(n, theta, k, d=3, scale=1.0):
     instance, estimate = winding_cycle(n, theta, k, d)
     graph = instance.graph.with_weights(scale)
-    return RotationProblem(graph), estimate
+    return Quadratic(graph), estimate
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -64,7 +64,7 @@ def test_every_engine_gives_the_same_verdicts(engine, monkeypatch):
     assert certify(*good).engine == engine
     assert certify(*wound).verdict is Verdict.REFUTED
     graph, R, t = pose_graph(np.random.default_rng(0), 20, 3)
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     optimum = newton(problem, Estimate(R, t)).estimate
     assert certify(problem, optimum).verdict is Verdict.CERTIFIED
 
@@ -82,7 +82,7 @@ GOLDEN = {
 
 @pytest.mark.parametrize("name", GOLDEN)
 def test_public_optima_are_certified(name, dataset):
-    problem = PoseProblem(dataset(name).graph)
+    problem = Quadratic(dataset(name).graph)
     V = spectral.smallest_eigenpairs(problem.rotation).vectors
     start = problem.complete(spectral.round_to_rotations(V, problem.d))
     first = certify(problem, start)
@@ -104,7 +104,7 @@ def test_public_optima_are_certified(name, dataset):
 def test_lower_bounds_are_below_every_cost_in_sight(seed, d, poses):
     rng = rng_of(seed)
     graph, R, t = pose_graph(rng, 7, d, noise=0.4)
-    problem = problem_of(graph if poses else graph.rotations_alone)
+    problem = Quadratic(graph if poses else graph.rotations_alone)
     truth = Estimate(R, t if poses else None)
     certificate = certify(problem, truth)
     assert certificate.cost_upper >= problem.cost(truth)
@@ -122,20 +122,20 @@ def test_lower_bounds_are_below_every_cost_in_sight(seed, d, poses):
 def test_invariances_of_the_verdict(seed, d):
     rng = rng_of(seed)
     graph, R, t = pose_graph(rng, 8, d, noise=0.2)
-    x = newton(PoseProblem(graph), Estimate(R, t)).estimate
-    reference = certify(PoseProblem(graph), x)
+    x = newton(Quadratic(graph), Estimate(R, t)).estimate
+    reference = certify(Quadratic(graph), x)
 
     scaled = graph.with_weights(2.0**40 * graph.kappa, 2.0**40 * graph.tau)
-    certificate = certify(PoseProblem(scaled), x)
+    certificate = certify(Quadratic(scaled), x)
     assert certificate.verdict is reference.verdict
     assert certificate.lower_bound == pytest.approx(2.0**40 * reference.lower_bound, rel=1e-8)
 
     moved = x.moved(so.random(rng, 1, d)[0], rng.standard_normal(d))
-    assert certify(PoseProblem(graph), moved).verdict is reference.verdict
+    assert certify(Quadratic(graph), moved).verdict is reference.verdict
 
     kilometres = PoseGraph(graph.rotations_alone, graph.translations / 1024, graph.tau * 1024.0**2)
     smaller = Estimate(x.rotations, x.translations / 1024)
-    assert certify(PoseProblem(kilometres), smaller).verdict is reference.verdict
+    assert certify(Quadratic(kilometres), smaller).verdict is reference.verdict
 
     order = rng.permutation(8)
     place = np.argsort(order)
@@ -145,7 +145,7 @@ def test_invariances_of_the_verdict(seed, d):
         graph.translations,
         graph.tau,
     )
-    certificate = certify(PoseProblem(renamed), x.subset(order))
+    certificate = certify(Quadratic(renamed), x.subset(order))
     assert certificate.verdict is reference.verdict
     assert certificate.lower_bound == pytest.approx(reference.lower_bound, rel=1e-7, abs=1e-9)
 
@@ -155,7 +155,7 @@ def test_invariances_of_the_verdict(seed, d):
 def test_noise_free_graphs_are_certified_at_zero(poses, scale):
     graph, R, t = pose_graph(np.random.default_rng(5), 30, 3, noise=0.0)
     graph = graph.with_weights(scale * graph.kappa, scale * graph.tau)
-    problem = problem_of(graph if poses else graph.rotations_alone)
+    problem = Quadratic(graph if poses else graph.rotations_alone)
     certificate = certify(problem, Estimate(R, t if poses else None))
     assert certificate.verdict is Verdict.CERTIFIED
     assert abs(certificate.lower_bound) < 1e-9 * problem.scale
@@ -165,7 +165,7 @@ def test_noise_free_graphs_are_certified_at_zero(poses, scale):
 def test_trees_and_single_edges(n):
     rng = np.random.default_rng(1)
     graph, R, _t = pose_graph(rng, n, 3, extra=0, noise=0.5)
-    for problem in (PoseProblem(graph), RotationProblem(graph.rotations_alone)):
+    for problem in (Quadratic(graph), Quadratic(graph.rotations_alone)):
         solution = newton(problem, problem.complete(R))
         certificate = certify(problem, solution.estimate)
         assert certificate.verdict is Verdict.CERTIFIED, certificate.reason
@@ -186,7 +186,7 @@ def test_noise_beyond_tightness_is_bounded_with_a_proven_gap():
     verdicts = set()
     for seed in range(20):
         graph, _R = rotation_graph(np.random.default_rng(seed), 8, 3, noise=1.5)
-        problem = RotationProblem(graph)
+        problem = Quadratic(graph)
         best = min(
             (
                 newton(
@@ -206,7 +206,7 @@ def test_noise_beyond_tightness_is_bounded_with_a_proven_gap():
 
 def test_refinement_can_be_turned_off():
     graph, R, t = pose_graph(np.random.default_rng(0), 10, 3)
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     raw = certify(problem, Estimate(R, t), refine=False)
     assert raw.better is None
     np.testing.assert_array_equal(raw.refined.rotations, R)
@@ -216,7 +216,7 @@ def test_refinement_can_be_turned_off():
 
 def test_bad_arguments():
     graph, R, t = pose_graph(np.random.default_rng(0), 5, 3)
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     with pytest.raises(SpecError, match="did you mean standard"):
         certify(problem, Estimate(R, t), tier="standart")
     with pytest.raises(InputError, match="tolerances"):
@@ -227,7 +227,7 @@ def test_bad_arguments():
 
 def test_tolerances_decide_and_are_kept():
     graph, R, t = pose_graph(np.random.default_rng(0), 10, 3)
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     optimum = newton(problem, Estimate(R, t)).estimate
     turned = problem.complete(
         optimum.rotations @ so.exp(np.full((10, 3), 1e-3) * np.arange(10)[:, None])

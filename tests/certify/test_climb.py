@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from strategies import pose_graph, rng_of
 
-from certpgo import RotationProblem, certify, solve
+from certpgo import Quadratic, certify, solve
 from certpgo.certify.normalized import NormalizedProblem
 from certpgo.graph import PoseGraph
 from certpgo.io.datasets.synthetic import grid3d, winding_cycle
@@ -40,7 +40,7 @@ def uneven(condition, noise):
 
 def test_a_wound_cycle_unwinds_at_a_higher_rank():
     instance, wound = winding_cycle(12, 0.0, 1)
-    problem = RotationProblem(instance.graph)
+    problem = Quadratic(instance.graph)
     stairs = list(climb(problem, wound, 5, Stop()))
     assert [stair.point.rank for stair in stairs][:1] == [4]
     costs = [problem.cost(wound), *(stair.cost for stair in stairs)]
@@ -56,7 +56,7 @@ def test_a_wound_cycle_unwinds_at_a_higher_rank():
 def test_a_climb_may_go_on_elsewhere_and_end_early():
     """It then descends at the next rank all the same."""
     instance, wound = winding_cycle(12, 0.0, 1)
-    problem, asked = RotationProblem(instance.graph), []
+    problem, asked = Quadratic(instance.graph), []
 
     def twice(point, eigenvalue):
         asked.append((point.rotations.shape[1], eigenvalue))

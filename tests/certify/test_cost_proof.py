@@ -24,7 +24,7 @@ from certpgo.graph.relaxed_point import lifted
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import Sum, objective_of
 from certpgo.objective.costs.g2o import G2oCost
-from certpgo.objective.problem import PoseProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.levenberg_marquardt import descend
 from certpgo.solve.bounding import reproven
 from certpgo.solve.minima import local_minimum
@@ -487,7 +487,7 @@ def test_the_bound_of_the_proof_tier_is_what_it_says(small):
 def test_arms_at_second_poses_have_no_proof():
     graph, _, _ = general_graph(rng_of(1), 5, 3)
     with pytest.raises(NumericalError, match="no arms"):
-        exact_graph(PoseProblem(graph))
+        exact_graph(Quadratic(graph))
 
 
 def test_where_rounding_prevents_it_solve_takes_the_proof_tier(dataset):

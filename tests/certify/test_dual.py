@@ -19,14 +19,14 @@ from certpgo.graph.relaxed_point import Lift, lifted
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import factor, superlu
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.methods.low_rank import LowRank, descend
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 
 
 def optimum(seed, d, poses, n=7, noise=0.15):
     graph, R, t = pose_graph(rng_of(seed), n, d, noise=noise)
-    problem = problem_of(graph if poses else graph.rotations_alone)
+    problem = Quadratic(graph if poses else graph.rotations_alone)
     point = newton(problem, Estimate(R, t if poses else None)).estimate
     return problem, problem.complete(point.rotations)
 
@@ -44,7 +44,7 @@ def test_the_certified_matrix_is_positive_definite_in_ball_arithmetic(
         d = 2 + seed % 2
         graph, R, t = pose_graph(rng_of(seed), 5, d, noise=noise)
         graph, exact = with_exact_rotations(graph)
-        problem = problem_of(graph if poses else graph.rotations_alone)
+        problem = Quadratic(graph if poses else graph.rotations_alone)
         point = newton(problem, Estimate(R, t if poses else None)).estimate
         bound = dual_bound(problem, problem.complete(point.rotations))
         if bound is None:
@@ -60,7 +60,7 @@ def test_the_certified_matrix_is_positive_definite_in_ball_arithmetic(
 def test_the_oracle_refuses_a_multiplier_that_is_too_large():
     graph, R, _ = pose_graph(rng_of(0), 5, 3)
     graph, exact = with_exact_rotations(graph)
-    problem = RotationProblem(graph.rotations_alone)
+    problem = Quadratic(graph.rotations_alone)
     point = newton(problem, Estimate(R)).estimate
     bound = dual_bound(problem, point)
     raised = bound.multipliers + 2.0 * bound.shift * np.eye(3)
@@ -94,7 +94,7 @@ def test_indefinite_certificate_matrices_give_the_eigenvalue_bound():
     """For rotations the best uniform shift is -lambda_min: the search must come close to it."""
     for seed in range(30):
         graph, R, _ = pose_graph(np.random.default_rng(seed), 6, 3, noise=1.0)
-        problem = RotationProblem(graph.rotations_alone)
+        problem = Quadratic(graph.rotations_alone)
         point = newton(problem, Estimate(R), NewtonSettings(max_iterations=300)).estimate
         smallest = np.linalg.eigvalsh(
             problem.certificate_matrix(problem.multipliers(point)).toarray()
@@ -119,7 +119,7 @@ def test_screening_trusts_the_factorization_and_bounds_more():
 def test_cost_upper_is_above_the_exact_cost(seed, d):
     rng = rng_of(seed)
     graph, R, t = pose_graph(rng, 4, d, extra=2, noise=1e-6)
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     x = Estimate(R, t)
     exact = Fraction(0)
     for e, (i, j) in enumerate(graph.edges):
@@ -166,7 +166,7 @@ def test_a_factorization_that_only_just_completes_is_not_taken_at_its_word(n, en
     """At the smallest shift that it lets pass the matrix may be indefinite: rounding is added."""
     monkeypatch.setenv("CERTPGO_ENGINE", engine)
     instance, wound = winding_cycle(n, 0.0, 1, 2)
-    problem = RotationProblem(instance.graph)
+    problem = Quadratic(instance.graph)
     multipliers = problem.multipliers(wound)
 
     def completes(shift):
@@ -228,7 +228,7 @@ def test_bounds_from_a_guess_hold_in_ball_arithmetic(wrong, monkeypatch):
         d = 2 + seed % 2
         graph, R, t = pose_graph(rng_of(seed), 5, d, noise=0.1)
         graph, exact = with_exact_rotations(graph)
-        problem = PoseProblem(graph)
+        problem = Quadratic(graph)
         point = problem.complete(newton(problem, Estimate(R, t)).estimate.rotations)
         bound = dual_bound(problem, point, enough=0.0)
         assert bound is not None
@@ -244,7 +244,7 @@ def test_tight_bounds_give_up_at_a_negative_eigenvalue(n, d, engine, monkeypatch
     for winding in (0, 1, 2):
         instance, rotations = winding_cycle(n, 0.3, winding, d)
         together = PoseGraph(instance.graph, np.zeros((n, d)), np.ones(n))
-        for problem in (RotationProblem(instance.graph), PoseProblem(together)):
+        for problem in (Quadratic(instance.graph), Quadratic(together)):
             point = problem.complete(rotations.rotations)
             bound = dual_bound(problem, point, tight=True)
             assert (bound is None) == (winding != 0)
@@ -295,7 +295,7 @@ def test_points_of_higher_rank_bound_loose_relaxations(poses):
         d = 2 + seed % 2
         graph, R, t = pose_graph(rng_of(seed), 5, d, noise=2.0)
         graph, exact = with_exact_rotations(graph)
-        problem = problem_of(graph if poses else graph.rotations_alone)
+        problem = Quadratic(graph if poses else graph.rotations_alone)
         start = LowRank(rank=d + 3, seed=seed)._start(problem, d + 3)
         relaxed = descend(problem, start, d + 3)
         bound = dual_bound(problem, relaxed.point)

@@ -16,7 +16,7 @@ from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import factor, rounding_bound, superlu
 from certpgo.linalg.arrays import CSC
 from certpgo.linalg.rotations import rotation_defect
-from certpgo.objective.problem import PoseProblem, problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.riemannian_newton import newton
 
 U = 2.0**-53
@@ -24,7 +24,7 @@ U = 2.0**-53
 
 def optimum(seed, d, poses, n=6):
     graph, R, t = pose_graph(rng_of(seed), n, d)
-    problem = problem_of(graph if poses else graph.rotations_alone)
+    problem = Quadratic(graph if poses else graph.rotations_alone)
     point = newton(problem, Estimate(R, t if poses else None)).estimate
     return problem, problem.complete(point.rotations)
 
@@ -73,7 +73,7 @@ def test_rounding_is_the_a_priori_bound_of_the_factor(seed, poses, engine, monke
 def test_radii_bound_the_rounding_of_every_sum(seed, d, poses, exponent):
     """Every entry by (k + 4) u of the sizes that it adds up, and what its rotations are off by."""
     graph, R, _ = pose_graph(rng_of(seed), 5, d, noise=1.0)
-    problem = problem_of(graph if poses else graph.rotations_alone)
+    problem = Quadratic(graph if poses else graph.rotations_alone)
     multipliers = problem.multipliers(problem.complete(R))
     radii, sizes, wobbly, w, _ = radii_and_sizes(problem, multipliers, poses, 2.0**exponent)
     degrees = np.bincount(graph.edges.ravel(), minlength=5)
@@ -118,7 +118,7 @@ def test_radii_are_no_larger_than_they_must_be():
     edges = np.array([[0, 1], [2, 1], [0, 2], [0, 2]])
     rotation = RotationGraph(3, edges, np.tile(turn, (4, 1, 1)), np.array([1.0, 2.0, 3.0, 4.0]))
     steps = np.array([[2.0, 0.0], [3.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
-    problem = PoseProblem(PoseGraph(rotation, steps, np.array([0.5, 0.25, 4.0, 1.0])))
+    problem = Quadratic(PoseGraph(rotation, steps, np.array([0.5, 0.25, 4.0, 1.0])))
     multipliers = np.array([[[3.0, -1.0], [-1.0, 3.0]], [[1.0, 0.5], [0.5, 1.0]], np.eye(2)])
     radii, sizes, wobbly, w, turns = radii_and_sizes(problem, multipliers, True, 8.0)
     sums = np.repeat(np.bincount(edges.ravel()) + 4.0, 3) * U
@@ -245,7 +245,7 @@ def test_the_pin_is_the_most_central_pose_and_translations_count_by_a_typical_ar
     edges = np.array([[0, 1], [1, 2], [2, 3], [3, 4], [4, 0]])
     rotation = RotationGraph(5, edges, np.tile(np.eye(2), (5, 1, 1)), np.ones(5))
     steps = t[edges[:, 1]] - t[edges[:, 0]]
-    problem = PoseProblem(PoseGraph(rotation, steps, np.ones(5)))
+    problem = Quadratic(PoseGraph(rotation, steps, np.ones(5)))
     shifted = Shifted.of(problem, Estimate(np.tile(np.eye(2), (5, 1, 1)), t))
     assert shifted.pin == 3
     np.testing.assert_array_equal(shifted.arms, t - t[3])

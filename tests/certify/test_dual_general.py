@@ -15,7 +15,8 @@ from certpgo.errors import InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.relaxed_point import Lift
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import PoseProblem, cost_upper, problem_of
+from certpgo.objective.objective import cost_upper
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.riemannian_newton import newton
 
 #: With the files' own rotational information (OBJECTIVES, section 2), and relative gaps.
@@ -66,7 +67,7 @@ def test_golden_costs_with_the_files_own_rotational_information(name, dataset):
 def test_no_estimate_costs_less_than_a_bound(seed, d, poses, noise):
     rng, n = rng_of(seed), 6
     graph, R, t = general_graph(rng, n, d, noise=noise, extra=4)
-    problem = problem_of(graph if poses else graph.rotations_alone)
+    problem = Quadratic(graph if poses else graph.rotations_alone)
     near = newton(problem, Estimate(R, t if poses else None)).estimate
     Y = np.linalg.qr(rng.standard_normal((n, d + 1, d)))[0]
     raised = problem.with_optimal_translations(
@@ -96,7 +97,7 @@ def test_matrix_weights_of_little_noise_are_certified(seed, d):
     rng = rng_of(seed)
     graph, R, t = pose_graph(rng, 8, d, noise=0.02)
     general = graph.with_matrix_weights(definite(rng, graph.num_edges, d + 1))
-    problem = problem_of(general)
+    problem = Quadratic(general)
     for found in (solve(general).certificate, certify(problem, Estimate(R, t))):
         assert found.lower_bound <= found.refined_cost
         assert found.refined_cost - found.lower_bound <= 1e-8 * found.refined_cost
@@ -127,7 +128,7 @@ def fractions(A):
 def exact_matrix(problem, multipliers):
     """M - blkdiag(0, Lam) of the stored doubles, in fractions."""
     graph, n, d = problem.rotation.graph, problem.n, problem.d
-    poses = isinstance(problem, PoseProblem)
+    poses = problem.has_positions
     b = d + poses
     _, K, K_left = (fractions(A) for A in graph.polar)
     N = fractions(graph.couplings)
@@ -165,7 +166,7 @@ def uneven(rng, n, d, poses):
     )
     arms, t = graph.arms * decades[1][:, None], graph.translations * decades[2][:, None]
     other = PoseGraph(rotation, t, graph.tau * decades[3], arms)
-    return problem_of(other if poses else rotation), R
+    return Quadratic(other if poses else rotation), R
 
 
 @given(seeds, dimensions, st.booleans(), st.integers(-8, 8))

@@ -16,7 +16,7 @@ from certpgo.errors import FormatError, GraphError, InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.objective.quadratic import Quadratic
 
 TIERS = [Tier.STANDARD, Tier.PROOF]
 
@@ -69,10 +69,10 @@ def test_scaling_drops_no_measurement(tier):
     )
     estimate = Estimate(np.tile(np.eye(2), (2, 1, 1)), np.zeros((2, 2)))
     with pytest.raises(InputError, match=r"too uneven weights: .*kappa is"):
-        certify(PoseProblem(graph), estimate, tier=tier)
+        certify(Quadratic(graph), estimate, tier=tier)
     # Two distances, 0 and 10^15: the best lies where the springs of weight 1 and 1/1000 balance.
     mild = graph.with_weights(np.array([1e-30, 1.0]), np.array([1.0, 1e-3]))
-    certificate = certify(PoseProblem(mild), estimate, tier=tier)
+    certificate = certify(Quadratic(mild), estimate, tier=tier)
     assert certificate.lower_bound <= 1e27 / 1.001 * (1.0 + 1e-12)
     assert certificate.cost_upper == pytest.approx(1e27, rel=1e-12)
     assert certificate.refined_cost == pytest.approx(1e27 / 1.001, rel=1e-12)
@@ -81,7 +81,7 @@ def test_scaling_drops_no_measurement(tier):
 @pytest.mark.parametrize("tier", TIERS)
 @pytest.mark.parametrize("rtol", [0.0, 1e-16])
 def test_equally_good_points_do_not_refute_each_other(tier, rtol):
-    problem = RotationProblem(contradiction())
+    problem = Quadratic(contradiction())
     for seed in range(20):
         estimate = Estimate(so.random(np.random.default_rng(seed), 2, 2))
         assert problem.cost(estimate) == pytest.approx(8.0, rel=1e-14)
@@ -94,7 +94,7 @@ def test_equally_good_points_do_not_refute_each_other(tier, rtol):
 @given(st.integers(0, 1000))
 def test_costs_are_enclosed(seed):
     rng = np.random.default_rng(seed)
-    problem = problem_of(uneven(rng.uniform(-8, 8, 5)))
+    problem = Quadratic(uneven(rng.uniform(-8, 8, 5)))
     estimate = Estimate(so.random(rng, 4, 3), 10.0 ** rng.uniform(-6, 6) * rng.random((4, 3)))
     exact = _exact_cost(problem.graph, estimate)
     low, high = problem.enclosure(estimate)[0], cost_upper(problem, estimate)
@@ -159,7 +159,7 @@ def test_multipliers_in_other_units_are_the_same_where_nothing_underflows():
 @pytest.mark.parametrize("power", [-1074, -1000])
 def test_certificates_in_units_that_underflow_stay_true(power):
     instance, _ = winding_cycle(9, 0.3, 0)
-    certificate = certify(RotationProblem(instance.graph), instance.truth)
+    certificate = certify(Quadratic(instance.graph), instance.truth)
     unit = math.ldexp(1.0, power)
     scaled = in_units(unit, certificate)
     assert Fraction(scaled.lower_bound) <= Fraction(unit) * Fraction(certificate.lower_bound)
@@ -174,7 +174,7 @@ def test_certificates_in_units_that_underflow_stay_true(power):
 def test_the_bounds_of_a_certificate_are_in_the_weights_units(power):
     """Of a triangle that does not close, whose bound by eigenvalues is its optimum."""
     instance, _ = winding_cycle(3, 0.5, 0)
-    problem = RotationProblem(instance.graph.with_weights(2.0**power))
+    problem = Quadratic(instance.graph.with_weights(2.0**power))
     found = certify(problem, instance.truth, angles=True).bounds
     assert found.fiedler == pytest.approx(2.0**power * 3.0, rel=1e-9)
     optimum = 2.0**power * 24.0 * math.sin(0.5 / 6.0) ** 2
@@ -187,7 +187,7 @@ def test_the_bounds_of_a_certificate_are_in_the_weights_units(power):
 @pytest.mark.parametrize("tier", TIERS)
 def test_verdicts_at_the_ends_of_the_range(tier, scale):
     instance, wound = winding_cycle(9, 0.3, 1)
-    problem = RotationProblem(instance.graph.with_weights(scale))
+    problem = Quadratic(instance.graph.with_weights(scale))
     assert certify(problem, wound, tier=tier).verdict is Verdict.REFUTED
     certificate = certify(problem, instance.truth, tier=tier)
     assert certificate.verdict is Verdict.CERTIFIED
@@ -198,7 +198,7 @@ def test_verdicts_at_the_ends_of_the_range(tier, scale):
 def test_far_steps_of_conjugate_gradients_do_not_overflow():
     edges = np.array([[0, 1], [0, 1], [0, 2]])
     R = np.stack([np.eye(2), -np.eye(2), np.eye(2)])
-    problem = RotationProblem(RotationGraph(3, edges, R, np.ones(3)))
+    problem = Quadratic(RotationGraph(3, edges, R, np.ones(3)))
     for seed in (1, 11, 24):
         estimate = Estimate(so.random(np.random.default_rng(seed), 3, 2))
         certificate = certify(problem, estimate)  # the third node is the only one that costs more
@@ -214,7 +214,7 @@ def test_uneven_weights_get_an_answer(exponents):
     graph = uneven(exponents)
     answer = certpgo.solve(graph)
     assert answer.certificate.lower_bound <= answer.certificate.cost_upper
-    again = certify(PoseProblem(graph), answer.estimate)
+    again = certify(Quadratic(graph), answer.estimate)
     assert again.verdict is not Verdict.REFUTED
 
 
@@ -225,7 +225,7 @@ def test_solve_and_certify_agree_where_a_bridge_outweighs_the_rest():
     R = np.concatenate([instance.graph.rotations, np.eye(3)[None]])
     graph = RotationGraph(10, edges, R, np.r_[np.full(9, 1e-14), 1.0])
     start = Estimate(np.concatenate([wound.rotations, wound.rotations[:1]]))
-    assert certify(RotationProblem(graph), start).verdict is Verdict.REFUTED
+    assert certify(Quadratic(graph), start).verdict is Verdict.REFUTED
     answer = certpgo.solve(graph, initial=start)
     assert answer.cost == pytest.approx(1e-14 * 8 * 9 * math.sin(0.3 / 18) ** 2, rel=1e-6)
-    assert certify(RotationProblem(graph), answer.estimate).verdict is Verdict.CERTIFIED
+    assert certify(Quadratic(graph), answer.estimate).verdict is Verdict.CERTIFIED

@@ -19,7 +19,7 @@ from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import Sum, objective_of
 from certpgo.objective.costs.g2o import G2oCost
-from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize import spectral
 from certpgo.optimize.riemannian_newton import newton
 from certpgo.optimize.solution import Status
@@ -32,7 +32,7 @@ def noisy_cycle(n=20, noise=0.05):
     instance, wound = winding_cycle(n, 0.3, 1)
     turns = so.exp(noise * rng_of(0).standard_normal((n, 3)))
     graph = RotationGraph(n, instance.graph.edges, instance.graph.rotations @ turns, np.ones(n))
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     return problem, *(newton(problem, x).estimate for x in (instance.truth, wound))
 
 
@@ -239,7 +239,7 @@ def test_a_descent_that_cannot_reach_a_proven_optimum_is_given_up(monkeypatch):
 def test_a_descent_that_rests_at_a_saddle_is_not_given_up(seed):
     """One step there wins next to nothing; those after it lead to the optimum."""
     graph, _, _ = pose_graph(rng_of(seed), 20, 3, noise=0.05, extra=10 if seed == 229 else 6)
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     far = problem.complete(so.random(rng_of(seed + 1), 20, 3))
     judged = certify(problem, far)
     assert (judged.verdict, judged.basin_is_global) == (Verdict.BOUNDED, True)

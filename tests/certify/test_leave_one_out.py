@@ -15,7 +15,7 @@ from certpgo.errors import GraphError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import objective_of
-from certpgo.objective.problem import RotationProblem, problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.truncated_cost import TruncatedCost
 from certpgo.optimize.progress import Stop
 from certpgo.solve.inconsistency import proven_worth
@@ -45,7 +45,7 @@ def worth(problem, estimate, price):
 def test_no_choice_without_a_proven_one_is_cheaper(seed):
     rng, price = rng_of(seed + 40), 12.0
     graph, doubtful = doubtful_graph(rng, 2 + seed % 2, poses=seed % 4 < 2, n=5, doubtful=2)
-    problem = TruncatedCost(problem_of(graph), np.where(doubtful, price, np.inf))
+    problem = TruncatedCost(Quadratic(graph), np.where(doubtful, price, np.inf))
     found = certify(problem, solve(problem.kept).estimate)
     proven = worth(problem, found.refined, price)
     assert not proven[doubtful].any()
@@ -66,7 +66,7 @@ def test_what_costs_nearly_its_price_alone_is_decided_as_least_squares_decide():
     for factor, expected in ((1.05, True), (0.95, False)):
         price = factor * falls
         prices = np.r_[np.full(3, np.inf), price]
-        problem = TruncatedCost(RotationProblem(graph), prices)
+        problem = TruncatedCost(Quadratic(graph), prices)
         proven = worth(problem, estimate, price)
         assert proven.tolist() == [True, True, expected, False]
 
@@ -80,26 +80,26 @@ def test_what_nothing_else_checks_is_worth_keeping(tmp_path):
     measured = np.swapaxes(R[i], 1, 2) @ R[j]
     measured[-1] = measured[-1] @ so.exp(np.array([[1.0, 1.0, 1.0]]))[0]
     graph = RotationGraph(5, edges, measured, np.full(7, 100.0))
-    problem = TruncatedCost(RotationProblem(graph), np.r_[np.full(6, np.inf), 20.0])
+    problem = TruncatedCost(Quadratic(graph), np.r_[np.full(6, np.inf), 20.0])
     assert worth(problem, Estimate(R), 20.0).tolist() == [True] * 6 + [False]
     # A rejected measurement across the bridge might fit without it.
     edges[-1] = (0, 4)
     other = RotationGraph(5, edges, measured, np.full(7, 100.0))
-    problem = TruncatedCost(RotationProblem(other), np.r_[np.full(6, np.inf), 20.0])
+    problem = TruncatedCost(Quadratic(other), np.r_[np.full(6, np.inf), 20.0])
     assert not worth(problem, Estimate(R), 20.0)[5]
 
 
 def test_no_measurement_of_an_uncertified_estimate_is_proven():
     rng = rng_of(41)
     graph, doubtful = doubtful_graph(rng, 3, poses=True)
-    problem = TruncatedCost(problem_of(graph), np.where(doubtful, 20.0, np.inf))
+    problem = TruncatedCost(Quadratic(graph), np.where(doubtful, 20.0, np.inf))
     far = Estimate(so.random(rng, 6, 3), rng.normal(size=(6, 3)))
     assert not worth(problem, far, 20.0).any()
 
 
 def test_a_stop_ends_the_proofs():
     graph, doubtful = doubtful_graph(rng_of(46), 3, poses=True, doubtful=1)
-    problem = TruncatedCost(problem_of(graph), np.where(doubtful, 20.0, np.inf))
+    problem = TruncatedCost(Quadratic(graph), np.where(doubtful, 20.0, np.inf))
     found = certify(problem, solve(problem.kept).estimate)
     stopped = Stop()
     with stopped.within(0.0):

@@ -15,7 +15,7 @@ from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.bridges import bridges
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.solve.minima import local_minimum
 
 
@@ -47,7 +47,7 @@ def joined(seed, length, d=3, noise=1e-4, n=12):
 def test_a_long_bridge_takes_nothing_from_the_bound(d, length, tier):
     graph = joined(0, length, d)
     answer = certpgo.solve(graph)
-    certificate = certify(PoseProblem(graph), answer.estimate, tier=tier)
+    certificate = certify(Quadratic(graph), answer.estimate, tier=tier)
     assert certificate.verdict is Verdict.CERTIFIED
     # F* is the sum of the rings' optima, each certified by itself.
     alone = [certpgo.solve(graph.subgraph(np.arange(k, k + 12))).certificate for k in (0, 12)]
@@ -62,7 +62,7 @@ def test_a_long_bridge_takes_nothing_from_the_bound(d, length, tier):
 def test_multipliers_of_parts_prove_the_whole(seed, d):
     """S >= 0 by its eigenvalues, at moderate lengths."""
     graph = joined(seed, 3.0, d, noise=1e-2, n=6)
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     # Without tolerance the parts are asked.
     normalized = NormalizedProblem.of(problem, Tier.STANDARD, 0.0, 0.0)
     basin = local_minimum(normalized, certpgo.solve(graph).estimate)
@@ -80,7 +80,7 @@ def test_a_small_part_is_not_lost_beside_an_exact_one():
     edges = np.concatenate([exact.graph.edges, small.graph.edges + n, [[0, n]]])
     R = np.concatenate([exact.graph.rotations, small.graph.rotations, np.eye(3)[None]])
     kappa = np.concatenate([np.full(n, 1e14), np.ones(n), [1.0]])
-    problem = RotationProblem(RotationGraph(2 * n, edges, R, kappa))
+    problem = Quadratic(RotationGraph(2 * n, edges, R, kappa))
     optimum = 8 * n * np.sin(1e-2 / (2 * n)) ** 2
     estimate = Estimate(np.concatenate([exact.truth.rotations, small.truth.rotations]))
     certificate = certify(problem, estimate)
@@ -93,14 +93,14 @@ def test_parts_of_an_unrefined_estimate_are_not_improved_either():
     best = certpgo.solve(graph)
     turned = so.exp(1e-3 * np.random.default_rng(0).standard_normal((24, 3)))
     off = Estimate(best.estimate.rotations @ turned, best.estimate.translations)
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     assert certify(problem, off).lower_bound >= 0.99 * best.cost
     assert certify(problem, off, refine=False).lower_bound == 0.0
 
 
 def test_parts_are_what_bridges_leave():
     graph = joined(0, 5.0)
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     found = parts(problem)
     assert [part.nodes.tolist() for part in found] == [list(range(12)), list(range(12, 24))]
     assert all(len(bridges(part.problem.graph)) == 0 for part in found)
@@ -112,7 +112,7 @@ def test_parts_are_what_bridges_leave():
 def test_a_pair_measured_twice_between_bridges_is_a_part():
     edges = np.array([[0, 5], [0, 1], [1, 2], [2, 1], [2, 3], [3, 4]])
     graph = RotationGraph(6, edges, np.tile(np.eye(3), (6, 1, 1)), np.ones(6))
-    assert [part.nodes.tolist() for part in parts(RotationProblem(graph))] == [[1, 2]]
+    assert [part.nodes.tolist() for part in parts(Quadratic(graph))] == [[1, 2]]
 
 
 @given(st.integers(0, 1000))
@@ -124,13 +124,13 @@ def test_every_edge_is_a_bridge_or_in_a_part(seed):
     graph = RotationGraph(n, edges, np.tile(np.eye(2), (len(edges), 1, 1)), np.ones(len(edges)))
     cut = {tuple(pair) for pair in bridges(graph).tolist()}
     inside = sum(tuple(sorted(edge)) not in cut for edge in edges.tolist())
-    found = parts(RotationProblem(graph))
+    found = parts(Quadratic(graph))
     assert sum(part.problem.graph.num_edges for part in found) == (inside if cut else 0)
 
 
 def test_what_lies_outside_counts_by_weight_or_by_length():
     light = joined(0, 5.0).with_weights(tau=np.full(25, 1e-9))
-    problem = PoseProblem(light)
+    problem = Quadratic(light)
     inside = np.linalg.norm(light.translations[:-1], axis=1).sum()
     assert outside(problem, parts(problem)) == pytest.approx(5.0 / (inside + 5.0), rel=1e-12)
     rotation = problem.rotation
@@ -138,7 +138,7 @@ def test_what_lies_outside_counts_by_weight_or_by_length():
 
 
 def test_bounds_of_parts_add_up():
-    problem = PoseProblem(joined(0, 5.0))
+    problem = Quadratic(joined(0, 5.0))
     found = parts(problem)
     bounds = [
         DualBound(value, np.full((12, 3, 3), value), shift, 1, nonzeros)
@@ -154,5 +154,5 @@ def test_bounds_of_parts_add_up():
 
 def test_a_tree_has_no_parts():
     path = RotationGraph(3, np.array([[0, 1], [1, 2]]), np.tile(np.eye(3), (2, 1, 1)), np.ones(2))
-    assert parts(RotationProblem(path)) == []
+    assert parts(Quadratic(path)) == []
     assert certpgo.solve(path).verdict is Verdict.CERTIFIED

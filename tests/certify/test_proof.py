@@ -15,7 +15,7 @@ from certpgo.graph import Estimate, PoseGraph
 from certpgo.io.datasets.synthetic import corridor, winding_cycle
 from certpgo.linalg import factor
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.solve.proving import write_proof
 
 
@@ -24,7 +24,7 @@ from certpgo.solve.proving import write_proof
 def test_the_proof_tier_agrees_with_the_standard_one_and_is_sharper(seed, d):
     graph, _, _ = pose_graph(rng_of(seed), 8, d)
     answer = certpgo.solve(graph)
-    problem = problem_of(graph)
+    problem = Quadratic(graph)
     proof, standard = (certify(problem, answer.estimate, tier=t) for t in ("proof", "standard"))
     assert proof.tier is Tier.PROOF
     assert proof.verdict is standard.verdict is Verdict.CERTIFIED
@@ -38,9 +38,9 @@ def test_the_proof_tier_agrees_with_the_standard_one_and_is_sharper(seed, d):
 @pytest.mark.parametrize("n", [12, 100])
 def test_wound_up_cycles_are_refuted_at_the_proof_tier(n, winding):
     instance, wound = winding_cycle(n, 0.1, winding)
-    certificate = certify(problem_of(instance.graph), wound, tier="proof")
+    certificate = certify(Quadratic(instance.graph), wound, tier="proof")
     assert certificate.verdict is Verdict.REFUTED
-    alone = certify(problem_of(instance.graph), wound, tier="proof", refine=False)
+    alone = certify(Quadratic(instance.graph), wound, tier="proof", refine=False)
     assert alone.verdict in (Verdict.UNDECIDED, Verdict.BOUNDED)
     assert alone.lower_bound <= 8 * n * np.sin(0.1 / (2 * n)) ** 2
 
@@ -50,7 +50,7 @@ def test_no_engine_is_trusted(engine, monkeypatch):
     graph, _, _ = pose_graph(rng_of(1), 8, 3)
     answer = certpgo.solve(graph)
     monkeypatch.setenv("CERTPGO_ENGINE", engine)
-    assert certify(problem_of(graph), answer.estimate, tier="proof").relative_gap < 1e-11
+    assert certify(Quadratic(graph), answer.estimate, tier="proof").relative_gap < 1e-11
 
 
 @given(seeds, dimensions)
@@ -58,7 +58,7 @@ def test_exact_costs_are_costs_rounded_up(seed, d):
     rng = rng_of(seed)
     graph, _, _ = pose_graph(rng, 5, d)
     estimate = Estimate(so.random(rng, 5, d), rng.standard_normal((5, d)))
-    problem = problem_of(graph)
+    problem = Quadratic(graph)
     mine = exact_graph(problem)
     upper = exact_cost(problem, mine, estimate)
     assert upper == pytest.approx(problem.cost(estimate), rel=1e-12)
@@ -73,10 +73,10 @@ def test_a_proof_does_not_depend_on_the_unit_of_length(power):
     graph, _, _ = pose_graph(rng_of(3), 8, 3)
     estimate = certpgo.solve(graph).estimate
     t, tau = np.ldexp(graph.translations, power), np.ldexp(graph.tau, -2 * power)
-    other = problem_of(PoseGraph(graph.rotations_alone, t, tau))
+    other = Quadratic(PoseGraph(graph.rotations_alone, t, tau))
     moved = Estimate(estimate.rotations, np.ldexp(estimate.translations, power))
     found = certify(other, moved, tier="proof")
-    expected = certify(problem_of(graph), estimate, tier="proof")
+    expected = certify(Quadratic(graph), estimate, tier="proof")
     assert found.verdict is expected.verdict is Verdict.CERTIFIED
     assert (found.cost_upper, found.lower_bound) == (expected.cost_upper, expected.lower_bound)
 
@@ -112,7 +112,7 @@ def test_a_cost_of_a_hundred_billionth_of_the_weights_is_proven(tmp_path):
 
 def test_translations_are_settled_before_proving():
     graph, _, _ = pose_graph(rng_of(5), 40, 3)
-    problem = problem_of(graph)
+    problem = Quadratic(graph)
     answer = certpgo.solve(graph)
     point = Estimate(answer.estimate.rotations, answer.estimate.translations + 1e-9)
     point = Estimate(point.rotations, point.translations * (1.0 + 1e-10))
@@ -128,9 +128,9 @@ def test_a_proof_is_about_the_estimate_as_given(tmp_path):
     certpgo.write(path, graph)
     instance = certpgo.read(path, quiet=True)
     given = Estimate(R, t)
-    certificate = certify(problem_of(instance.graph), given)
+    certificate = certify(Quadratic(instance.graph), given)
     said = write_proof(proof, path, instance, given, certificate)
-    assert said.upper == pytest.approx(problem_of(graph).cost(given), rel=1e-12)
+    assert said.upper == pytest.approx(Quadratic(graph).cost(given), rel=1e-12)
     assert said.lower == pytest.approx(certificate.refined_cost, rel=1e-8)
 
 
@@ -227,5 +227,5 @@ def test_measurements_that_nearly_cancel_are_still_proven(d, weight):
         2, [[0, 1], [0, 1]], np.stack([np.eye(d), half]), np.array([1.0, weight])
     )
     answer = certpgo.solve(graph)
-    certificate = certify(problem_of(graph), answer.estimate, tier="proof")
+    certificate = certify(Quadratic(graph), answer.estimate, tier="proof")
     assert certificate.verdict is Verdict.CERTIFIED

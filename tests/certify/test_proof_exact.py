@@ -21,12 +21,12 @@ from certpgo.certify.proof import (
     quaternions,
 )
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 
 
 def optimum(poses, d=3, n=6):
     graph, _, _ = pose_graph(rng_of(d), n, d)
-    problem = problem_of(graph if poses else graph.rotations_alone)
+    problem = Quadratic(graph if poses else graph.rotations_alone)
     return problem, certpgo.solve(problem).estimate
 
 
@@ -35,7 +35,7 @@ def optimum(poses, d=3, n=6):
 def test_measured_rotations_are_within_their_distance_of_the_stored_ones(seed, d):
     graph, _, _ = pose_graph(rng_of(seed), 4, d, noise=3.0)
     R = graph.rotations
-    found = distances(exact_graph(problem_of(graph)), R)
+    found = distances(exact_graph(Quadratic(graph)), R)
     for q, stored, bound in zip(quaternions(R), R, found, strict=True):
         exact = proofs.exact_rotation(q)
         apart = [Fraction(stored[a, b]) - exact[a][b] for a in range(d) for b in range(d)]
@@ -102,7 +102,7 @@ def test_a_witness_weighs_translations_by_a_typical_arm_and_rotations_alone_by_n
     graph = certpgo.PoseGraph(
         graph.rotations_alone, graph.translations * length, graph.tau / length**2
     )
-    problem = problem_of(graph if poses else graph.rotations_alone)
+    problem = Quadratic(graph if poses else graph.rotations_alone)
     x = certpgo.solve(problem).estimate
     _, witness = prove(problem, exact_graph(problem), x, problem.multipliers(x))
     assert sorted(witness.order) == list(range(6))

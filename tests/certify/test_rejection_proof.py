@@ -14,7 +14,7 @@ from test_truncated import doubtful_graph
 
 import certpgo
 from certpgo import InputError, certify, checker, integer_checker, solve
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.truncated_cost import TruncatedCost
 from certpgo.solve.proving import write_proof
 
@@ -26,7 +26,7 @@ def proven(folder, graph, doubtful, price=25.0):
     path, proof = folder / "graph.g2o", folder / "graph.cert"
     certpgo.write(path, graph)
     instance = certpgo.read(path, quiet=True)
-    problem = TruncatedCost(problem_of(instance.graph), np.where(doubtful, price, np.inf))
+    problem = TruncatedCost(Quadratic(instance.graph), np.where(doubtful, price, np.inf))
     start = solve(problem.kept).estimate
     found = certify(problem, start)
     write_proof(proof, path, instance, found.refined, found, prices=problem.prices)
@@ -120,7 +120,7 @@ def test_both_checkers_number_the_measurements_alike(tmp_path, keep):
     lines = path.read_text().splitlines()
     path.write_text("\n".join([*lines[::-1], *lines[::-1]]) + "\n")
     instance = certpgo.read(path, keep=keep, quiet=True)
-    whole = problem_of(instance.graph)
+    whole = Quadratic(instance.graph)
     wrong = whole.edge_costs(solve(posed).estimate) > 1e3
     assert wrong.any()
     problem = TruncatedCost(whole, np.where(wrong, 25.0, np.inf))

@@ -12,7 +12,7 @@ from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.succession import succession
 from certpgo.io.datasets import synthetic
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import RotationProblem, problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.truncated_cost import TruncatedCost
 from certpgo.optimize.methods._robust import connected
 from certpgo.optimize.progress import Stop
@@ -24,7 +24,7 @@ from certpgo.solve.outlier_report import outlier_report
 def test_rises_are_below_those_of_the_optimum(seed):
     rng = rng_of(seed)
     graph, doubtful = doubtful_graph(rng, 2 + seed % 2, poses=seed % 4 < 2)
-    problem = TruncatedCost(problem_of(graph), np.where(doubtful, 10.0, np.inf))
+    problem = TruncatedCost(Quadratic(graph), np.where(doubtful, 10.0, np.inf))
     kept = solve(problem.kept)
     found = proven_rises(problem, kept.estimate, Stop())
     assert (found > 0.0).any()
@@ -41,7 +41,7 @@ def test_the_rise_of_a_small_angle_is_that_of_linear_least_squares(d):
     angle = 0.01
     turn = so.exp(np.array([[angle] if d == 2 else [0.0, 0.0, angle]]))
     graph = RotationGraph(2, [[0, 1]] * 2, np.concatenate([np.eye(d)[None], turn]), [3.0, 1.0])
-    problem = TruncatedCost(RotationProblem(graph), [np.inf, 1.0])
+    problem = TruncatedCost(Quadratic(graph), [np.inf, 1.0])
     [rise] = proven_rises(problem, Estimate(np.tile(np.eye(d), (2, 1, 1))), Stop())
     assert rise == pytest.approx(2.0 * angle**2 / (1.0 + 1.0 / (3.0 * LOAD)), rel=1e-4)
 
@@ -50,7 +50,7 @@ def test_budgets_are_quantiles_in_space_and_above_them_in_the_plane():
     rng = rng_of(0)
     for d, poses in ((3, True), (3, False), (2, True), (2, False)):
         graph, _ = doubtful_graph(rng, d, poses=poses)
-        [budget] = set(budgets(problem_of(graph), 0.01))
+        [budget] = set(budgets(Quadratic(graph), 0.01))
         turns = (rng.normal(size=(100_000, so.tangent_dim(d))) ** 2).sum(axis=1)
         squares = turns * (2.0 if d == 2 else 1.0)
         if poses:
@@ -71,7 +71,7 @@ def test_no_right_measurement_is_refuted(seed):
     rng = rng_of(seed)
     instance = synthetic.grid3d(3, rng)
     graph = instance.graph
-    problem, stop, trusted = problem_of(graph), Stop(), steps_of(graph)
+    problem, stop, trusted = Quadratic(graph), Stop(), steps_of(graph)
     weights = np.where(trusted | (rng.random(graph.num_edges) < 0.6), 1.0, 0.0)
     weights = connected(problem, weights, np.ones_like(weights))
     prices, doubtful = np.where(weights > 0.0, np.inf, 10.0), np.flatnonzero(weights == 0.0)
@@ -108,7 +108,7 @@ def test_wrong_loops_are_refuted_by_odometry_alone(dataset):
     )
     tau = np.r_[graph.tau, np.full(20, np.median(graph.tau))]
     steps = np.concatenate([graph.translations, rng.normal(size=(20, 2))])
-    problem = problem_of(PoseGraph(rotation, steps, tau))
+    problem = Quadratic(PoseGraph(rotation, steps, tau))
     trusted = steps_of(problem.graph)
     loops = np.flatnonzero(~trusted)
     found = rises_over(problem, trusted, loops, Stop())
@@ -121,7 +121,7 @@ def test_wrong_loops_are_refuted_by_odometry_alone(dataset):
 def test_without_trusted_measurements_nothing_is_known_over_them():
     graph = synthetic.grid3d(2, rng_of(0)).graph
     none = np.zeros(graph.num_edges, dtype=bool)
-    assert rises_over(problem_of(graph), none, np.arange(graph.num_edges), Stop()) is None
+    assert rises_over(Quadratic(graph), none, np.arange(graph.num_edges), Stop()) is None
 
 
 def test_a_report_that_is_stopped_says_so():

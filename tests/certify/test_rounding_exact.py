@@ -9,7 +9,8 @@ from strategies import random_edges, rng_of
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.rotations import rotation_defect
-from certpgo.objective.problem import PoseProblem, RotationProblem, cost_upper
+from certpgo.objective.objective import cost_upper
+from certpgo.objective.quadratic import Quadratic
 
 U = 2.0**-53
 
@@ -48,9 +49,9 @@ def test_stored_matrices_that_are_too_small_do_not_hide_cost(d, which, size):
     if which in ("measured", "both"):
         rotation, graph = (storing(made, turn[None] * (1.0 - size)) for made in (rotation, graph))
     cost, pulled = 3.0 * 8.0, 0.25 * 25.0 * d
-    plain = cost_upper(RotationProblem(rotation), x)
+    plain = cost_upper(Quadratic(rotation), x)
     assert cost < plain <= cost * (1 + 4 * d * size + 1000 * U)
-    whole = cost_upper(PoseProblem(graph), at) - plain
+    whole = cost_upper(Quadratic(graph), at) - plain
     assert pulled < whole <= pulled * (1 + 4 * d * size + 1000 * U)
 
 
@@ -74,7 +75,7 @@ def test_sums_are_rounded_upwards_however_long(extra, poses):
         for a in range(2 * poses):
             r = Fraction(t[j, a]) - Fraction(t[i, a]) - Fraction(step[a])
             exact += Fraction(graph.tau[e]) * r * r
-    problem = PoseProblem(graph) if poses else RotationProblem(rotation)
+    problem = Quadratic(graph) if poses else Quadratic(rotation)
     upper = cost_upper(problem, Estimate(R, t if poses else None))
     assert exact <= Fraction(upper) <= exact * (1 + Fraction(5 * m + 600) * Fraction(U))
 
@@ -86,7 +87,7 @@ def test_what_an_arm_may_lose_is_added_to_what_is_left(d):
     arms[:, 0] = 1.0, 1e6
     edges, weights = np.array([[0, 1], [0, 2]]), np.array([1.0, 1e-40])
     rotation = RotationGraph(3, edges, np.tile(np.eye(d), (2, 1, 1)), np.full(2, 1e-20))
-    problem = PoseProblem(PoseGraph(rotation, arms, weights))
+    problem = Quadratic(PoseGraph(rotation, arms, weights))
     at = np.concatenate([np.zeros((1, d)), arms])
     for k in range(40):
         r = 2 * k * U

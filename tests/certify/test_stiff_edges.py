@@ -19,7 +19,7 @@ from certpgo.graph.scale import MOST, Scale
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.objective.choose_cost import objective_of
 from certpgo.objective.exact_fit import fits_exactly
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.truncated_cost import rejecting
 from reports.studies import stiff_edges as study
 
@@ -55,7 +55,7 @@ def turned(angle):
 @pytest.mark.parametrize("tier", ["standard", "proof"])
 def test_a_mount_certifies_nothing_of_a_wound_estimate(weight, tier):
     graph, wound = ring(weight, 4.0 * np.pi / 30.0)
-    problem = problem_of(graph)
+    problem = Quadratic(graph)
     judged = certify(problem, wound, refine=False, tier=tier)
     assert judged.verdict is Verdict.UNDECIDED
     assert not judged.is_optimal
@@ -148,15 +148,15 @@ def test_one_weight_does_not_make_w_its_own():
 
 def test_stiff_measurements_are_lowered_by_powers_of_two():
     graph, _ = ring(3e15)
-    assert eased(problem_of(ring(2.0**9)[0])).scale == problem_of(ring(2.0**9)[0]).scale
-    soft = eased(problem_of(graph))
+    assert eased(Quadratic(ring(2.0**9)[0])).scale == Quadratic(ring(2.0**9)[0]).scale
+    soft = eased(Quadratic(graph))
     last = soft.graph.kappa[-1]
     assert 0.5 < last <= 1.0
     assert math.frexp(3e15 / last)[0] == 0.5
     assert (soft.graph.kappa[:-1] == 1.0).all()
     in_cycle = graph.reweighted(np.r_[2.0**40, np.ones(29), 1.0 / 3e15])
-    assert eased(problem_of(in_cycle)).graph.tau[0] == IN_CYCLE
-    assert eased(problem_of(in_cycle), cycles=False).graph.tau[0] == 2.0**40
+    assert eased(Quadratic(in_cycle)).graph.tau[0] == IN_CYCLE
+    assert eased(Quadratic(in_cycle), cycles=False).graph.tau[0] == 2.0**40
     assert BRIDGE < IN_CYCLE
 
 
@@ -171,20 +171,20 @@ def test_exact_fits_depend_on_no_scale(factor, unit):
         tau,
     )
     at = Estimate(right.rotations, unit * right.translations)
-    assert certify(problem_of(scaled), at).is_exact_fit
+    assert certify(Quadratic(scaled), at).is_exact_fit
     moved = at.translations.copy()
     moved[5] += 1e-6 * unit
-    found = certify(problem_of(scaled), at.with_translations(moved))
+    found = certify(Quadratic(scaled), at.with_translations(moved))
     assert found.verdict is Verdict.BOUNDED
     assert found.basin_is_global
     turn = turned(1.2)
     there = Estimate(turn @ at.rotations, at.translations @ turn.T + unit * np.array([7.0, -3, 2]))
-    assert certify(problem_of(scaled), there).is_exact_fit
+    assert certify(Quadratic(scaled), there).is_exact_fit
 
 
 def test_a_cost_that_is_not_rounding_is_no_exact_fit():
     instance, best = winding_cycle(9, 1e-6, 0)
-    problem = problem_of(instance.graph)
+    problem = Quadratic(instance.graph)
     assert not fits_exactly(problem, best)
     found = certify(problem, best)
     assert found.verdict is Verdict.CERTIFIED
@@ -202,10 +202,10 @@ def test_an_origin_far_away_makes_no_exact_fit(far):
     positions = np.cumsum([*[(2.0, 0.0)] * 10, *[(-2.0, 0.0)] * 10], axis=0)
     steps = positions[edges[:, 1]] - positions[edges[:, 0]] + [off, 0.0]
     rotation = RotationGraph(n, edges, np.tile(np.eye(2), (n, 1, 1)), np.full(n, 1e12))
-    problem = problem_of(PoseGraph(rotation, steps, np.ones(n)))
+    problem = Quadratic(PoseGraph(rotation, steps, np.ones(n)))
     at = Estimate(rotation.rotations, positions + far)
     assert not certify(problem, at, refine=False).is_exact_fit
-    exact = problem_of(PoseGraph(rotation, steps - [off, 0.0], np.ones(n)))
+    exact = Quadratic(PoseGraph(rotation, steps - [off, 0.0], np.ones(n)))
     assert certify(exact, at, refine=False).is_exact_fit
 
 
@@ -257,7 +257,7 @@ def test_a_stiff_bridge_changes_no_verdict_on_rejections(d, weight):
     soft = joined.reweighted(np.r_[np.ones(2 * graph.num_edges), 1.0 / weight])
     costs = []
     for measured in (soft, joined):
-        problem = problem_of(measured)
+        problem = Quadratic(measured)
         at = solve(problem).estimate
         for posed in (problem, rejecting(problem, np.array([1]))):
             found = certify(posed, at)
@@ -270,7 +270,7 @@ def test_a_stiff_bridge_changes_no_verdict_on_rejections(d, weight):
 @pytest.mark.parametrize("atol", [1e-3, 0.5])
 def test_no_tolerance_of_w_certifies_a_gap_of_more_than_a_thousandth(atol):
     instance, wound = winding_cycle(9, 0.3, 1)
-    found = certify(problem_of(instance.graph), wound, refine=False, atol=atol)
+    found = certify(Quadratic(instance.graph), wound, refine=False, atol=atol)
     assert found.verdict is not Verdict.CERTIFIED
     assert found.tolerance <= (found.rtol + 1e-3) * found.cost_upper
 
@@ -285,7 +285,7 @@ def test_rounding_is_named_only_where_the_relaxation_is_no_lower(tmp_path):
     for found in (answer.certificate, certify(instance, answer.estimate)):
         assert found.verdict is Verdict.BOUNDED
         assert found.limited_by is LimitedBy.LOOSE
-    problem = problem_of(ring(1.0)[0])
+    problem = Quadratic(ring(1.0)[0])
     normalized = NormalizedProblem.of(problem, Tier.STANDARD, 1e-5, 1e-12)
     assert not loses_to_rounding(normalized, None, 1.0)
 
@@ -326,7 +326,7 @@ def test_predicates_of_public_classes_are_properties():
             ]
     assert found == []
     instance, best = winding_cycle(6, 0.3, 0)
-    certificate = certify(problem_of(instance.graph), best)
+    certificate = certify(Quadratic(instance.graph), best)
     assert certificate.is_optimal is True
     assert certificate.proves_optimal(certificate.cost_upper)
     assert not certificate.proves_optimal(2.0 * certificate.cost_upper)

@@ -16,7 +16,7 @@ from certpgo.certify.obstacle import LimitedBy
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.truncated import Truncation
 from certpgo.objective.truncated_cost import TruncatedCost, rejecting
 
@@ -101,7 +101,7 @@ def test_two_rotations_are_certified_up_to_what_taking_one_back_costs(d, angle):
     rise, less = 4.0 * (4.0 - abs(3.0 + np.exp(1j * angle))), 3.0 * (1.0 - math.cos(angle))
     kept = Estimate(np.tile(np.eye(d), (2, 1, 1)))
     for price, certified in ((0.999 * less, True), (1.001 * rise, False)):
-        problem = TruncatedCost(RotationProblem(graph), [np.inf, price])
+        problem = TruncatedCost(Quadratic(graph), [np.inf, price])
         certificate = certify(problem, kept)
         assert (certificate.verdict is Verdict.CERTIFIED) is certified
         assert certificate.lower_bound <= rise
@@ -114,7 +114,7 @@ def test_no_choice_is_better_than_a_certified_one(seed):
     d, poses = 2 + seed % 2, seed % 4 < 2
     graph, doubtful = doubtful_graph(rng, d, poses=poses)
     price = math.exp(rng.uniform(1.0, 4.0))
-    problem = TruncatedCost(problem_of(graph), np.where(doubtful, price, np.inf))
+    problem = TruncatedCost(Quadratic(graph), np.where(doubtful, price, np.inf))
     kept = solve(problem.kept).estimate
     certificate = certify(problem, kept)
     best = math.inf
@@ -145,7 +145,7 @@ def test_all_choices_of_labelled_outliers_are_certified(dataset, share, bad):
 
 def test_a_measurement_that_costs_less_than_its_price_is_taken_back():
     graph, doubtful = doubtful_graph(rng_of(3), 3, poses=True, doubtful=1)
-    problem, rejected = PoseProblem(graph), np.flatnonzero(doubtful)
+    problem, rejected = Quadratic(graph), np.flatnonzero(doubtful)
     fit = solve(graph).estimate
     price = 20.0 * problem.edge_costs(fit)[rejected[0]]
     truncated = TruncatedCost(problem, np.where(doubtful, price, np.inf))
@@ -160,7 +160,7 @@ def test_a_measurement_that_costs_less_than_its_price_is_taken_back():
 def test_the_unit_of_weights_decides_nothing(unit):
     graph, doubtful = doubtful_graph(rng_of(5), 2, poses=True)
     prices = np.where(doubtful, 5.0, np.inf)
-    problem = TruncatedCost(problem_of(graph), prices)
+    problem = TruncatedCost(Quadratic(graph), prices)
     kept = solve(problem.kept).estimate
     one, other = (certify(of, kept) for of in (problem, problem.scaled(unit)))
     assert one.verdict is other.verdict
@@ -183,7 +183,7 @@ def test_a_sighting_of_a_point_is_rejected(d):
 
 def test_rejections_that_cannot_be_are_refused():
     graph, _ = doubtful_graph(rng_of(0), 2, poses=True)
-    problem, m = problem_of(graph), graph.num_edges
+    problem, m = Quadratic(graph), graph.num_edges
     for rejected, quantile, said in (
         ([m], None, f"indices from 0 to {m - 1}"),
         ([0, 0], None, "each once"),
@@ -208,7 +208,7 @@ def test_what_is_tolerated_is_small_against_a_price(weight, angle, price):
     turns = so.exp(np.array([[0.0], [0.0], [0.0], [half], [angle]]))
     edges, kappa = [(1, 2), (0, 1), (2, 3), (2, 3), (0, 1)], [weight, 1.0, weight, weight, 100.0]
     graph = RotationGraph(4, edges, turns, kappa)
-    problem = TruncatedCost(RotationProblem(graph), [np.inf] * 4 + [price])
+    problem = TruncatedCost(Quadratic(graph), [np.inf] * 4 + [price])
     certificate = certify(problem, solve(problem.kept).estimate)
     assert certificate.verdict is not Verdict.CERTIFIED
     assert certificate.tolerance < price
@@ -218,7 +218,7 @@ def test_what_is_tolerated_is_small_against_a_price(weight, angle, price):
 @pytest.mark.parametrize("d", [2, 3])
 def test_the_proof_tier_trusts_no_factorization(d, poses):
     graph, doubtful = doubtful_graph(rng_of(d + 4), d, poses=poses, n=12, doubtful=1)
-    problem, kept = problem_of(graph), solve(graph.reweighted(np.where(doubtful, 0.0, 1.0)))
+    problem, kept = Quadratic(graph), solve(graph.reweighted(np.where(doubtful, 0.0, 1.0)))
     [cost] = problem.edge_costs(kept.estimate)[doubtful]
     for price, certified in ((0.01 * cost, True), (0.99 * cost, False)):
         truncated = TruncatedCost(problem, np.where(doubtful, price, np.inf))

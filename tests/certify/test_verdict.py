@@ -22,7 +22,7 @@ from certpgo.errors import InputError
 from certpgo.graph import Estimate
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.solve.bounding import bound_near
 from certpgo.solve.minima import local_minimum
 
@@ -43,7 +43,7 @@ def test_a_difference_that_rounds_down_is_the_next_double():
 
 def case_of_a_triangle(tier=Tier.STANDARD, rtol=0.5, atol=0.0, scale=1.0):
     instance, wound = winding_cycle(3, 0.5, 1)
-    problem = RotationProblem(instance.graph.with_weights(scale))
+    problem = Quadratic(instance.graph.with_weights(scale))
     return NormalizedProblem.of(problem, tier, rtol, atol), instance.truth, wound
 
 
@@ -170,7 +170,7 @@ def test_the_larger_of_two_bounds_counts():
 def test_unrefined_estimates_are_judged_by_their_own_multipliers():
     rng = np.random.default_rng(0)
     graph, R, t = pose_graph(rng, 8, 3)
-    case = NormalizedProblem.of(PoseProblem(graph), Tier.STANDARD, 1e-5, 1e-12)
+    case = NormalizedProblem.of(Quadratic(graph), Tier.STANDARD, 1e-5, 1e-12)
     start = Estimate(R @ so.exp(0.01 * rng.standard_normal((8, 3))), t)
     given = local_minimum(case, start, refine=False)
     np.testing.assert_array_equal(given.point.rotations, start.rotations)

@@ -117,7 +117,7 @@ def test_a_number_is_spelled_alike_wherever_it_is_printed(certpgo, square, tmp_p
         "reason": c.reason,
         "str": str(c),
         "repr": repr(c),
-        "plot": _written_on(plot.bounds(package.PoseProblem(instance.graph), c, ax=_axes())),
+        "plot": _written_on(plot.bounds(package.Quadratic(instance.graph), c, ax=_axes())),
     }
     share = c.relative_gap
     costs = {cost_shown(c.cost_upper), bound_shown(c.lower_bound)}

@@ -9,7 +9,7 @@ from certpgo import InputError, certify, read_estimate, registry
 from certpgo.cli import BENCHMARKS
 from certpgo.io.datasets import entry
 from certpgo.io.datasets.synthetic import cycle
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.solve import diagnostics
 
 EDGE = "EDGE_SE2 0 1 1 0 0.1 1 0 0 1 0 1"
@@ -237,7 +237,7 @@ def test_files_that_are_not_there_are_named(certpgo, square, tmp_path):
 
 
 def test_what_is_no_estimate_is_told_where_to_go():
-    problem = problem_of(cycle(5, 0.1, np.random.default_rng(0)).graph)
+    problem = Quadratic(cycle(5, 0.1, np.random.default_rng(0)).graph)
     with pytest.raises(InputError, match="not an int: certify_values takes GTSAM's Values"):
         certify(problem, 5)
     with pytest.raises(InputError, match="not an object: certify_values takes GTSAM's Values"):

@@ -11,7 +11,7 @@ from certpgo.io import read, write
 from certpgo.io.datasets import thesis
 from certpgo.io.datasets.synthetic import helix, winding_cycle
 from certpgo.objective.chi_squared import exceeded_by
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.solve.accuracy_wording import disagreeing
 
 
@@ -437,7 +437,7 @@ def test_a_changed_noise_is_said_first_and_the_stated_one_judged_too(certpgo, tm
     path.write_text("".join([*steps, *wrong]))
     found = certpgo("outliers", path, "--cost", cost, "--csv", csv, "--json").json
     m = n - 1 + loops
-    exact = exceeded_by(problem_of(read(path).graph), 0.01 / m)[0]
+    exact = exceeded_by(Quadratic(read(path).graph), 0.01 / m)[0]
     price = chi2.isf(0.01 / m, 3) if cost == "g2o" else exact
     stated = found["at_stated_noise"]
     assert next(iter(found)) == "noise_scale"

@@ -25,7 +25,7 @@ def test_the_sparse_graph_is_written_with_its_estimate(certpgo, path, tmp_path):
     assert "loop closures kept; the sparse graph is CERTIFIED. " in done.out
     again = package.read(out)
     best = package.solve(again, cost="chordal")
-    assert package.PoseProblem(again.graph).cost(again.initial) == pytest.approx(best.cost)
+    assert package.Quadratic(again.graph).cost(again.initial) == pytest.approx(best.cost)
     data = json.loads(certpgo("sparsify", path, "--keep", "0.25", "--json").out)
     assert len(data["kept"]) == round(0.25 * data["loop_closures"])
     assert data["sparse"]["cost"] == pytest.approx(best.cost)

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from strategies import pose_graph, rng_of
 
-from certpgo import GraphError, InputError, RotationProblem, with_priors
+from certpgo import GraphError, InputError, Quadratic, with_priors
 from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.graph.priors import handedness_is_open, origin_of, require_determined
-from certpgo.objective.problem import problem_of
 
 
 def chain(d, kappa, tau, t=None):
@@ -40,7 +39,7 @@ def test_edges_that_measure_nothing_are_refused():
     with pytest.raises(GraphError, match=r"kappa is -1\.0; it must be positive"):
         chain(2, [1.0, -1.0], [1.0, 1.0])
     with pytest.raises(GraphError, match="kappa is 0; only edges of a pose graph"):
-        RotationProblem(chain(2, [1.0, 0.0], [1.0, 1.0]).rotations_alone)
+        Quadratic(chain(2, [1.0, 0.0], [1.0, 1.0]).rotations_alone)
     whole = chain(2, [1.0, 1.0], [1.0, 1.0])
     for given, words in (
         ({"kappa": 1.0}, "kappa and rotations are given together"),
@@ -74,14 +73,14 @@ def test_origins_are_subtracted_exactly():
 def test_free_nodes_are_named():
     require_determined(chain(3, [1.0, 0.0, 1.0], [1.0, 1.0, 1.0]))
     with pytest.raises(GraphError, match=r"2 parts of the graph.* the position of node 3 is free"):
-        problem_of(chain(3, [1.0, 1.0, 1.0], [1.0, 1.0, 0.0]))
+        Quadratic(chain(3, [1.0, 1.0, 1.0], [1.0, 1.0, 0.0]))
     with pytest.raises(GraphError, match="no measurement determines the rotation of node 3"):
-        problem_of(chain(3, [1.0, 1.0, 0.0], [1.0, 1.0, 1.0]))
+        Quadratic(chain(3, [1.0, 1.0, 0.0], [1.0, 1.0, 1.0]))
     graph = chain(2, [1.0, 1.0], [1.0, 1.0])
     # No position is measured from the world, which is put at the first node.
     require_determined(with_priors(graph, [0], np.eye(2)[None], kappa=1.0))
     with pytest.raises(GraphError, match="the rotation of node 3"):
-        problem_of(with_priors(graph, [0], translations=np.zeros((1, 2)), tau=1.0))
+        Quadratic(with_priors(graph, [0], translations=np.zeros((1, 2)), tau=1.0))
 
 
 @pytest.mark.parametrize(

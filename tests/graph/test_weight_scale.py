@@ -9,7 +9,7 @@ import certpgo
 from certpgo.graph import PoseGraph
 from certpgo.graph.concatenate import joined
 from certpgo.graph.scale import Scale
-from certpgo.objective.problem import PoseProblem
+from certpgo.objective.quadratic import Quadratic
 
 
 def with_fixes(seed, d, far, tau=4.0):
@@ -25,7 +25,7 @@ def with_fixes(seed, d, far, tau=4.0):
 def test_w_is_the_sum_of_the_weights(seed, d):
     graph, _, _ = pose_graph(rng_of(seed), 6, d)
     expected = graph.kappa.sum() + graph.tau @ (graph.translations**2).sum(axis=1)
-    assert PoseProblem(graph).scale == pytest.approx(expected, rel=1e-14)
+    assert Quadratic(graph).scale == pytest.approx(expected, rel=1e-14)
     arms = np.ones((graph.num_edges, d))
     general = PoseGraph(graph.rotations_alone, graph.translations, graph.tau, arms)
     assert Scale.of(general).total == pytest.approx(expected + d * graph.tau.sum(), rel=1e-14)
@@ -38,15 +38,15 @@ def test_positions_count_by_the_typical_step_however_far_they_are(seed, d):
     own = Scale.of(graph)
     typical = (own.move @ own.squares) / own.move.sum()
     assert far.absolute.sum() == 6
-    assert PoseProblem(far).scale == pytest.approx(own.total + 6 * 4.0 * typical, rel=1e-12)
-    assert PoseProblem(with_fixes(seed, d, 1e7)[0]).scale == PoseProblem(far).scale
+    assert Quadratic(far).scale == pytest.approx(own.total + 6 * 4.0 * typical, rel=1e-12)
+    assert Quadratic(with_fixes(seed, d, 1e7)[0]).scale == Quadratic(far).scale
 
 
 def test_positions_nearer_than_a_step_count_by_their_distance():
     turn = certpgo.RotationGraph(2, np.array([[0, 1]]), np.eye(2)[None], np.ones(1))
     graph = PoseGraph(turn, np.array([[10.0, 0.0]]), np.ones(1))
     fixed = certpgo.with_priors(graph, np.array([0]), translations=np.array([[3.0, 0.0]]), tau=2.0)
-    assert PoseProblem(fixed).scale == 1.0 + 100.0 + 18.0
+    assert Quadratic(fixed).scale == 1.0 + 100.0 + 18.0
 
 
 def test_positions_count_nothing_where_rotations_alone_are_relative():

@@ -5,7 +5,7 @@ import pytest
 
 from certpgo import certify
 from certpgo.io.datasets import synthetic
-from certpgo.objective.problem import RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from reports.harness.experiments import evaluate
 from reports.harness.experiments.absence import Absence
 from reports.harness.experiments.averages import summarized
@@ -91,7 +91,7 @@ def test_a_method_may_be_for_small_graphs_alone_and_a_row_for_nobody():
 
 def test_which_bounds_hold_at_a_wound_up_cycle():
     instance, wound = synthetic.winding_cycle(12, 0.7, -1)
-    problem = RotationProblem(instance.graph)
+    problem = Quadratic(instance.graph)
     assert evaluate.certified_by(problem, certify(problem, wound)) == "none"
     assert evaluate.optimum(problem) == pytest.approx(96 * np.sin(0.7 / 24) ** 2, rel=1e-12)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from certpgo.io.datasets import thesis
-from certpgo.objective.problem import RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.solution import Solution, Status
 from reports.harness.experiments import evaluate
 from reports.harness.experiments.runner import run_table
@@ -19,7 +19,7 @@ def instance():
 
 
 def values(instance, weights=None, truth=None, outliers=None, other=None):
-    problem = RotationProblem(instance.graph)
+    problem = Quadratic(instance.graph)
     solution = Solution(instance.truth, 0.0, Status.CLOSED_FORM, weights=weights)
     return evaluate.of_estimate(
         KEYS, problem, problem, solution, None, truth=truth, outliers=outliers, other=other

@@ -157,7 +157,7 @@ def test_errors_vanish_without_noise_and_are_larger_on_sparser_graphs(quick):
 
 
 def test_eigen_rao_s_iterates_are_its_answers(quick, dataset):
-    from certpgo import RotationProblem
+    from certpgo import Quadratic
     from certpgo.io.datasets import truth
     from certpgo.optimize.methods.eigen_ra import EigenRA
     from certpgo.optimize.methods.eigen_rao import EigenRAO
@@ -166,7 +166,7 @@ def test_eigen_rao_s_iterates_are_its_answers(quick, dataset):
     record = quick("moreira2020_figure5_3")
     instance = dataset("Ellis_Island")
     nodes, known = truth("Ellis_Island", instance)
-    problem = RotationProblem(instance.graph).with_unit_weights()
+    problem = Quadratic(instance.graph).with_unit_weights()
     # EigenRAO asks for less exact eigenvectors than EigenRA.
     for k, method, rel in (
         (0, EigenRA(weights="unit"), 1e-2),

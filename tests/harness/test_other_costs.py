@@ -8,7 +8,7 @@ from certpgo.errors import InputError, SpecError
 from certpgo.graph import Estimate
 from certpgo.io import read
 from certpgo.objective.choose_cost import objective_of
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.solve.comparison import solution_of
 from reports.harness.experiments import plan, scan
 from reports.harness.experiments.journal import read_entries
@@ -63,7 +63,7 @@ def test_a_cost_that_has_no_bound_is_refused_in_a_sentence(tmp_path):
 
 def test_only_methods_that_can_minimise_another_cost(path):
     instance = read(path)
-    problem = problem_of(instance.graph)
+    problem = Quadratic(instance.graph)
     with pytest.raises(SpecError, match="newton does not minimise the cost gtsam"):
         solution_of(Method("newton", cost="gtsam"), problem, instance)
     with pytest.raises(SpecError, match="unknown cost 'ceres'"):

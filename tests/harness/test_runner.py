@@ -7,7 +7,7 @@ from certpgo import registry
 from certpgo.errors import InputError, SpecError, how_to_install
 from certpgo.graph.trees import compose, spanning_tree
 from certpgo.io.datasets.synthetic import cycle
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.monitor import Iteration
 from certpgo.optimize.solution import Solution, Status
 from certpgo.registry import parse_settings
@@ -47,7 +47,7 @@ def test_a_method_that_times_nothing_is_timed_as_a_whole(monkeypatch):
 
     monkeypatch.setattr(registry.get_solver("newton"), "solve", untimed)
     monkeypatch.setattr(registry.get_solver("spanning_tree"), "solve", start)
-    problem = problem_of(cycle(5, 0.1, np.random.default_rng(0)).graph)
+    problem = Quadratic(cycle(5, 0.1, np.random.default_rng(0)).graph)
     alone = solution_of(Method("spanning_tree"), problem)
     assert alone.seconds == {"tree": 0.25}
     both = solution_of(Method("newton", start=Method("spanning_tree")), problem)

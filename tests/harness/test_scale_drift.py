@@ -6,7 +6,7 @@ import pytest
 from certpgo import Estimate
 from certpgo.io.datasets.monocular import drifting, keyframes, odometry, random_maps
 from certpgo.linalg import rotations as so
-from certpgo.objective.similarity_problem import SimilarityProblem
+from certpgo.objective.quadratic import Quadratic
 from reports.studies import scale_drift
 
 
@@ -29,7 +29,7 @@ def test_fastsync_finds_the_map_of_measurements_without_noise(unit):
     """So a map that is off is not one of other conventions."""
     pytest.importorskip("gtsam")
     graph, truth = random_maps(np.random.default_rng(0), turn=0.0, scale=0.0, move=0.0)
-    problem = SimilarityProblem(graph.with_unknown_scales(np.ones(8, dtype=bool)))
+    problem = Quadratic(graph.with_unknown_scales(np.ones(8, dtype=bool)))
     found = scale_drift.fast_sync(problem.graph, unit)
     assert problem.cost(found) < 1e-12
     assert found.scales == pytest.approx(truth.scales / truth.scales[0] * found.scales[0])

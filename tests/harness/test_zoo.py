@@ -16,7 +16,7 @@ from certpgo.certify import Verdict
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.solve.judging import Judge
 from reports.harness.certifiers import campaign, made, oracle, rules, search, summary, zoo
 from reports.harness.certifiers.families import FAMILIES
@@ -153,7 +153,7 @@ def test_a_refusal_and_a_failure_are_told_apart():
 @pytest.mark.parametrize("make", [rotation_graph, pose_graph])
 def test_the_oracle_encloses_the_cost_and_proves_the_optimum(d, make):
     graph, *truth = make(rng_of(7), 6, d)
-    problem = problem_of(graph)
+    problem = Quadratic(graph)
     best = stationary(problem, Estimate(*truth))
     low, high = oracle.cost(problem, best)
     assert low <= high <= low * (1.0 + 1e-14)
@@ -178,7 +178,7 @@ def test_the_search_finds_what_no_descent_undercuts(seed):
     n = 3 + seed % 2
     edges = np.argwhere(np.tri(n, k=-1).T)
     graph = RotationGraph(n, edges, so.random(rng, len(edges), 2), rng.uniform(0.5, 2, len(edges)))
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     found = search.minimum(problem)
     starts = [Estimate(so.random(rng, n, 2)) for _ in range(10)]
     lowest = min(problem.cost(stationary(problem, start)) for start in starts)
@@ -271,7 +271,7 @@ def test_a_block_counts_what_its_instances_are():
 
 def test_poses_at_one_place_cost_what_their_rotations_do():
     problem, best, _ = made.wound(8, 0.3, 1).poses_problem(np.full(8, 2.0))
-    assert isinstance(problem, PoseProblem)
+    assert problem.has_positions
     assert oracle.cost(problem, best)[1] == pytest.approx(made.wound(8, 0.3, 0).optimum)
 
 

@@ -16,7 +16,7 @@ from certpgo.errors import FormatError, GraphError, InputNotice
 from certpgo.graph import Instance
 from certpgo.io.exact.quaternion import to_write
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import RotationProblem
+from certpgo.objective.quadratic import Quadratic
 
 HEADER = "# Image list with two lines of data per image:\n#   IMAGE_ID, QW, QX, QY, QZ, TX, ...\n"
 LINE = "{id} 1 0 0 0 0 0 0 1 {name}\n"
@@ -133,7 +133,7 @@ def test_glomap_in_and_out(file, named):
     lines = [f"{name} {q}\n" for name, q in zip(names, wxyz(R), strict=True)]
     path = file("".join(reversed(lines)), "rotations.txt")
     estimate = io.read_estimate(path, instance)
-    problem = RotationProblem(instance.graph)
+    problem = Quadratic(instance.graph)
     assert problem.cost(estimate) < 1e-25
     certificate = certify(problem, estimate)
     assert certificate.verdict is Verdict.CERTIFIED

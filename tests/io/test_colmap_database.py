@@ -81,7 +81,7 @@ def test_pairs_are_rotations_between_named_images_weighed_by_inliers(database):
     assert "weights are numbers of inliers" in str(found)
     # Our rotations are from camera to world, and fit exactly.
     R = np.swapaxes(np.array(list(cameras.values())), 1, 2)
-    assert certpgo.RotationProblem(found.graph).cost(certpgo.Estimate(R)) < 1e-25
+    assert certpgo.Quadratic(found.graph).cost(certpgo.Estimate(R)) < 1e-25
     assert certpgo.read(path, unit_weights=True, quiet=True).graph.kappa.tolist() == [1.0] * 3
 
 
@@ -185,5 +185,5 @@ def test_it_is_what_pycolmap_writes(tmp_path):
     with pytest.warns(InputNotice, match="directions are ignored"):
         found = certpgo.read(path)
     R = np.swapaxes(np.array(list(cameras.values())), 1, 2)
-    assert certpgo.RotationProblem(found.graph).cost(certpgo.Estimate(R)) < 1e-20
+    assert certpgo.Quadratic(found.graph).cost(certpgo.Estimate(R)) < 1e-20
     assert found.graph.kappa.tolist() == [20.0] * 3

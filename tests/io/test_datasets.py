@@ -13,7 +13,7 @@ from certpgo import io
 from certpgo.errors import InputError, InputNotice, SpecError
 from certpgo.io import datasets
 from certpgo.io.datasets import catalogue, lookup
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 
 TRIANGLE = b"EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\nEDGE_SE2 1 2 1 0 0 1 0 0 1 0 1\n"
 
@@ -257,7 +257,7 @@ def test_truth_that_covers_the_graph_comes_with_it(name, dataset, dataset_path):
     dataset_path(datasets.entry(name).truth)
     instance = dataset(name)
     assert instance.name == name
-    angles = problem_of(instance.graph).residual_angles(instance.truth)
+    angles = Quadratic(instance.graph).residual_angles(instance.truth)
     # Truth of another graph, or in another frame, would leave right angles.
     assert np.median(angles) < np.deg2rad(10)
 

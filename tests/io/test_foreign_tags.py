@@ -72,7 +72,7 @@ def test_poses_of_cameras(file):
     assert instance.graph.tau.tolist() == [100.0] * 3
     assert instance.graph.information is None
     np.testing.assert_allclose(instance.initial.translations, X[1], atol=1e-15)
-    problem = certpgo.PoseProblem(instance.graph)
+    problem = certpgo.Quadratic(instance.graph)
     assert problem.cost(instance.initial) == pytest.approx(0.0, abs=1e-25)
     short = text.replace(weights, "1 2 3")
     with pytest.raises(FormatError, match="takes 2 ids and 7 numbers, then 21"):

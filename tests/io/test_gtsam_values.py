@@ -9,7 +9,7 @@ from certpgo import InputNotice
 from certpgo.certify import Verdict
 from certpgo.errors import GraphError, InputError
 from certpgo.graph import Estimate, Instance
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.riemannian_newton import newton
 
 N = 6
@@ -62,7 +62,7 @@ def values_of(estimate, keys, kind="Pose"):
 
 def solved(d, rotations=False):
     graph, R, t = pose_graph(np.random.default_rng(d), N, d)
-    problem = problem_of(graph.rotations_alone if rotations else graph)
+    problem = Quadratic(graph.rotations_alone if rotations else graph)
     return graph, newton(problem, Estimate(R, None if rotations else t)).estimate
 
 
@@ -72,9 +72,9 @@ def test_poses_for_poses_and_for_rotations(d):
     values = values_of(estimate, range(N))
     certificate = certpgo.certify_values(graph, values)
     assert certificate.verdict is Verdict.CERTIFIED
-    assert certificate.cost_upper == pytest.approx(problem_of(graph).cost(estimate), rel=1e-12)
+    assert certificate.cost_upper == pytest.approx(Quadratic(graph).cost(estimate), rel=1e-12)
     rotations = certpgo.certify_values(graph.rotations_alone, values)
-    expected = problem_of(graph.rotations_alone).cost(estimate)
+    expected = Quadratic(graph.rotations_alone).cost(estimate)
     assert rotations.cost_upper == pytest.approx(expected, rel=1e-12)
 
 

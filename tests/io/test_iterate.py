@@ -11,7 +11,7 @@ from certpgo.errors import FormatError
 from certpgo.graph.relaxed_point import Lift, rounded
 from certpgo.io import read_estimate
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import PoseProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.riemannian_newton import newton
 
 #: F of the optimum; the files hold about five digits.
@@ -37,7 +37,7 @@ def test_an_iterate_of_rank_d_is_rounded_to_itself_up_to_gauge(seed, d):
 @pytest.mark.parametrize("name", OPTIMA)
 def test_public_iterates_lie_beside_the_optimum(name, dataset, dataset_path):
     instance = dataset(name)
-    problem = PoseProblem(instance.graph)
+    problem = Quadratic(instance.graph)
     estimate = read_estimate(dataset_path(f"{name}_Yopt"), instance)
     assert newton(problem, estimate).cost == pytest.approx(OPTIMA[name], rel=1e-6)
     certificate = certify(problem, estimate)

@@ -12,7 +12,7 @@ from certpgo.graph.information import Information
 from certpgo.graph.mahalanobis import mahalanobis
 from certpgo.io.datasets.synthetic import helix
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 from tests.strategies import rng_of
 
 SQUARE = "EDGE_SE2 0 1 1 0 0.1 1 0 0 1 0 {0}\nEDGE_SE2 0 1 1 0 0 1 0 0 1 0 {0}\n"
@@ -58,7 +58,7 @@ def test_terms_are_mahalanobis_distances_or_below(seed, decades):
     angle = rng.uniform(0.0, np.pi)
     weighted, point = one_edge(omega, so.exp(angle * axis[None])[0])
     exact = 4.0 * np.sin(angle / 2.0) ** 2 * (axis @ omega @ axis)
-    cost = problem_of(weighted.graph).cost(point)
+    cost = Quadratic(weighted.graph).cost(point)
     assert cost <= exact + 1e-14 * values.max()
     values.sort()
     slack = (values[0] + values[1] - values[2]) / values[1]
@@ -74,7 +74,7 @@ def test_lowered_weights_keep_the_other_axes():
         weighted, point = one_edge(omega, so.exp(0.3 * axis[None])[0])
         assert weighted.clipped == 1
         expected = 4.0 * np.sin(0.15) ** 2 * kept
-        assert problem_of(weighted.graph).cost(point) == pytest.approx(expected, rel=1e-5)
+        assert Quadratic(weighted.graph).cost(point) == pytest.approx(expected, rel=1e-5)
 
 
 def test_the_plane_has_half_of_kappa(file):

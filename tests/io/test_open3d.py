@@ -53,7 +53,7 @@ def test_a_transformation_is_a_measurement_of_the_source_from_the_target(stored)
     assert np.abs(graph.rotations[0] - [[0, -1, 0], [1, 0, 0], [0, 0, 1]]).max() == 0.0
     assert graph.translations.tolist() == [[1.0, 2.0, 3.0]]
     # The poses of these nodes fit the measurement.
-    assert certpgo.PoseProblem(graph).cost(instance.initial) == 0.0
+    assert certpgo.Quadratic(graph).cost(instance.initial) == 0.0
 
 
 def test_information_has_rotation_before_translation(stored):
@@ -108,7 +108,7 @@ def test_f_is_open3ds_cost_to_second_order(stored, mahalanobis):
     turn, step = rng.standard_normal((2, made.num_nodes, 3))
     for size in (1e-2, 1e-3):
         near = Estimate(truth.rotations @ so.exp(size * turn), truth.translations + size * step)
-        ratio = certpgo.PoseProblem(graph).cost(near) / open3d_cost(content, near)
+        ratio = certpgo.Quadratic(graph).cost(near) / open3d_cost(content, near)
         assert abs(ratio - 1.0) < 10.0 * size**2
 
 
@@ -123,7 +123,7 @@ def test_a_graph_survives_being_written_and_read(tmp_path):
     assert found.graph.kappa == pytest.approx(graph.kappa, rel=1e-15)
     assert (found.graph.tau == graph.tau).all()
     # Without initial values the nodes are along a spanning tree.
-    assert np.isfinite(certpgo.PoseProblem(graph).cost(found.initial))
+    assert np.isfinite(certpgo.Quadratic(graph).cost(found.initial))
     assert json.loads(path.read_text())["nodes"][0]["class_name"] == "PoseGraphNode"
     solved = certpgo.solve(found)
     certpgo.write(tmp_path / "solved.json", solved)

@@ -174,7 +174,7 @@ def test_estimates_are_in_the_world(file, tmp_path):
     assert len(io.read_estimate(tmp_path / "out.g2o").rotations) == 2
     io.write(tmp_path / "out.tum", answer.estimate, instance=instance)
     assert len((tmp_path / "out.tum").read_text().splitlines()) == 2
-    judged = certpgo.certify(certpgo.PoseProblem(instance.graph), again)
+    judged = certpgo.certify(certpgo.Quadratic(instance.graph), again)
     assert judged.verdict.value == "CERTIFIED"
     read = io.read(file(text), quiet=True, truth=tmp_path / "out.g2o")
     np.testing.assert_array_equal(read.truth.translations[2], 0.0)
@@ -213,7 +213,7 @@ def test_map_coordinates_cost_no_digits(file, tmp_path):
     np.testing.assert_allclose(there.translations, moved, atol=1e-3)
     io.write(tmp_path / "out.g2o", answer.estimate, instance=far)
     again = io.read_estimate(tmp_path / "out.g2o", far)
-    problem = certpgo.PoseProblem(far.graph)
+    problem = certpgo.Quadratic(far.graph)
     assert certpgo.certify(problem, again).verdict.value == "CERTIFIED"
     # An estimate that is off is not certified either.
     turned = again.rotations @ so.exp(np.full((13, 1), 0.05) * np.arange(13)[:, None] % 0.1)

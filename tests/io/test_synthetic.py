@@ -7,7 +7,7 @@ import certpgo
 from certpgo.errors import InputError
 from certpgo.io.datasets import synthetic
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.objective.quadratic import Quadratic
 
 ROUNDING = 1e-12  # relative, or absolute where the exact value is zero
 
@@ -24,7 +24,7 @@ def rng():
 )
 def test_winding_cycle_has_its_closed_form(n, theta, winding, d):
     instance, estimate = synthetic.winding_cycle(n, theta, winding, d)
-    problem = RotationProblem(instance.graph)
+    problem = Quadratic(instance.graph)
     residual = (theta + 2 * np.pi * winding) / n
     cost = 8 * n * np.sin(residual / 2) ** 2
     assert problem.cost(estimate) == pytest.approx(cost, rel=1e-9, abs=ROUNDING)
@@ -54,7 +54,7 @@ FAMILIES = {
 @pytest.mark.parametrize("family", FAMILIES)
 def test_without_noise_the_truth_costs_nothing(family):
     instance = FAMILIES[family](0.0)
-    assert problem_of(instance.graph).cost(instance.truth) < ROUNDING
+    assert Quadratic(instance.graph).cost(instance.truth) < ROUNDING
 
 
 @pytest.mark.parametrize("family", FAMILIES)
@@ -62,7 +62,7 @@ def test_the_same_seed_gives_the_same_graph_and_noise_moves_it(family):
     first, again, exact = FAMILIES[family](0.1), FAMILIES[family](0.1), FAMILIES[family](0.0)
     np.testing.assert_array_equal(first.graph.edges, again.graph.edges)
     np.testing.assert_array_equal(first.graph.rotations, again.graph.rotations)
-    assert problem_of(exact.graph).cost(exact.truth) < problem_of(first.graph).cost(first.truth)
+    assert Quadratic(exact.graph).cost(exact.truth) < Quadratic(first.graph).cost(first.truth)
 
 
 def test_rotation_noise_has_the_stated_deviation_per_axis():
@@ -144,7 +144,7 @@ def test_a_corridor_costs_a_hundred_billionth_of_its_weight():
     # 2 kappa angle^2 and tau |step|^2: 2 x 1 and 2 terms an edge.
     weight = graph.kappa.sum() + graph.tau @ np.sum(graph.translations**2, axis=1)
     assert weight == pytest.approx(2.5e7, rel=0.1)
-    cost = PoseProblem(graph).cost(instance.truth)
+    cost = Quadratic(graph).cost(instance.truth)
     assert cost == pytest.approx(4 * 9e3 * 3e-6**2 * graph.num_edges, rel=0.1)
     steps = np.linalg.norm(np.diff(instance.truth.translations, axis=0), axis=1)
     assert steps.max() < 0.4 + 2 * np.hypot(0.3, 0.3)

@@ -10,7 +10,7 @@ from certpgo.graph import RotationGraph
 from certpgo.graph.components import component, rotations_alone
 from certpgo.io.datasets import edges, thesis
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from reports.harness.experiments.instances import load_row
 from reports.harness.experiments.spec import Row
 
@@ -103,7 +103,7 @@ def test_random_graphs_have_the_wished_fiedler_value(n, fiedler):
     graph = thesis.langevin_graph(n, fiedler, 1.0, rng()).graph
     assert graph.is_connected
     assert graph.without_parallel_edges("first").num_edges == graph.num_edges
-    values = np.linalg.eigvalsh(RotationProblem(graph).laplacian.toarray())
+    values = np.linalg.eigvalsh(Quadratic(graph).laplacian.toarray())
     assert values[1] == pytest.approx(fiedler, rel=0.03)
 
 
@@ -128,7 +128,7 @@ def test_a_spherical_path_has_its_counts_and_stays_connected(missing):
 def test_a_spherical_path_goes_from_pole_to_pole_and_looks_ahead():
     instance = thesis.spherical_path(0.99, 0.0, 0.0, rng())
     R, t = instance.truth.rotations, instance.truth.translations
-    assert PoseProblem(instance.graph).cost(instance.truth) < 1e-20
+    assert Quadratic(instance.graph).cost(instance.truth) < 1e-20
     assert instance.graph.num_edges == 4995  # "one still needs to run a registration 4995 times"
     np.testing.assert_allclose(t[[0, -1]], [[0, 0, 100], [0, 0, -100]], rtol=0, atol=1e-9)
     np.testing.assert_allclose(t, 100 * R[:, :, 2], rtol=0, atol=1e-12)

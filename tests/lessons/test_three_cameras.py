@@ -13,7 +13,7 @@ def test_cost_of_the_point_that_shares_the_closing_error_out(shown):
     # theta = 120 degrees, residuals of 40: 24 sin^2 20 degrees.
     assert shown["F"] == pytest.approx(24.0 * np.sin(np.radians(20.0)) ** 2, rel=1e-12)
     assert shown["by_edges"] == pytest.approx(shown["by_matrix"], rel=1e-12)
-    assert np.abs(shown["problem"].connection_laplacian.toarray() - shown["L"]).max() < 1e-15
+    assert np.abs(shown["problem"].matrix.toarray() - shown["L"]).max() < 1e-15
 
 
 def test_weak_duality_in_a_thousand_draws(shown):

@@ -92,7 +92,7 @@ def test_exercises(shown):
 @pytest.mark.parametrize(("size", "closing"), [(3, 95.0), (3, 175.0), (4, 10.0), (9, 100.0)])
 def test_two_windings_are_strict_local_minima_in_space(shown, size, closing):
     theta = np.radians(closing)
-    ring = certpgo.RotationProblem(winding_cycle(size, theta, 0, d=3)[0].graph)
+    ring = certpgo.Quadratic(winding_cycle(size, theta, 0, d=3)[0].graph)
     costs = []
     for k in (0, -1):
         point = shown["stationary_point"](ring.graph, k)

@@ -20,7 +20,7 @@ from certpgo.linalg import compiled, factor, multifrontal
 from certpgo.linalg.arrays import CSC
 from certpgo.linalg.blocks import BlockPattern, add_to_diagonal
 from certpgo.linalg.multifrontal import Fronts, Tree, minimum_degree
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 
 pytestmark = pytest.mark.skipif(not compiled.AVAILABLE, reason="not compiled")
 
@@ -129,7 +129,7 @@ def test_minimum_degree_permutes_any_graph(seed, n, extra):
 
 @pytest.mark.parametrize("name", ["MIT", "sphere2500", "torus3D", "manhattan"])
 def test_minimum_degree_fills_as_little_as_scipys(name, dataset, monkeypatch):
-    P = problem_of(dataset(name).graph).pattern
+    P = Quadratic(dataset(name).graph).pattern
     ours = Tree.of(P.indptr, P.indices, minimum_degree(P.indptr, P.indices)).lengths.sum()
     monkeypatch.setattr(compiled, "AVAILABLE", False)
     other = factor.fill_reducing_order(P.indptr, P.indices)

@@ -12,7 +12,7 @@ from certpgo.linalg import factor
 from certpgo.linalg.arrays import CSC
 from certpgo.linalg.blocks import add_to_diagonal
 from certpgo.linalg.residual import measured_residual
-from certpgo.objective.problem import PoseProblem, problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.riemannian_newton import newton
 
 
@@ -50,7 +50,7 @@ def test_bounds_the_exact_residual(seed):
 @pytest.mark.parametrize("name", ["smallGrid3D", "parking-garage", "intel", "kitti_05"])
 def test_row_sums_stay_below_the_a_priori_bound(name, engine, dataset):
     """What the standard tier trusts of an engine, checked on real factors."""
-    problem = problem_of(dataset(name).graph, engine)
+    problem = Quadratic(dataset(name).graph, engine)
     M = problem.matrix
     A = add_to_diagonal(M, 1e-6 * M.diagonal().mean())
     w = 10.0 ** rng_of(0).uniform(-1, 1, A.shape[0])
@@ -72,7 +72,7 @@ def test_a_wrong_factor_is_found_out():
 @given(seeds, dimensions)
 def test_measuring_sharpens_a_valid_bound(seed, d):
     graph, R, _ = pose_graph(rng_of(seed), 30, d, noise=0.02)
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     point = problem.with_optimal_translations(newton(problem, problem.complete(R)).estimate)
     cost = problem.cost(point)
     plain = dual_bound(problem, point)

@@ -9,14 +9,14 @@ from certpgo.linalg.arrays import CSC
 from certpgo.linalg.blocks import add_to_diagonal
 from certpgo.linalg.factor import analyze, engines
 from certpgo.linalg.selected_inverse import selected_inverse
-from certpgo.objective.problem import PoseProblem
+from certpgo.objective.quadratic import Quadratic
 
 
 @given(seeds, dimensions)
 @settings(max_examples=15)
 def test_entries_are_those_of_the_inverse(seed, d):
     rng = rng_of(seed)
-    problem = PoseProblem(pose_graph(rng, int(rng.integers(2, 30)), d)[0])
+    problem = Quadratic(pose_graph(rng, int(rng.integers(2, 30)), d)[0])
     A = add_to_diagonal(problem.matrix, np.full(problem.n * (d + 1), 0.1))
     pattern = problem.pattern
     for engine in engines():

@@ -17,7 +17,7 @@ from certpgo.linalg import rotations as so
 from certpgo.linalg.blocks import BlockPattern, diagonal_places, pinned, scatter_sum
 from certpgo.objective import operators, residuals
 from certpgo.objective.edge_sums import LARGEST_RANK, EdgeSums
-from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.objective.quadratic import Quadratic
 
 pytestmark = pytest.mark.skipif(not compiled.AVAILABLE, reason="not compiled")
 
@@ -286,11 +286,11 @@ def test_multipliers_less_a_shift(seed, d, more):
     rng = rng_of(seed)
     graph, R, t = pose_graph(rng, 7, d)
     point = lifted(Estimate(R, t), d + more)
-    shifted = Shifted.of(PoseProblem(graph), point)
+    shifted = Shifted.of(Quadratic(graph), point)
     demand = rng.uniform(0.0, 1.0, len(shifted.weights))
     found = shifted.less(0.3, demand)
     np.testing.assert_allclose(found, in_numpy(shifted.less, 0.3, demand), rtol=0, atol=1e-10)
-    alone = Shifted.of(RotationProblem(graph.rotations_alone), Estimate(R))
+    alone = Shifted.of(Quadratic(graph.rotations_alone), Estimate(R))
     np.testing.assert_array_equal(alone.less(0.3, demand), in_numpy(alone.less, 0.3, demand))
 
 

@@ -8,7 +8,7 @@ import pytest
 import certpgo
 from certpgo import InputError
 from certpgo.io.datasets.monocular import random_maps
-from certpgo.objective.similarity_problem import SimilarityProblem
+from certpgo.objective.quadratic import Quadratic
 
 gtsam = pytest.importorskip("gtsam")
 if not hasattr(gtsam, "BetweenFactorSimilarity2"):
@@ -17,7 +17,7 @@ if not hasattr(gtsam, "BetweenFactorSimilarity2"):
 
 def problem_and_truth(d, noise=0.0, seed=0):
     graph, truth = random_maps(np.random.default_rng(seed), d, turn=noise, scale=noise, move=noise)
-    return SimilarityProblem(graph.with_unknown_scales(np.ones(8, dtype=bool))), truth
+    return Quadratic(graph.with_unknown_scales(np.ones(8, dtype=bool))), truth
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -44,10 +44,8 @@ def test_small_errors_near_scale_one_are_half_of_f(d):
     problem, truth = problem_and_truth(d, 1e-5)
     units = problem.graph.in_units_of(truth.scales)
     there = replace(truth, scales=np.ones(8))
-    graph, values = certpgo.to_gtsam(SimilarityProblem(units), there)
-    assert 2.0 * graph.error(values) == pytest.approx(
-        SimilarityProblem(units).cost(there), rel=1e-3
-    )
+    graph, values = certpgo.to_gtsam(Quadratic(units), there)
+    assert 2.0 * graph.error(values) == pytest.approx(Quadratic(units).cost(there), rel=1e-3)
 
 
 def test_graphs_and_problems_serve_alike():
@@ -77,4 +75,4 @@ def test_priors_fix_the_frame_and_other_factors_are_refused():
         certpgo.from_gtsam(graph, values)
     held, _ = random_maps(np.random.default_rng(0))
     with pytest.raises(InputError, match="all have an unknown scale"):
-        certpgo.to_gtsam(SimilarityProblem(held), truth)
+        certpgo.to_gtsam(Quadratic(held), truth)

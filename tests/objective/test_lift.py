@@ -9,7 +9,7 @@ from strategies import dimensions, pose_graph, rng_of, seeds
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Lift, lifted, rounded
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import PoseProblem, problem_of
+from certpgo.objective.quadratic import Quadratic
 
 
 def some_estimate(rng, n, d):
@@ -35,7 +35,7 @@ def moved(point, Q, offset=None):
 @pytest.mark.parametrize("d", [2, 3])
 def test_lifting_adds_zeros_and_changes_no_cost(d, poses):
     graph, R, t = pose_graph(np.random.default_rng(d), 6, d)
-    problem = problem_of(graph if poses else graph.rotations_alone)
+    problem = Quadratic(graph if poses else graph.rotations_alone)
     x = Estimate(R, t if poses else None)
     for rank in (d, d + 1, d + 4):
         up = lifted(x, rank)
@@ -78,7 +78,7 @@ def test_rounding_any_point_gives_rotations_and_knows_no_gauge(seed, d, more):
     rank = d + more
     Y = np.linalg.qr(rng.standard_normal((9, rank, d)))[0]
     graph, _, _ = pose_graph(rng, 9, d)
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     point = problem.with_optimal_translations(Lift(Y, np.zeros((9, rank))))
     R = rounded(point).rotations
     assert R.shape == (9, d, d)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from strategies import definite, dimensions, pose_graph, rng_of, seeds
 
 import certpgo
-from certpgo import Estimate, PoseProblem, certify, read, solve, write
+from certpgo import Estimate, Quadratic, certify, read, solve, write
 from certpgo.certify.normalized import NormalizedProblem
 from certpgo.cli import main
 from certpgo.errors import GraphError, InputError, NumericalError, SpecError
@@ -392,7 +392,7 @@ def test_what_has_no_information_is_refused(square, tmp_path):
         with pytest.raises(InputError, match="needs poses with information matrices on every edge"):
             solve(instance, cost="g2o")
     with pytest.raises(InputError, match="this problem has 'chordal'"):
-        solve(PoseProblem(read(square, quiet=True).graph), cost="g2o")
+        solve(Quadratic(read(square, quiet=True).graph), cost="g2o")
     with pytest.raises(SpecError, match=r"unknown cost 'g2o2'; did you mean g2o\?"):
         solve(read(square, quiet=True), cost="g2o2")
 

@@ -11,7 +11,7 @@ from certpgo.graph import Estimate, RotationGraph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.factor import engines
 from certpgo.objective import operators
-from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.objective.quadratic import Quadratic
 
 
 def some_estimate(rng, n, d):
@@ -29,13 +29,13 @@ def test_cost_is_the_loop_and_the_quadratic_form(seed, d):
     rng = rng_of(seed)
     graph, _, _ = pose_graph(rng, 7, d)
     x = some_estimate(rng, 7, d)
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     expected = dense_cost(graph, x.rotations, x.translations)
     assert problem.cost(x) == pytest.approx(expected, rel=1e-12)
     X = stacked(x)
-    assert np.trace(X @ problem.data_matrix.toarray() @ X.T) == pytest.approx(expected, rel=1e-11)
+    assert np.trace(X @ problem.matrix.toarray() @ X.T) == pytest.approx(expected, rel=1e-11)
     R = np.concatenate(list(x.rotations), axis=1)
-    L = problem.rotation.connection_laplacian.toarray()
+    L = problem.rotation.matrix.toarray()
     assert np.trace(R @ L @ R.T) == pytest.approx(
         dense_cost(graph.rotations_alone, x.rotations), rel=1e-11
     )
@@ -44,14 +44,14 @@ def test_cost_is_the_loop_and_the_quadratic_form(seed, d):
 @given(seeds, dimensions)
 def test_matrices_are_symmetric_semidefinite_with_known_null_vectors(seed, d):
     graph, _, _ = pose_graph(rng_of(seed), 6, d)
-    problem = PoseProblem(graph)
-    for A in (problem.data_matrix, problem.rotation.connection_laplacian):
+    problem = Quadratic(graph)
+    for A in (problem.matrix, problem.rotation.matrix):
         np.testing.assert_allclose(A.toarray(), A.toarray().T, rtol=0, atol=1e-12)
         assert np.linalg.eigvalsh(A.toarray())[0] > -1e-10
     ones = np.zeros(6 * (d + 1))
     ones[:: d + 1] = 1.0
-    np.testing.assert_allclose(problem.data_matrix @ ones, 0.0, rtol=0, atol=1e-11)
-    for A in (problem.translation_laplacian, problem.rotation.laplacian):
+    np.testing.assert_allclose(problem.matrix @ ones, 0.0, rtol=0, atol=1e-11)
+    for A in (problem.elimination.laplacian, problem.rotation.laplacian):
         np.testing.assert_allclose(A @ np.ones(6), 0.0, rtol=0, atol=1e-12)
 
 
@@ -73,7 +73,7 @@ def test_laplacians_of_complete_and_cycle_graphs():
 @given(seeds, dimensions)
 def test_noise_free_graphs_cost_nothing_at_the_truth(seed, d):
     graph, R, t = pose_graph(rng_of(seed), 6, d, noise=0.0)
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     truth = Estimate(R, t)
     assert problem.cost(truth) < 1e-24 * problem.scale
     assert problem.stationarity(truth) < 1e-13
@@ -85,7 +85,7 @@ def test_noise_free_graphs_cost_nothing_at_the_truth(seed, d):
 def test_translations_minimise_the_cost(seed, d):
     rng = rng_of(seed)
     graph, R, _ = pose_graph(rng, 6, d)
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     best = problem.complete(R)
     for _ in range(5):
         moved = Estimate(R, best.translations + 0.1 * rng.standard_normal((6, d)))
@@ -97,7 +97,7 @@ def test_translations_minimise_the_cost(seed, d):
 def test_multipliers_add_up_to_the_cost(seed, d):
     rng = rng_of(seed)
     graph, R, _ = pose_graph(rng, 6, d)
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     x = problem.complete(R)
     trace = np.trace(problem.multipliers(x), axis1=1, axis2=2).sum()
     assert trace == pytest.approx(problem.cost(x), rel=1e-10)
@@ -124,7 +124,7 @@ def moved_along(x, v):
 
 
 def taylor_errors(problem, x, v, steps):
-    g = problem.tangent_gradient(x)
+    g = problem.first_order(x).tangent
     diagonal, upper = problem.hessian(x, problem.multipliers(x))
     H = problem.pattern.assemble(diagonal, upper)
     curvature = float(v.ravel() @ (H @ v.ravel()))
@@ -139,9 +139,9 @@ def taylor_errors(problem, x, v, steps):
 def test_gradient_and_hessian_by_the_slope_of_the_taylor_error(seed, d):
     rng = rng_of(seed)
     graph, _, _ = pose_graph(rng, 5, d, extra=4)
-    for problem in (PoseProblem(graph), RotationProblem(graph.rotations_alone)):
+    for problem in (Quadratic(graph), Quadratic(graph.rotations_alone)):
         x = some_estimate(rng, 5, d)
-        v = rng.standard_normal(problem.tangent_gradient(x).shape)
+        v = rng.standard_normal(problem.first_order(x).tangent.shape)
         coarse, fine = taylor_errors(problem, x, v, (2e-3, 1e-3))
         # Third order: halving the step divides the error by eight (or it is rounding).
         floor = 1e-11 * problem.cost(x)
@@ -152,14 +152,14 @@ def test_gradient_and_hessian_by_the_slope_of_the_taylor_error(seed, d):
 def test_gauge_and_scaling_laws(seed, d):
     rng = rng_of(seed)
     graph, _, _ = pose_graph(rng, 6, d)
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     x = some_estimate(rng, 6, d)
     moved = x.moved(so.random(rng, 1, d)[0], rng.standard_normal(d))
     assert problem.cost(moved) == pytest.approx(problem.cost(x), rel=1e-11)
     np.testing.assert_allclose(
         problem.multipliers(moved), problem.multipliers(x), rtol=0, atol=1e-9 * problem.scale
     )
-    heavier = PoseProblem(graph.with_weights(4.0 * graph.kappa, 4.0 * graph.tau))
+    heavier = Quadratic(graph.with_weights(4.0 * graph.kappa, 4.0 * graph.tau))
     assert heavier.cost(x) == 4.0 * problem.cost(x)
     assert heavier.stationarity(x) == pytest.approx(problem.stationarity(x), rel=1e-12)
 
@@ -172,10 +172,8 @@ def test_reversing_a_rotation_edge_changes_nothing(seed, d):
         6, graph.edges[:, ::-1], np.swapaxes(graph.rotations, 1, 2), graph.kappa
     )
     x = Estimate(so.random(rng, 6, d))
-    assert RotationProblem(reversed_).cost(x) == pytest.approx(
-        RotationProblem(graph).cost(x), rel=1e-12
-    )
-    A = RotationProblem(graph).matrix - RotationProblem(reversed_).matrix
+    assert Quadratic(reversed_).cost(x) == pytest.approx(Quadratic(graph).cost(x), rel=1e-12)
+    A = Quadratic(graph).matrix - Quadratic(reversed_).matrix
     assert abs(A).max() < 1e-12
 
 
@@ -183,20 +181,20 @@ def test_problems_refuse_what_is_not_theirs():
     rng = np.random.default_rng(0)
     graph, R, _t = pose_graph(rng, 5, 3)
     with pytest.raises(InputError, match="5 nodes in 3D, the graph 6 in 3D"):
-        problem_of(rotation_graph(rng, 6, 3)[0]).check(Estimate(R))
+        Quadratic(rotation_graph(rng, 6, 3)[0]).check(Estimate(R))
     with pytest.raises(InputError, match="no translations"):
-        problem_of(graph).check(Estimate(R))
+        Quadratic(graph).check(Estimate(R))
     with pytest.raises(GraphError, match="no translations"):
-        PoseProblem(graph).cost(Estimate(R))
+        Quadratic(graph).cost(Estimate(R))
     edges = np.array([[0, 1], [2, 3]])
     apart = RotationGraph(4, edges, np.tile(np.eye(3), (2, 1, 1)), np.ones(2))
     with pytest.raises(GraphError, match="2 components"):
-        problem_of(apart)
-    assert problem_of(graph).rotation.n == 5
-    assert problem_of(graph).with_unit_weights().scale == pytest.approx(
+        Quadratic(apart)
+    assert Quadratic(graph).rotation.n == 5
+    assert Quadratic(graph).with_unit_weights().scale == pytest.approx(
         graph.num_edges + (graph.translations**2).sum()
     )
-    assert problem_of(graph.rotations_alone).rotation.with_unit_weights().scale == graph.num_edges
+    assert Quadratic(graph.rotations_alone).rotation.with_unit_weights().scale == graph.num_edges
 
 
 GOLDEN_SCALES = {"sphere2500": 4949, "torus3D": 9048}
@@ -208,24 +206,23 @@ def test_unit_weights_tie_cost_to_likelihood(name, dataset):
     from certpgo.solve import metrics
 
     graph = dataset(name).graph
-    problem = PoseProblem(graph).with_unit_weights()
+    problem = Quadratic(graph).with_unit_weights()
     x = problem.complete(np.tile(np.eye(3), (graph.num_nodes, 1, 1)))
     expected = 6 * GOLDEN_SCALES[name] - 2 * metrics.f_ml(graph, x)
     assert problem.cost(x) == pytest.approx(expected, rel=1e-12)
 
 
-def test_a_problem_of_another_kind_of_graph_is_refused():
-    graph, _, _ = pose_graph(rng_of(0), 4, 3)
-    with pytest.raises(InputError, match="take RotationProblem"):
-        RotationProblem(graph)
-    with pytest.raises(InputError, match="rotations alone have no translations"):
-        PoseProblem(graph.rotations_alone)
+def test_what_is_no_graph_is_refused():
+    graph, R, _ = pose_graph(rng_of(0), 4, 3)
+    for other in (Estimate(R), Quadratic(graph), None):
+        with pytest.raises(InputError, match="a graph"):
+            Quadratic(other)
 
 
 @pytest.mark.parametrize("engine", engines())
 def test_a_problem_has_its_engine_and_hands_it_on(engine):
     graph, _, _ = pose_graph(np.random.default_rng(0), 8, 3)
-    problem = problem_of(graph, engine)
+    problem = Quadratic(graph, engine)
     derived = (
         problem,
         problem.rotation,

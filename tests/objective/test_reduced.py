@@ -12,7 +12,7 @@ from certpgo.graph.relaxed_point import Lift
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import factor
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.reduced import ELIMINATED_SHIFTS, SHIFTS, Reduced
 from certpgo.optimize.riemannian_newton import newton
 
@@ -20,7 +20,7 @@ from certpgo.optimize.riemannian_newton import newton
 def dense(problem, matrix=None):
     """The Schur complement of a matrix on the rotations."""
     A = (problem.matrix if matrix is None else matrix).toarray()
-    if not isinstance(problem, PoseProblem):
+    if not problem.has_positions:
         return A
     turns = np.arange(len(A)) % (problem.d + 1) > 0
     inner = np.linalg.pinv(A[np.ix_(~turns, ~turns)])
@@ -29,7 +29,7 @@ def dense(problem, matrix=None):
 
 def some_problem(rng, d, poses, n=7):
     graph, R, t = pose_graph(rng, n, d)
-    return problem_of(graph if poses else graph.rotations_alone), Estimate(R, t if poses else None)
+    return Quadratic(graph if poses else graph.rotations_alone), Estimate(R, t if poses else None)
 
 
 @settings(max_examples=40)
@@ -108,7 +108,7 @@ def test_a_certificate_matrix_is_eliminated_alike(d, poses):
 
 def test_shifts_are_tried_until_one_makes_the_matrix_definite():
     instance, wound = winding_cycle(20, 0.0, 1)
-    problem = RotationProblem(instance.graph)  # lambda_min = 2 cos(2 pi / 20) - 2 = -0.098
+    problem = Quadratic(instance.graph)  # lambda_min = 2 cos(2 pi / 20) - 2 = -0.098
     matrix = problem.certificate_matrix(problem.multipliers(wound))
     assert Reduced(problem, matrix, (1e-9, 0.09, 0.11, 0.5)).shift == 0.11
     with pytest.raises(NumericalError, match="could not be factorized"):

@@ -14,7 +14,7 @@ from certpgo.graph import PoseGraph, RotationGraph, matrix_weights
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import COSTS, Sum
 from certpgo.objective.marginalized import isotropic_below
-from certpgo.objective.problem import PoseProblem
+from certpgo.objective.quadratic import Quadratic
 
 
 @pytest.mark.parametrize("cost", ["g2o", "gtsam"])
@@ -70,7 +70,7 @@ def test_edges_with_matrix_weights_are_solved_but_their_rejections_not_certified
     whole = PoseGraph(RotationGraph(n, graph.edges, R, kappa), graph.translations, kappa)
     K = 5000.0 * np.tile(np.diag([1.0, 1.0, 1.1]), (graph.num_edges, 1, 1))
     general = matrix_weights.of_rotations(whole, K)
-    assert isinstance(PoseProblem(general), PoseProblem)
+    assert isinstance(Quadratic(general), Quadratic)
     answer = solve_robustly(general)
     assert answer.solution.rejected.tolist() == [graph.num_edges - 1]
     assert answer.rejection is None

@@ -118,9 +118,9 @@ def test_rounding_is_said(filled, loop, read):
 def test_an_estimate_is_judged_without_a_search(filled, loop, read):
     instance = read(loop)
     found = known_optimum(instance, "chordal", filled)
-    poor = certpgo.get_solver("spanning_tree")().solve(certpgo.PoseProblem(instance.graph))
+    poor = certpgo.get_solver("spanning_tree")().solve(certpgo.Quadratic(instance.graph))
     assert found.above(poor.cost) == pytest.approx(poor.cost - found.optimum.lower)
-    proven = certpgo.certify(certpgo.PoseProblem(instance.graph), poor.estimate)
+    proven = certpgo.certify(certpgo.Quadratic(instance.graph), poor.estimate)
     assert found.above(proven.cost_upper) == pytest.approx(proven.gap, rel=1e-6)
 
 

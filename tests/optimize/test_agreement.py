@@ -8,7 +8,7 @@ from strategies import rng_of, rotation_graph
 
 import certpgo
 from certpgo.io.datasets.synthetic import cycle
-from certpgo.objective.problem import RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.methods.block_coordinate_descent import BlockCoordinateDescent
 from certpgo.optimize.methods.cycle_closed_form import CycleClosedForm
 from certpgo.optimize.methods.rotation_coordinate_descent import RotationCoordinateDescent
@@ -26,7 +26,7 @@ def test_methods_agree_where_the_relaxation_is_tight(seed):
     graph, _ = rotation_graph(rng, n, d, noise=float(rng.uniform(0.05, 0.4)))
     best = certpgo.solve(graph)
     assert best.certificate.relative_gap < 1e-8
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     descent = BlockCoordinateDescent(tolerance=1e-8).solve(problem)
     assert descent.relaxation.value == pytest.approx(best.cost, rel=1e-6)
     assert descent.cost == pytest.approx(best.cost, rel=1e-6)
@@ -45,7 +45,7 @@ def test_the_closed_form_is_the_staircases_optimum(seed):
     d, n = int(rng.integers(2, 4)), int(rng.integers(3, 40))
     graph = cycle(n, float(rng.uniform(0.05, 0.3)), rng, d).graph
     graph = graph.with_weights(np.exp(rng.uniform(-2.0, 2.0, n)))
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     found, best = CycleClosedForm().solve(problem), certpgo.solve(graph)
     assert best.certificate.gap <= best.certificate.tolerance
     assert found.cost == pytest.approx(best.cost, rel=1e-9, abs=1e-13 * problem.scale)

@@ -11,7 +11,7 @@ from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 from certpgo.graph import Estimate, RotationGraph
 from certpgo.graph.trees import compose, spanning_tree
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.laplacian_averaging import laplacian_gauss_newton
 from certpgo.optimize.methods.laplacian_gauss_newton import LaplacianGaussNewton
 from certpgo.optimize.riemannian_newton import newton
@@ -42,7 +42,7 @@ def never_rises(solution):
 
 @pytest.mark.parametrize("name", OPTIMA)
 def test_the_golden_optima_are_reached_from_the_spanning_tree(name, dataset):
-    problem = RotationProblem(dataset(name).graph.rotations_alone)
+    problem = Quadratic(dataset(name).graph.rotations_alone)
     solution = from_the_tree(problem)
     assert solution.status is Status.CONVERGED
     assert solution.cost == pytest.approx(OPTIMA[name], rel=2e-7)
@@ -52,7 +52,7 @@ def test_the_golden_optima_are_reached_from_the_spanning_tree(name, dataset):
 
 
 def test_it_stalls_where_the_residuals_are_large(dataset):
-    problem = PoseProblem(dataset("sphere_bignoise_vertex3").graph)
+    problem = Quadratic(dataset("sphere_bignoise_vertex3").graph)
     solution = from_the_tree(problem.rotation)
     assert solution.status is Status.STALLED
     assert solution.trace[-1].gradient > 1e-3
@@ -67,7 +67,7 @@ def test_it_stalls_where_the_residuals_are_large(dataset):
 def test_it_agrees_with_newton(seed, d):
     rng = rng_of(seed)
     graph, R = rotation_graph(rng, 9, d, noise=0.1)
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     start = Estimate(turned(rng, R, 0.2))
     solution = laplacian_gauss_newton(problem, start)
     assert solution.status is Status.CONVERGED
@@ -81,7 +81,7 @@ def test_it_agrees_with_newton(seed, d):
 def test_a_start_in_a_turned_world_gives_the_turned_answer(seed, d):
     rng = rng_of(seed)
     graph, R = rotation_graph(rng, 9, d, noise=0.1)
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     start = Estimate(turned(rng, R, 0.2))
     S = so.random(rng, 1, d)[0]
     here, there = (
@@ -103,8 +103,8 @@ def test_other_names_for_the_nodes_give_the_same_answer(seed, d):
     name = rng.permutation(9)  # old node k is called name[k]
     renamed = RotationGraph(9, name[graph.edges], graph.rotations, graph.kappa)
     called = np.argsort(name)
-    ours = laplacian_gauss_newton(RotationProblem(graph), start)
-    theirs = laplacian_gauss_newton(RotationProblem(renamed), start.subset(called))
+    ours = laplacian_gauss_newton(Quadratic(graph), start)
+    theirs = laplacian_gauss_newton(Quadratic(renamed), start.subset(called))
     assert theirs.cost == pytest.approx(ours.cost, rel=1e-9)
     back = theirs.estimate.subset(name).anchored(0).rotations
     np.testing.assert_allclose(back, ours.estimate.anchored(0).rotations, rtol=0, atol=1e-8)
@@ -115,7 +115,7 @@ def test_other_names_for_the_nodes_give_the_same_answer(seed, d):
 def test_noise_free_graphs_are_solved_exactly(seed, d):
     rng = rng_of(seed)
     graph, R = rotation_graph(rng, 9, d, noise=0.0)
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     solution = laplacian_gauss_newton(problem, Estimate(turned(rng, R, 0.3)))
     assert solution.status is Status.CONVERGED
     assert solution.cost < 1e-20 * problem.scale
@@ -128,7 +128,7 @@ def test_without_residuals_a_step_squares_the_distance(seed, d):
     rng = rng_of(seed)
     graph, R = rotation_graph(rng, 9, d, noise=0.0)
     start = Estimate(turned(rng, R, 1e-4))
-    solution = laplacian_gauss_newton(RotationProblem(graph), start, max_iterations=1)
+    solution = laplacian_gauss_newton(Quadratic(graph), start, max_iterations=1)
     assert solution.trace[0].gradient > 1e-6
     assert solution.trace[1].gradient < 1e-6
 
@@ -137,8 +137,8 @@ def test_without_residuals_a_step_squares_the_distance(seed, d):
 @pytest.mark.parametrize("scale", [1e-8, 1.0, 1e8])
 def test_weights_of_any_scale(scale, d):
     graph, _ = rotation_graph(np.random.default_rng(d), 9, d, noise=0.1)
-    one = from_the_tree(RotationProblem(graph))
-    other = from_the_tree(RotationProblem(graph.with_weights(scale * graph.kappa)))
+    one = from_the_tree(Quadratic(graph))
+    other = from_the_tree(Quadratic(graph.with_weights(scale * graph.kappa)))
     assert other.status is one.status is Status.CONVERGED
     assert other.cost == pytest.approx(scale * one.cost, rel=1e-9)
     np.testing.assert_allclose(other.estimate.rotations, one.estimate.rotations, rtol=0, atol=1e-9)
@@ -150,7 +150,7 @@ def test_weights_of_different_size_in_one_graph(seed, d, decades):
     rng = rng_of(seed)
     graph, _ = rotation_graph(rng, 9, d, noise=0.05)
     kappa = 10.0 ** rng.uniform(-decades, decades, graph.num_edges)
-    problem = RotationProblem(graph.with_weights(kappa))
+    problem = Quadratic(graph.with_weights(kappa))
     solution = from_the_tree(problem)
     assert solution.status in (Status.CONVERGED, Status.STALLED)
     assert never_rises(solution)
@@ -162,7 +162,7 @@ def test_weights_of_different_size_in_one_graph(seed, d, decades):
 def test_limits_and_interruption():
     rng = np.random.default_rng(1)
     graph, R = rotation_graph(rng, 12, 3, noise=0.3)
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     start = Estimate(turned(rng, R, 0.5))
     limited = laplacian_gauss_newton(problem, start, max_iterations=2)
     assert (limited.status, limited.iterations) == (Status.ITERATION_LIMIT, 2)
@@ -174,7 +174,7 @@ def test_limits_and_interruption():
 @pytest.mark.parametrize("patience", [1, 2, 5])
 def test_as_many_slow_steps_as_patience_allows(patience):
     graph, _ = rotation_graph(np.random.default_rng(4), 30, 3, noise=1.0)
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     solution = from_the_tree(problem, patience=patience)
     assert solution.status is Status.STALLED
     assert solution.iterations >= patience
@@ -186,7 +186,7 @@ def test_as_many_slow_steps_as_patience_allows(patience):
 
 def test_the_method_completes_poses_and_takes_the_start_given():
     graph, R, t = pose_graph(np.random.default_rng(2), 12, 3)
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     solution = LaplacianGaussNewton().solve(problem)
     assert "tree" in solution.seconds
     best = newton(problem.rotation, Estimate(R))

@@ -10,7 +10,7 @@ from certpgo.errors import CertPGOError, GraphError, MissingDependency, SpecErro
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.io.datasets import synthetic
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import PoseProblem, problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.solution import Solution, Status
 from certpgo.registry import build, defaults
 
@@ -45,7 +45,7 @@ def arrays(graph):
 
 def applicable(name, problem):
     solver = registry.get_solver(name)
-    if not (solver.poses if isinstance(problem, PoseProblem) else solver.rotations):
+    if not (solver.poses if problem.has_positions else solver.rotations):
         pytest.skip(f"{name} is not for such problems")
     return solver()
 
@@ -60,10 +60,8 @@ def solved(solver, problem):
 @pytest.mark.parametrize("name", NAMES)
 def test_a_method_that_refuses_graphs_answers_some(name):
     solver = registry.get_solver(name)
-    problems = [problem_of(graph()) for graph in MICRO.values()]
-    taken = [
-        p for p in problems if (solver.poses if isinstance(p, PoseProblem) else solver.rotations)
-    ]
+    problems = [Quadratic(graph()) for graph in MICRO.values()]
+    taken = [p for p in problems if (solver.poses if p.has_positions else solver.rotations)]
     refused = 0
     for problem in taken:
         try:
@@ -78,7 +76,7 @@ def test_a_method_that_refuses_graphs_answers_some(name):
 @pytest.mark.parametrize("graph", MICRO.values(), ids=MICRO.keys())
 @pytest.mark.parametrize("name", NAMES)
 def test_solve_keeps_the_contract(name, graph):
-    problem = problem_of(graph())
+    problem = Quadratic(graph())
     solver = applicable(name, problem)
     before = [array.copy() for array in arrays(problem.graph)]
     solution = solved(solver, problem)
@@ -91,7 +89,7 @@ def test_solve_keeps_the_contract(name, graph):
     assert np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(d)).max() <= 1e-10
     assert np.linalg.det(R).min() > 0.0
     t = solution.estimate.translations
-    assert (t is not None and t.shape == (n, d)) == isinstance(problem, PoseProblem)
+    assert (t is not None and t.shape == (n, d)) == problem.has_positions
     cost = problem.cost(solution.estimate)
     assert abs(solution.cost - cost) <= SAME_COST * max(cost, problem.scale)
     assert all(seconds >= 0.0 for seconds in solution.seconds.values())
@@ -102,7 +100,7 @@ def test_solve_keeps_the_contract(name, graph):
 @pytest.mark.parametrize("graph", MICRO.values(), ids=MICRO.keys())
 @pytest.mark.parametrize("name", NAMES)
 def test_no_answer_is_below_the_proven_bound(name, graph):
-    problem = problem_of(graph())
+    problem = Quadratic(graph())
     solver = applicable(name, problem)
     solution = solved(solver, problem)
     certificate = certify(problem, solution.estimate)
@@ -150,10 +148,10 @@ def test_settings_of_another_type_are_refused(name, key):
 @pytest.mark.parametrize("name", NAMES)
 def test_an_initial_estimate_is_used_unless_the_method_takes_none(name):
     graphs = [graph() for graph in MICRO.values()]
-    problem = next(p for p in map(problem_of, graphs) if _takes(name, p))
+    problem = next(p for p in map(Quadratic, graphs) if _takes(name, p))
     rng = np.random.default_rng(5)
     R = so.random(rng, problem.n, problem.d)
-    t = rng.standard_normal((problem.n, problem.d)) if isinstance(problem, PoseProblem) else None
+    t = rng.standard_normal((problem.n, problem.d)) if problem.has_positions else None
     solver = applicable(name, problem)
     own = solved(solver, problem)
     given = solver.solve(problem, initial=Estimate(R, t))
@@ -163,7 +161,7 @@ def test_an_initial_estimate_is_used_unless_the_method_takes_none(name):
 
 def _takes(name, problem):
     solver = registry.get_solver(name)
-    if not (solver.poses if isinstance(problem, PoseProblem) else solver.rotations):
+    if not (solver.poses if problem.has_positions else solver.rotations):
         return False
     try:
         solver().solve(problem)

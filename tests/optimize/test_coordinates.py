@@ -13,7 +13,7 @@ from certpgo.errors import SpecError
 from certpgo.graph import Estimate
 from certpgo.io.datasets.synthetic import cycle, random_graph, winding_cycle
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.methods._coordinates import Coordinates, _coloring, stacked
 from certpgo.optimize.methods._relaxed import ALONE
 from certpgo.optimize.methods.block_coordinate_descent import BlockCoordinateDescent
@@ -43,7 +43,7 @@ def dense_step(problem, Y, k):
 @settings(max_examples=20)
 def test_a_sweep_is_the_papers(seed, d, order):
     graph, _ = rotation_graph(rng_of(seed), 6, d)
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     point = Coordinates(problem, np.eye(6 * d), order, rng_of(0))
     before, Y = point.evaluate()[0], np.eye(6 * d)
     blocks = range(6)
@@ -73,7 +73,7 @@ def test_colors_differ_along_edges(seed):
 def test_descends_to_the_certified_optimum(seed, d):
     graph, _ = rotation_graph(rng_of(seed), 8, d, noise=0.2)
     best = certpgo.solve(graph)
-    found = BlockCoordinateDescent(tolerance=1e-9).solve(RotationProblem(graph))
+    found = BlockCoordinateDescent(tolerance=1e-9).solve(Quadratic(graph))
     assert found.status is Status.CONVERGED
     assert found.relaxation.value == pytest.approx(best.cost, rel=1e-8)
     assert found.cost == pytest.approx(best.cost, rel=1e-6)
@@ -89,7 +89,7 @@ def test_descends_to_the_certified_optimum(seed, d):
 def test_a_loose_relaxation_stays_below_every_estimate():
     graph, _ = rotation_graph(rng_of(4), 7, 3, extra=10, noise=1.5)
     best = certpgo.solve(graph)
-    found = BlockCoordinateDescent().solve(RotationProblem(graph))
+    found = BlockCoordinateDescent().solve(Quadratic(graph))
     assert found.status is Status.CONVERGED
     assert found.relaxation.rank > 3
     assert found.note.startswith("duality gap within 1e-06, relaxation ")
@@ -104,7 +104,7 @@ def test_a_loose_relaxation_stays_below_every_estimate():
 def test_the_same_descent_at_rank_d(order, d):
     rng = rng_of(7)
     graph, _ = rotation_graph(rng, 12, d, noise=0.5)
-    problem, start = RotationProblem(graph), Estimate(so.random(rng, 12, d))
+    problem, start = Quadratic(graph), Estimate(so.random(rng, 12, d))
     sweeps = {"max_iterations": 5, "order": order}
     dense = BlockCoordinateDescent(tolerance=0.0, **sweeps).solve(problem, initial=start)
     sparse = RotationCoordinateDescent(tolerance=0.0, **sweeps).solve(problem, initial=start)
@@ -115,7 +115,7 @@ def test_the_same_descent_at_rank_d(order, d):
 @pytest.mark.parametrize("noise", [0.8, 1.2, 3.0])
 def test_what_has_converged_at_rank_d_is_stationary(noise):
     for seed in range(15):
-        problem = RotationProblem(random_graph(12, 4.0, noise, rng_of(seed)).graph)
+        problem = Quadratic(random_graph(12, 4.0, noise, rng_of(seed)).graph)
         found = RotationCoordinateDescent().solve(problem)
         assert found.status is Status.CONVERGED
         assert problem.stationarity(found.estimate) < 1e-6
@@ -125,7 +125,7 @@ def test_what_has_converged_at_rank_d_is_stationary(noise):
 @given(seeds, dimensions)
 def test_steps_at_rank_d_go_from_rotations_to_rotations(seed, d):
     rng = rng_of(seed)
-    problem = RotationProblem(rotation_graph(rng, 8, d, noise=3.0)[0])
+    problem = Quadratic(rotation_graph(rng, 8, d, noise=3.0)[0])
     point = Coordinates(problem, stacked(Estimate(so.random(rng, 8, d))), "colors", rng)
     for _ in range(3):
         before = point.evaluate()[0]
@@ -138,7 +138,7 @@ def test_steps_at_rank_d_go_from_rotations_to_rotations(seed, d):
 @pytest.mark.parametrize("winding", [1, 2])
 def test_a_wound_up_cycle_holds_rank_d_and_not_the_identity(winding):
     instance, wound = winding_cycle(20, 0.1, winding)
-    problem = RotationProblem(instance.graph)
+    problem = Quadratic(instance.graph)
     stuck = RotationCoordinateDescent().solve(problem, initial=wound)
     assert stuck.cost == pytest.approx(problem.cost(wound), rel=1e-9)
     free = BlockCoordinateDescent().solve(problem)
@@ -148,7 +148,7 @@ def test_a_wound_up_cycle_holds_rank_d_and_not_the_identity(winding):
 @pytest.mark.parametrize("order", ORDERS)
 def test_every_order_reaches_the_optimum(order):
     instance = random_graph(30, 6.0, 0.3, rng_of(1))
-    problem = RotationProblem(instance.graph)
+    problem = Quadratic(instance.graph)
     found = BlockCoordinateDescent(order=order).solve(problem)
     assert found.cost == pytest.approx(certpgo.solve(instance.graph).cost, rel=1e-5)
     sparse = RotationCoordinateDescent(order=order).solve(problem)
@@ -156,7 +156,7 @@ def test_every_order_reaches_the_optimum(order):
 
 
 def test_dimensions_that_y_does_not_feel_are_left_out():
-    problem = RotationProblem(cycle(20, 0.2, rng_of(0)).graph)
+    problem = Quadratic(cycle(20, 0.2, rng_of(0)).graph)
     found = BlockCoordinateDescent().solve(problem)
     assert found.status is Status.CONVERGED
     assert found.relaxation.rows.shape[1] < 30
@@ -165,19 +165,17 @@ def test_dimensions_that_y_does_not_feel_are_left_out():
 
 def test_exact_data_cost_nothing():
     graph, _ = rotation_graph(rng_of(3), 6, 3, noise=0.0)
-    found = BlockCoordinateDescent().solve(RotationProblem(graph))
+    found = BlockCoordinateDescent().solve(Quadratic(graph))
     assert found.status is Status.CONVERGED
-    assert found.cost < 1e-10 * RotationProblem(graph).scale
+    assert found.cost < 1e-10 * Quadratic(graph).scale
 
 
 @given(seeds, dimensions)
 @settings(max_examples=10)
 def test_the_scale_of_the_weights_changes_nothing(seed, d):
     graph, _ = rotation_graph(rng_of(seed), 6, d)
-    one = BlockCoordinateDescent().solve(RotationProblem(graph))
-    other = BlockCoordinateDescent().solve(
-        RotationProblem(graph.with_weights(2.0**30 * graph.kappa))
-    )
+    one = BlockCoordinateDescent().solve(Quadratic(graph))
+    other = BlockCoordinateDescent().solve(Quadratic(graph.with_weights(2.0**30 * graph.kappa)))
     assert other.iterations == one.iterations
     assert other.cost == pytest.approx(2.0**30 * one.cost, rel=1e-12)
 
@@ -185,9 +183,9 @@ def test_the_scale_of_the_weights_changes_nothing(seed, d):
 def test_poses_are_completed_by_translations():
     graph, _, _ = pose_graph(rng_of(5), 8, 3)
     for solver in (BlockCoordinateDescent(), RotationCoordinateDescent()):
-        found = solver.solve(PoseProblem(graph))
+        found = solver.solve(Quadratic(graph))
         assert found.estimate.translations.shape == (8, 3)
-        assert found.cost == pytest.approx(PoseProblem(graph).cost(found.estimate))
+        assert found.cost == pytest.approx(Quadratic(graph).cost(found.estimate))
         assert found.note.endswith(ALONE)
 
 
@@ -195,7 +193,7 @@ def test_a_missing_direction_is_completed():
     # Two measurements that disagree by half a turn leave a block without a direction.
     R = np.stack([np.eye(2), -np.eye(2)])
     graph = certpgo.RotationGraph(3, [[0, 1], [2, 1]], R, np.ones(2))
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     start = Estimate(np.tile(np.eye(2), (3, 1, 1)))
     point = Coordinates(problem, stacked(start), "cyclic", rng_of(0))
     point.sweep()
@@ -218,7 +216,7 @@ def test_a_dense_start_that_does_not_fit_is_refused():
     edges = np.stack([np.arange(n - 1), np.arange(1, n)], axis=1)
     graph = certpgo.RotationGraph(n, edges, np.tile(np.eye(3), (n - 1, 1, 1)), np.ones(n - 1))
     with pytest.raises(SpecError, match="rotation_coordinate_descent"):
-        BlockCoordinateDescent().solve(RotationProblem(graph))
+        BlockCoordinateDescent().solve(Quadratic(graph))
 
 
 @given(seeds, dimensions)

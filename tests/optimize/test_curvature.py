@@ -12,7 +12,7 @@ from certpgo.graph import Estimate, PoseGraph
 from certpgo.graph.relaxed_point import lifted
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import factor
-from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize import low_rank_descent as low_rank
 from certpgo.optimize.curvature import negative_curvature, smallest_eigenvalues
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
@@ -21,7 +21,7 @@ from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 def eliminated(problem, point):
     """The certificate matrix, its translations eliminated, dense."""
     S = problem.certificate_matrix(problem.multipliers(point)).toarray()
-    if not isinstance(problem, PoseProblem):
+    if not problem.has_positions:
         return S
     turns = np.arange(len(S)) % (problem.d + 1) > 0
     inner = np.linalg.pinv(S[np.ix_(~turns, ~turns)])
@@ -37,11 +37,11 @@ def test_wound_cycles_have_the_eigenvalue_of_the_closed_form(winding, n, d, engi
     instance, wound = winding_cycle(n, 0.0, winding, d)
     expected = 2.0 * math.cos(2.0 * math.pi * winding / n) - 2.0
     for problem, point in (
-        (RotationProblem(instance.graph), wound),
-        (RotationProblem(instance.graph), lifted(wound, d + 2)),
+        (Quadratic(instance.graph), wound),
+        (Quadratic(instance.graph), lifted(wound, d + 2)),
         # Poses that all stand at the origin: their translations pull at nothing.
         (
-            PoseProblem(PoseGraph(instance.graph, np.zeros((n, d)), np.ones(n))),
+            Quadratic(PoseGraph(instance.graph, np.zeros((n, d)), np.ones(n))),
             Estimate(wound.rotations, np.zeros((n, d))),
         ),
     ):
@@ -59,15 +59,15 @@ def test_wound_cycles_have_the_eigenvalue_of_the_closed_form(winding, n, d, engi
 def test_long_cycles_too(n, d):
     """Their matrix spans seven decades: a vector that is off by a little has any quotient."""
     instance, wound = winding_cycle(n, 0.0, 1, d)
-    value, _ = negative_curvature(RotationProblem(instance.graph), wound)
+    value, _ = negative_curvature(Quadratic(instance.graph), wound)
     assert value < 0.9 * (2.0 * math.cos(2.0 * math.pi / n) - 2.0)
 
 
 @pytest.mark.parametrize("scale", [1e-8, 1e8])
 def test_weights_of_any_scale(scale):
     instance, wound = winding_cycle(20, 0.3, 1)
-    reference, _ = negative_curvature(RotationProblem(instance.graph), wound)
-    value, _ = negative_curvature(RotationProblem(instance.graph.with_weights(scale)), wound)
+    reference, _ = negative_curvature(Quadratic(instance.graph), wound)
+    value, _ = negative_curvature(Quadratic(instance.graph.with_weights(scale)), wound)
     assert value == pytest.approx(scale * reference, rel=1e-6)
 
 
@@ -75,7 +75,7 @@ def test_weights_of_any_scale(scale):
 @given(seeds, dimensions, st.booleans())
 def test_none_at_a_tight_optimum(seed, d, poses):
     graph, R, t = pose_graph(rng_of(seed), 8, d, noise=0.05)
-    problem = problem_of(graph if poses else graph.rotations_alone)
+    problem = Quadratic(graph if poses else graph.rotations_alone)
     found = newton(problem, Estimate(R, t if poses else None)).estimate
     value, _ = negative_curvature(problem, problem.complete(found.rotations))
     assert value > -1e-8 * problem.curvature.mean()
@@ -86,7 +86,7 @@ def test_none_at_a_tight_optimum(seed, d, poses):
 def test_it_is_found_where_there_is_some(seed, d, poses):
     """Loose relaxations: the value lies above the dense eigenvalue, and is as negative, nearly."""
     graph, R, t = pose_graph(rng_of(seed), 7, d, noise=1.5)
-    problem = problem_of(graph if poses else graph.rotations_alone)
+    problem = Quadratic(graph if poses else graph.rotations_alone)
     found = newton(
         problem, Estimate(R, t if poses else None), NewtonSettings(max_iterations=200)
     ).estimate
@@ -106,7 +106,7 @@ def test_it_is_found_where_there_is_some(seed, d, poses):
 def test_the_smallest_eigenvalues_are_as_many_as_asked_for(d, poses):
     """In ascending order, to three digits; of a matrix of that size no more than it has."""
     graph, R, _ = pose_graph(rng_of(d), 7, d, noise=1.0)
-    problem = problem_of(graph if poses else graph.rotations_alone)
+    problem = Quadratic(graph if poses else graph.rotations_alone)
     point = problem.complete(R)
     multipliers = problem.multipliers(point)
     dense = np.linalg.eigvalsh(eliminated(problem, point))

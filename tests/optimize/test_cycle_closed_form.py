@@ -14,7 +14,7 @@ from certpgo.graph import RotationGraph
 from certpgo.graph.cycles import walk
 from certpgo.io.datasets import synthetic
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.methods.cycle_closed_form import CycleClosedForm, shares, stationary_point
 from certpgo.solve.solving import solve
 
@@ -33,7 +33,7 @@ def any_cycle(rng, n, d, spread):
 @given(seeds, st.integers(3, 60), dimensions, st.sampled_from([0.0, 0.5, 3.0]))
 def test_the_closed_form_is_stationary_and_within_the_bounds_for_cycles(seed, n, d, spread):
     graph = any_cycle(rng_of(seed), n, d, spread)
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     solution = CycleClosedForm().solve(problem)
     assert problem.stationarity(solution.estimate) < 1e-13 * n
     angles = problem.residual_angles(solution.estimate)
@@ -54,7 +54,7 @@ def test_the_closed_form_is_the_certified_optimum(n, spread, d):
     rng = np.random.default_rng(n)
     for _ in range(6):
         graph = any_cycle(rng, n, d, spread)
-        problem = RotationProblem(graph)
+        problem = Quadratic(graph)
         solution = CycleClosedForm().solve(problem)
         assert certify(problem, solution.estimate).verdict is Verdict.CERTIFIED
         certified = solve(graph)
@@ -70,7 +70,7 @@ def test_the_closed_form_is_the_certified_optimum(n, spread, d):
 )
 def test_windings_of_equal_weights_have_their_closed_form(n, theta, winding, d):
     instance, _ = synthetic.winding_cycle(n, theta, 0, d)
-    problem = RotationProblem(instance.graph)
+    problem = Quadratic(instance.graph)
     # In space the axis is that of the closing error, whose angle is not negative.
     towards = -winding if d == 3 and theta < 0.0 else winding
     total = theta + 2 * np.pi * winding
@@ -87,7 +87,7 @@ def test_windings_of_equal_weights_have_their_closed_form(n, theta, winding, d):
 @pytest.mark.parametrize("winding", [1, -1, 2])
 def test_windings_of_any_weights_are_stationary_and_worse(winding):
     graph = any_cycle(np.random.default_rng(5), 24, 3, 0.2)
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     point = stationary_point(graph, winding)
     assert problem.stationarity(point) < ROUNDING
     assert problem.cost(point) > problem.cost(stationary_point(graph))
@@ -120,7 +120,7 @@ def test_closing_errors_near_half_a_turn(kappa, missed):
     turns = so.exp(np.r_[np.zeros((len(kappa) - 1, 3)), [[0.0, 0.0, total]]])
     around = np.arange(len(kappa))
     graph = RotationGraph(len(kappa), np.c_[around, np.roll(around, -1)], turns, kappa)
-    solution = CycleClosedForm().solve(RotationProblem(graph))
+    solution = CycleClosedForm().solve(Quadratic(graph))
     assert solution.cost == pytest.approx((4.0 * kappa * (1 - np.cos(angles))).sum(), rel=1e-12)
     assert solution.cost == pytest.approx(solve(graph).cost, rel=1e-12)
 
@@ -135,7 +135,7 @@ def test_the_bound_is_below_the_optimum_by_rounding(seed, n, d, size):
         so.exp(angles[:, None] * np.eye(so.tangent_dim(d))[-1]),
         np.ones(n),
     )
-    solution = CycleClosedForm().solve(RotationProblem(graph))
+    solution = CycleClosedForm().solve(Quadratic(graph))
     theta = abs(np.remainder(np.sum(angles) + np.pi, 2.0 * np.pi) - np.pi)
     exact = 8.0 * n * np.sin(theta / (2.0 * n)) ** 2
     assert 0.0 <= solution.lower_bound <= exact * (1 + 1e-15)
@@ -144,7 +144,7 @@ def test_the_bound_is_below_the_optimum_by_rounding(seed, n, d, size):
 
 def test_perfect_measurements_cost_nothing():
     instance = synthetic.cycle(30, 0.0, np.random.default_rng(0))
-    assert CycleClosedForm().solve(RotationProblem(instance.graph)).cost < 1e-25
+    assert CycleClosedForm().solve(Quadratic(instance.graph)).cost < 1e-25
 
 
 def test_the_walk_passes_every_edge_once():
@@ -168,5 +168,5 @@ def test_the_walk_passes_every_edge_once():
 )
 def test_other_graphs_are_refused_in_one_line(graph):
     with pytest.raises(GraphError, match="is not a single cycle") as refusal:
-        CycleClosedForm().solve(RotationProblem(graph))
+        CycleClosedForm().solve(Quadratic(graph))
     assert "\n" not in str(refusal.value)

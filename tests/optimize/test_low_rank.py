@@ -16,7 +16,7 @@ from certpgo.linalg import factor
 from certpgo.linalg import rotations as so
 from certpgo.linalg.rotations import tangent_basis
 from certpgo.objective import operators
-from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize import low_rank_descent as low_rank
 from certpgo.optimize.curvature import negative_curvature
 from certpgo.optimize.low_rank_descent import _Tangent, descend, leave
@@ -47,7 +47,7 @@ def never_rises(trace):
 
 def wound(n, winding, theta=0.0, d=3):
     instance, estimate = winding_cycle(n, theta, winding, d)
-    return RotationProblem(instance.graph), estimate
+    return Quadratic(instance.graph), estimate
 
 
 @given(seeds, dimensions, st.integers(0, 3))
@@ -78,7 +78,7 @@ def displaced(problem, tangent, basis, x):
 def test_gradient_and_hessian_by_the_slope_of_the_taylor_error(seed, d, more, poses):
     rng = rng_of(seed)
     graph, _, _ = pose_graph(rng, 5, d, extra=4)
-    problem = problem_of(graph if poses else graph.rotations_alone)
+    problem = Quadratic(graph if poses else graph.rotations_alone)
     point = some_point(rng, 5, d + more, d)
     tangent = _Tangent(problem, point if poses else point.with_translations(None))
     basis = tangent_basis(point.rotations)
@@ -99,7 +99,7 @@ def test_gradient_and_hessian_by_the_slope_of_the_taylor_error(seed, d, more, po
 def test_at_rank_d_the_hessian_is_newtons(seed, d, poses):
     rng = rng_of(seed)
     graph, R, t = pose_graph(rng, 5, d, extra=4)
-    problem = problem_of(graph if poses else graph.rotations_alone)
+    problem = Quadratic(graph if poses else graph.rotations_alone)
     multipliers = problem.multipliers(Estimate(R, t))
     hats = so.hat(np.eye(so.tangent_dim(d)))
     blocks = operators.lifted_hessian(problem.graph, R[:, None] @ hats, multipliers)
@@ -112,7 +112,7 @@ def test_at_rank_d_the_hessian_is_newtons(seed, d, poses):
 def test_the_metric_is_the_hessian_without_multipliers(seed, d, more, poses):
     rng = rng_of(seed)
     graph, _, _ = pose_graph(rng, 5, d, extra=4)
-    problem = problem_of(graph if poses else graph.rotations_alone)
+    problem = Quadratic(graph if poses else graph.rotations_alone)
     point = some_point(rng, 5, d + more, d)
     tangent = _Tangent(problem, point if poses else point.with_translations(None))
     basis = tangent_basis(point.rotations)
@@ -127,7 +127,7 @@ def test_the_metric_is_the_hessian_without_multipliers(seed, d, more, poses):
 
 @pytest.mark.parametrize("more", [0, 1, 2])
 def test_the_published_optimum_at_several_ranks(more, dataset):
-    problem = PoseProblem(dataset("smallGrid3D").graph)
+    problem = Quadratic(dataset("smallGrid3D").graph)
     solution = LowRank(rank=3 + more).solve(problem)
     assert solution.status is Status.CONVERGED
     assert solution.cost == pytest.approx(SMALL_GRID, rel=1e-9)
@@ -144,7 +144,7 @@ def test_the_published_optimum_at_several_ranks(more, dataset):
 def test_the_optimum_of_small_graphs_at_every_rank(d, poses, engine, monkeypatch):
     monkeypatch.setenv("CERTPGO_ENGINE", engine)
     graph, R, t = pose_graph(np.random.default_rng(d), 15, d, noise=0.1)
-    problem = problem_of(graph if poses else graph.rotations_alone)
+    problem = Quadratic(graph if poses else graph.rotations_alone)
     best = newton(problem, Estimate(R, t if poses else None))
     for rank in (d, d + 1, d + 2):
         solution = LowRank(rank=rank).solve(problem)
@@ -160,7 +160,7 @@ def test_the_optimum_of_small_graphs_at_every_rank(d, poses, engine, monkeypatch
 def test_random_starts_end_at_the_optimum_in_enough_dimensions(seed, d, poses):
     """With little noise the relaxation is tight and has no other minima at rank d + 2."""
     graph, R, t = pose_graph(rng_of(seed), 10, d, noise=0.05)
-    problem = problem_of(graph if poses else graph.rotations_alone)
+    problem = Quadratic(graph if poses else graph.rotations_alone)
     best = newton(problem, Estimate(R, t if poses else None))
     solution = LowRank(rank=d + 2, seed=seed).solve(problem)
     assert never_rises(solution.trace)
@@ -172,7 +172,7 @@ def test_random_starts_end_at_the_optimum_in_enough_dimensions(seed, d, poses):
 def test_descent_stays_on_the_manifold_and_ends_stationary(seed, d, more):
     rng = rng_of(seed)
     graph, _, _ = pose_graph(rng, 8, d, noise=0.5)
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     found = descend(problem, some_point(rng, 8, d + more, d), d + more, tolerance=1e-9)
     assert found.status in (Status.CONVERGED, Status.STALLED)
     assert orthonormality(found.point.rotations) < 1e-13
@@ -216,7 +216,7 @@ def test_leaving_a_minimum_stays_there():
 
 def test_interruption_and_the_iteration_limit():
     graph, _, _ = pose_graph(np.random.default_rng(0), 12, 3)
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     start = some_point(np.random.default_rng(1), 12, 5, 3)
     whole = descend(problem, start, 5)
     stopped = descend(problem, start, 5, monitor=lambda step: step.number == 3)
@@ -233,7 +233,7 @@ def test_interruption_and_the_iteration_limit():
 def test_forcing_terms_are_those_asked_for():
     graph, _, _ = pose_graph(np.random.default_rng(0), 12, 3)
     start = some_point(np.random.default_rng(1), 12, 5, 3)
-    loose, tight = (descend(PoseProblem(graph), start, 5, loosest=term) for term in (0.1, 1e-6))
+    loose, tight = (descend(Quadratic(graph), start, 5, loosest=term) for term in (0.1, 1e-6))
     steps = [len(found.trace) - 1 for found in (loose, tight)]
     assert tight.counts["products"] / steps[1] > 1.5 * loose.counts["products"] / steps[0]
 
@@ -243,7 +243,7 @@ def test_a_step_whose_decrease_is_rounding_has_no_gain(monkeypatch):
     monkeypatch.setattr(low_rank, "ROUNDING", 1e-6)
     graph, _, _ = pose_graph(np.random.default_rng(0), 12, 3)
     start = some_point(np.random.default_rng(1), 12, 5, 3)
-    found = descend(PoseProblem(graph), start, 5)
+    found = descend(Quadratic(graph), start, 5)
     gains = [step.gain for step in found.trace[1:]]
     assert gains[-1] is None
     assert None not in gains[:4]
@@ -255,10 +255,10 @@ def test_ranks_below_the_dimension_are_refused(d):
     graph, _, _ = pose_graph(np.random.default_rng(0), 5, d)
     for rank in (d - 1, 0, -1):
         with pytest.raises(SpecError, match=f"rank must be at least {d} here, not {rank}"):
-            LowRank(rank=rank).solve(PoseProblem(graph))
+            LowRank(rank=rank).solve(Quadratic(graph))
 
 
 def test_noise_free_graphs_cost_nothing():
     graph, _, _ = pose_graph(np.random.default_rng(5), 10, 3, noise=0.0)
-    solution = LowRank(rank=5, seed=2).solve(PoseProblem(graph))
-    assert solution.cost < 1e-15 * PoseProblem(graph).scale
+    solution = LowRank(rank=5, seed=2).solve(Quadratic(graph))
+    assert solution.cost < 1e-15 * Quadratic(graph).scale

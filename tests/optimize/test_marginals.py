@@ -12,7 +12,7 @@ from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.linalg import rotations as so
 from certpgo.objective import operators
 from certpgo.objective.choose_cost import objective_of
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 
 few = settings(max_examples=15)
 
@@ -60,9 +60,9 @@ def problem_at(seed, d, poses):
     n = int(rng.integers(2, 9))
     if poses:
         graph, R, t = pose_graph(rng, n, d)
-        return problem_of(graph), Estimate(R, t), int(rng.integers(n))
+        return Quadratic(graph), Estimate(R, t), int(rng.integers(n))
     graph, R = rotation_graph(rng, n, d)
-    return problem_of(graph), Estimate(R), int(rng.integers(n))
+    return Quadratic(graph), Estimate(R), int(rng.integers(n))
 
 
 def test_a_chain_in_closed_form():
@@ -71,7 +71,7 @@ def test_a_chain_in_closed_form():
     rotation = RotationGraph(3, edges, R, np.full(2, 50.0))  # 2 kappa = 100 per square radian
     graph = PoseGraph(rotation, np.array([[1.0, 0.0]] * 2), np.full(2, 25.0))
     truth = Estimate(np.tile(np.eye(2), (3, 1, 1)), np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]))
-    C = Marginals(problem_of(graph), truth).covariance(2)
+    C = Marginals(Quadratic(graph), truth).covariance(2)
     expected = [[0.08, 0.0, 0.0], [0.0, 0.08 + 0.01, 0.01], [0.0, 0.01, 0.02]]
     np.testing.assert_allclose(C, expected, atol=1e-15)
 
@@ -107,14 +107,14 @@ def test_general_edges_bend_the_cost_of_exact_measurements(seed, d):
     rng = rng_of(seed)
     graph, R, t = general_graph(rng, 5, d)
     estimate = Estimate(R, t)
-    exact = problem_of(operators.explained(graph, estimate))
+    exact = Quadratic(operators.explained(graph, estimate))
     step = 1e-5 * rng.standard_normal((5, d + so.tangent_dim(d)))
     ahead = estimate
     for node in range(5):
         ahead = moved(ahead, node, step[node])
     world = step.copy()
     world[:, :d] = np.einsum("nab,nb->na", R, step[:, :d])
-    bent = world.ravel() @ (problem_of(graph).gauss_newton(estimate) @ world.ravel())
+    bent = world.ravel() @ (Quadratic(graph).gauss_newton(estimate) @ world.ravel())
     assert exact.cost(ahead) == pytest.approx(bent, rel=1e-3)
 
 

@@ -14,7 +14,7 @@ from certpgo.linalg import rotations as so
 from certpgo.linalg.rotations import tangent_dim
 from certpgo.objective.choose_cost import Sum
 from certpgo.objective.costs.g2o import G2oCost
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 
 few = settings(max_examples=12)
 
@@ -25,7 +25,7 @@ def problem_at(seed, d, under):
     graph, truth = point_graph(rng, 4, 3, d)
     anchor, other = rng.permutation(graph.pose_nodes)[:2].tolist()
     if under == "chordal":
-        return problem_of(graph), truth, anchor, other
+        return Quadratic(graph), truth, anchor, other
     m, alone = graph.num_edges, graph.kappa == 0.0
     information = definite(rng, m, d + tangent_dim(d))
     information[alone] = of_positions(definite(rng, m, d)[alone])
@@ -93,7 +93,7 @@ def test_a_landmark_in_closed_form():
     graph = PoseGraph(rotation, steps, tau, points=[False, False, True])
     t = np.array([[0.0, 0.0], [1.0, 0.0], [3.0, 0.0]])
     truth = Estimate(np.tile(np.eye(2), (3, 1, 1)), t)
-    marginals = Marginals(problem_of(graph), truth)
+    marginals = Marginals(Quadratic(graph), truth)
     expected = np.diag([0.04 + 0.01, 0.04 + 0.01 + 4.0 * 0.01])
     np.testing.assert_allclose(marginals.covariance(2), expected, atol=1e-15)
     np.testing.assert_allclose(marginals.relative(1, 2), 0.01 * np.eye(2), atol=1e-15)
@@ -174,7 +174,7 @@ def test_a_pose_that_only_sees_one_point_is_not_determined():
     graph = PoseGraph(rotation, steps, tau, points=[False, True, False])
     estimate = Estimate(np.tile(np.eye(2), (3, 1, 1)), np.zeros((3, 2)))
     with pytest.raises(NumericalError, match="do not determine"):
-        _ = Marginals(problem_of(graph), estimate).covariances
+        _ = Marginals(Quadratic(graph), estimate).covariances
 
 
 def test_in_an_answer():

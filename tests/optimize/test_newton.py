@@ -14,7 +14,7 @@ from certpgo.errors import SpecError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import compiled, factor, multifrontal
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize import spectral
 from certpgo.optimize.descent_loop import Gain
 from certpgo.optimize.initialization import start_of
@@ -39,7 +39,7 @@ OPTIMA = {
 
 @pytest.mark.parametrize("name", OPTIMA)
 def test_the_published_optima(name, dataset):
-    problem = PoseProblem(dataset(name).graph)
+    problem = Quadratic(dataset(name).graph)
     poses, rotations = OPTIMA[name]
     V = spectral.smallest_eigenpairs(problem.rotation).vectors
     start = problem.complete(spectral.round_to_rotations(V, problem.d))
@@ -57,7 +57,7 @@ def test_the_published_optima(name, dataset):
 def test_descends_to_a_stationary_point_and_never_up(seed, d):
     rng = rng_of(seed)
     graph, R, _ = pose_graph(rng, 8, d)
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     off = R @ so.exp(0.3 * rng.standard_normal((8, so.tangent_dim(d))))
     solution = newton(problem, Estimate(off, 5.0 * rng.standard_normal((8, d))))
     assert solution.status in (Status.CONVERGED, Status.STALLED)
@@ -70,7 +70,7 @@ def test_descends_to_a_stationary_point_and_never_up(seed, d):
 def test_starts_far_away_are_damped_into_a_minimum():
     rng = np.random.default_rng(3)
     graph, _, _ = pose_graph(rng, 20, 3)
-    problem = RotationProblem(graph.rotations_alone)
+    problem = Quadratic(graph.rotations_alone)
     for _ in range(5):
         solution = newton(
             problem, Estimate(so.random(rng, 20, 3)), NewtonSettings(max_iterations=300)
@@ -85,7 +85,7 @@ def test_an_old_factor_does_not_lead_in_tiny_steps():
     m, turns = graph.num_edges, graph.rotations_alone
     kappa, tau = 10.0 ** rng.uniform(-6, 6, (2, m))
     weighted = RotationGraph(6, graph.edges, turns.rotations, kappa)
-    problem = PoseProblem(PoseGraph(weighted, graph.translations, tau))
+    problem = Quadratic(PoseGraph(weighted, graph.translations, tau))
     start = start_of(problem).estimate
     solution = newton(problem, start, NewtonSettings(tolerance=1e-11, enough=1e-12), near=True)
     assert solution.status is Status.CONVERGED
@@ -95,7 +95,7 @@ def test_an_old_factor_does_not_lead_in_tiny_steps():
 @pytest.mark.parametrize("damping", [0.0, 1e-9])
 def test_a_factor_of_a_damped_hessian_serves_no_other_step(damping):
     graph, R, _ = pose_graph(rng_of(0), 8, 3)
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     steps = _NewtonSteps(problem, NewtonSettings(), exact=True)
     steps._damping = damping
     here = _Model(problem, problem.complete(R), steps.metric)
@@ -109,7 +109,7 @@ def test_a_factor_of_a_damped_hessian_serves_no_other_step(damping):
 
 def test_noise_free_graph_reaches_zero():
     graph, R, t = pose_graph(np.random.default_rng(0), 10, 3, noise=0.0)
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     turned = R @ so.exp(np.random.default_rng(1).normal(0, 0.2, (10, 3)))
     solution = newton(problem, Estimate(turned, t))
     assert solution.cost < 1e-20 * problem.scale
@@ -117,7 +117,7 @@ def test_noise_free_graph_reaches_zero():
 
 def test_iteration_limit_and_interruption():
     graph, R, t = pose_graph(np.random.default_rng(0), 10, 3)
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     limited = newton(problem, Estimate(R, t), NewtonSettings(max_iterations=1))
     assert (limited.status, limited.iterations) == (Status.ITERATION_LIMIT, 1)
     stopped = newton(problem, Estimate(R, t), monitor=lambda step: step.number == 1)
@@ -127,7 +127,7 @@ def test_iteration_limit_and_interruption():
 
 def test_the_trace_says_how_well_the_model_predicted_each_step():
     graph, R, t = pose_graph(np.random.default_rng(0), 10, 3)
-    solution = newton(PoseProblem(graph), Estimate(R, t))
+    solution = newton(Quadratic(graph), Estimate(R, t))
     first, *steps = solution.trace
     assert first.gain is None
     seen = [step.gain for step in steps if step.gain is not None]
@@ -173,7 +173,7 @@ def test_the_monitor_prints_gains_and_rejected_steps():
 def test_table_monitor_prints_one_line_an_iteration():
     graph, R, t = pose_graph(np.random.default_rng(0), 10, 3)
     stream = io.StringIO()
-    solution = newton(PoseProblem(graph), Estimate(R, t), monitor=TableMonitor(stream))
+    solution = newton(Quadratic(graph), Estimate(R, t), monitor=TableMonitor(stream))
     lines = stream.getvalue().splitlines()
     assert len(lines) == solution.iterations + 3
     assert lines[0] == "the chordal cost F"
@@ -227,7 +227,7 @@ def test_steps_from_factors_in_single_precision(heavy, stiff, monkeypatch):
     """Where single precision does not suffice, double follows; heavy factors are kept in single."""
     graph, R, t = pose_graph(rng_of(0), 40, 3, extra=20)
     kappa = graph.kappa * np.where(np.arange(graph.num_edges) % 2, stiff, 1.0)
-    problem = PoseProblem(graph.with_weights(kappa=kappa))
+    problem = Quadratic(graph.with_weights(kappa=kappa))
     used, original = [], multifrontal.Fronts.factor_kept_single
     direct = multifrontal.Fronts.factor
 
@@ -251,7 +251,7 @@ def test_steps_from_factors_in_single_precision(heavy, stiff, monkeypatch):
     if stiff == 1.0:
         assert "mixed" not in dict(used)
     monkeypatch.setenv("CERTPGO_ENGINE", "superlu")
-    other = newton(PoseProblem(problem.graph), Estimate(R, t))
+    other = newton(Quadratic(problem.graph), Estimate(R, t))
     assert found.cost == pytest.approx(other.cost, rel=1e-9)
 
 
@@ -259,7 +259,7 @@ def test_steps_from_factors_in_single_precision(heavy, stiff, monkeypatch):
 def test_products_are_worth_more_the_more_a_factor_costs():
     worth = []
     for n, extra in ((30, 0), (30, 100), (200, 2000)):
-        problem = PoseProblem(pose_graph(rng_of(0), n, 3, extra=extra)[0])
+        problem = Quadratic(pose_graph(rng_of(0), n, 3, extra=extra)[0])
         worth.append(problem.symbolic(problem.matrix).products)
     assert 1.0 < worth[0] < worth[1] < worth[2] < 100.0
 
@@ -271,7 +271,7 @@ def test_a_descent_does_not_depend_on_what_the_nodes_are_called(seed):
     called, start = rng_of(seed).permutation(10), so.random(rng_of(seed + 1), 10, 3)
     renamed = RotationGraph(10, called[graph.edges], graph.rotations, graph.kappa)
     ends = [
-        newton(RotationProblem(g), Estimate(R)).cost
+        newton(Quadratic(g), Estimate(R)).cost
         for g, R in ((graph, start), (renamed, start[np.argsort(called)]))
     ]
     assert ends[1] == pytest.approx(ends[0], rel=1e-9)

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from strategies import dimensions, random_edges, rng_of, rotation_graph, seeds
 
-from certpgo.objective.problem import RotationProblem
+from certpgo.objective.quadratic import Quadratic
 
 #: Rounding, relative to the scale named where it is used.
 ROUNDING = 1e-9
@@ -122,10 +122,10 @@ def test_3_2_5_takes_a_connected_graph(seed, n, m):
 @given(seeds, dimensions)
 def test_the_connection_laplacian_of_exact_rotations_is_such_a_matrix(seed, d):
     graph, R = rotation_graph(rng_of(seed), 6, d, noise=0.0)
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     # Our R_i is the thesis' R_i^T.
     A = masked(problem.laplacian.toarray(), np.swapaxes(R, 1, 2))
-    L = problem.connection_laplacian.toarray()
+    L = problem.matrix.toarray()
     np.testing.assert_allclose(L, A, rtol=0, atol=1e-12 * graph.kappa.sum())
 
 

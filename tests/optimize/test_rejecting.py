@@ -10,7 +10,7 @@ from certpgo.graph.streaming import streamed
 from certpgo.io.datasets.synthetic import helix
 from certpgo.io.datasets.thesis import langevin_graph
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import PoseProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.solve import robust_session
 from certpgo.solve.outliers import agrees
 from certpgo.solve.session_outliers import suspicion
@@ -50,7 +50,7 @@ def test_a_robust_fit_names_what_least_squares_spreads_below_the_stated_noise():
     R[-1] = so.exp(np.array([[2.2]]))[0]
     t = np.outer(np.diff(edges, axis=1)[:, 0], [1.0, 0.0])
     rotation = RotationGraph(n, edges, R, np.full(len(edges), 50.0))
-    problem = PoseProblem(PoseGraph(rotation, t, np.full(len(edges), 0.01)))
+    problem = Quadratic(PoseGraph(rotation, t, np.full(len(edges), 0.01)))
     estimate = certpgo.solve(problem.graph).estimate
     assert agrees(problem, estimate)
     numbers = np.arange(len(edges))

@@ -11,13 +11,13 @@ from strategies import dimensions, pose_graph, rng_of, seeds
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Lift
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.randomized_rounding import _Candidates, roundings
 
 
 def some_problem(seed, d, poses, noise=0.5):
     graph, _, _ = pose_graph(rng_of(seed), 9, d, noise=noise)
-    return problem_of(graph if poses else graph.rotations_alone)
+    return Quadratic(graph if poses else graph.rotations_alone)
 
 
 def some_lift(rng, n, rank, d):

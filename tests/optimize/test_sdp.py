@@ -16,7 +16,7 @@ from certpgo.errors import InputError, MissingDependency, NumericalError, SpecEr
 from certpgo.graph import Estimate, RotationGraph
 from certpgo.io.datasets import synthetic
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.methods import _memory, _sdp
 from certpgo.optimize.methods._relaxed import (
     ALONE,
@@ -37,7 +37,7 @@ LOOSE = [(2, 5, 46), (3, 6, 4)]
 
 
 def dense_certificate(problem, multipliers):
-    S = problem.connection_laplacian.toarray()
+    S = problem.matrix.toarray()
     d = problem.d
     for i, block in enumerate(multipliers):
         S[d * i : d * i + d, d * i : d * i + d] -= block
@@ -52,7 +52,7 @@ def gram(rows):
 
 def tight(seed, n, d):
     graph, _ = rotation_graph(np.random.default_rng(seed), n, d, noise=0.3)
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     certified = solve(graph)
     assert certified.certificate.verdict.value == "CERTIFIED"
     return problem, certified
@@ -64,7 +64,7 @@ def tight(seed, n, d):
 @pytest.mark.parametrize("n", [3, 4, 9])
 def test_a_cycle_distributes_its_angle(method, n, theta, d):
     instance, _ = synthetic.winding_cycle(n, theta, 0, d)
-    problem = RotationProblem(instance.graph)
+    problem = Quadratic(instance.graph)
     solution = method().solve(problem)
     optimum = 8.0 * n * np.sin(theta / (2.0 * n)) ** 2
     assert solution.status is Status.CONVERGED
@@ -78,7 +78,7 @@ def test_a_cycle_distributes_its_angle(method, n, theta, d):
 @BOTH
 def test_no_winding_of_a_cycle_is_taken_for_the_optimum(method):
     instance, wound = synthetic.winding_cycle(12, 0.4, 1)
-    problem = RotationProblem(instance.graph)
+    problem = Quadratic(instance.graph)
     solution = method().solve(problem, initial=wound)
     assert problem.cost(wound) == pytest.approx(96.0 * np.sin((0.4 + 2.0 * np.pi) / 24.0) ** 2)
     assert solution.cost == pytest.approx(96.0 * np.sin(0.4 / 24.0) ** 2, rel=1e-6)
@@ -112,9 +112,7 @@ def test_lambda_and_y_satisfy_the_optimality_conditions(method, d):
     assert np.trace(found.multipliers, axis1=1, axis2=2).sum() == pytest.approx(
         found.value, rel=1e-6
     )
-    assert np.vdot(problem.connection_laplacian.toarray(), Y) == pytest.approx(
-        found.value, rel=1e-4
-    )
+    assert np.vdot(problem.matrix.toarray(), Y) == pytest.approx(found.value, rel=1e-4)
     assert found.rows.shape == (8, found.rank, d)
     np.testing.assert_allclose(
         np.swapaxes(found.rows, 1, 2) @ found.rows, np.tile(np.eye(d), (8, 1, 1)), atol=1e-5
@@ -127,7 +125,7 @@ def test_lambda_and_y_satisfy_the_optimality_conditions(method, d):
 @pytest.mark.parametrize(("d", "n", "seed"), LOOSE)
 def test_where_it_is_loose_they_agree_with_each_other_below_the_optimum(d, n, seed):
     graph = synthetic.complete(n, 3.0, np.random.default_rng(seed), d).graph
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     dual, primal = DualSDP().solve(problem), PrimalSDP().solve(problem)
     assert dual.relaxation.value == pytest.approx(primal.relaxation.value, rel=1e-6)
     assert dual.lower_bound == pytest.approx(dual.relaxation.value, rel=1e-5)
@@ -140,7 +138,7 @@ def test_where_it_is_loose_they_agree_with_each_other_below_the_optimum(d, n, se
 def test_the_loose_planar_value_is_below_every_estimate():
     d, n, seed = LOOSE[0]
     graph = synthetic.complete(n, 3.0, np.random.default_rng(seed), d).graph
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     i, j = graph.edges.T
     grid = np.array(list(itertools.product(np.linspace(0.0, 2.0 * np.pi, 20, False), repeat=n - 1)))
     angles = np.c_[np.zeros(len(grid)), grid]
@@ -178,7 +176,7 @@ def test_names_frames_and_directions_change_nothing(method, d):
     edges = name[np.where(turned[:, None], graph.edges[:, ::-1], graph.edges)]
     measured[turned] = np.swapaxes(measured[turned], 1, 2)
     other = RotationGraph(7, edges, measured, graph.kappa)
-    one, two = (method().solve(RotationProblem(g)) for g in (graph, other))
+    one, two = (method().solve(Quadratic(g)) for g in (graph, other))
     assert two.relaxation.value == pytest.approx(one.relaxation.value, rel=1e-7)
     assert two.cost == pytest.approx(one.cost, rel=1e-7)
     assert two.relaxation.rank == one.relaxation.rank
@@ -193,7 +191,7 @@ def test_parallel_edges_add(method):
         np.concatenate([graph.rotations, np.swapaxes(graph.rotations, 1, 2)]),
         np.concatenate([0.25 * graph.kappa, 0.75 * graph.kappa]),
     )
-    one, two = (method().solve(RotationProblem(g)) for g in (graph, twice))
+    one, two = (method().solve(Quadratic(g)) for g in (graph, twice))
     assert two.relaxation.value == pytest.approx(one.relaxation.value, rel=1e-9)
 
 
@@ -204,7 +202,7 @@ def test_weights_of_many_sizes_are_no_obstacle(d):
     graph = graph.with_weights(10.0 ** rng.uniform(-4.0, 4.0, graph.num_edges))
     best = solve(graph)
     for method in (DualSDP, PrimalSDP):
-        solution = method().solve(RotationProblem(graph))
+        solution = method().solve(Quadratic(graph))
         assert solution.relaxation.value == pytest.approx(best.cost, rel=1e-5)
         assert solution.lower_bound == pytest.approx(best.cost, rel=1e-5)
         assert solution.cost == pytest.approx(best.cost, rel=1e-5)
@@ -214,7 +212,7 @@ def test_weights_of_many_sizes_are_no_obstacle(d):
 def test_chordal_decomposition_changes_the_work_alone(kind):
     rng = np.random.default_rng(2)
     cycle, random = synthetic.cycle(10, 0.3, rng), synthetic.random_graph(10, 4.0, 0.3, rng)
-    problem = RotationProblem((cycle if kind == "cycle" else random).graph)
+    problem = Quadratic((cycle if kind == "cycle" else random).graph)
     on, off = DualSDP(chordal=True).solve(problem), DualSDP(chordal=False).solve(problem)
     assert on.relaxation.value == pytest.approx(off.relaxation.value, rel=1e-7)
     assert on.cost == pytest.approx(off.cost, rel=1e-7)
@@ -231,7 +229,7 @@ def test_the_lower_bound_is_one(seed, d):
     rng = rng_of(seed)
     noise = rng.choice([0.0, 0.1, 2.0])
     graph, truth = rotation_graph(rng, int(rng.integers(2, 7)), d, noise=noise)
-    problem, best = RotationProblem(graph), solve(graph)
+    problem, best = Quadratic(graph), solve(graph)
     for method in (DualSDP, PrimalSDP):
         solution = method(max_iterations=int(rng.integers(2, 50))).solve(problem)
         assert 0.0 <= solution.lower_bound <= best.cost * (1.0 + 1e-12)
@@ -305,7 +303,7 @@ def test_other_programs_solve_it(method, program):
 @BOTH
 def test_poses_get_the_translations_that_suit_the_rotations(method):
     graph, _, _ = pose_graph(np.random.default_rng(9), 6, 3)
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     solution = method().solve(problem)
     alone = method().solve(problem.rotation)
     np.testing.assert_allclose(
@@ -409,7 +407,7 @@ def test_what_does_not_fit_is_refused_unless_forced(method, monkeypatch):
 
 
 def test_a_refusal_names_a_program_that_would_fit(monkeypatch):
-    problem = RotationProblem(synthetic.complete(30, 0.1, np.random.default_rng(0)).graph)
+    problem = Quadratic(synthetic.complete(30, 0.1, np.random.default_rng(0)).graph)
     monkeypatch.setattr(_memory, "available_bytes", lambda: 1e8)
     with pytest.raises(InputError, match=r"free; program=SCS would take 0\.0 GB; to try anyway"):
         DualSDP().solve(problem)
@@ -422,7 +420,7 @@ def test_the_guard_knows_what_decides():
     rng = np.random.default_rng(0)
 
     def gigabytes(method, graph):
-        return method.bytes_needed(RotationProblem(graph)) / 1e9
+        return method.bytes_needed(Quadratic(graph)) / 1e9
 
     cycle = synthetic.cycle(1000, 0.1, rng).graph
     random = synthetic.random_graph(75, 8.0, 0.2, rng).graph
@@ -437,7 +435,7 @@ def test_the_guard_knows_what_decides():
     assert gigabytes(DualSDP(program="CVXOPT"), random) < 0.5
     large = synthetic.cycle(200_000, 0.1, rng).graph
     with pytest.raises(InputError, match="sdp_dual with CLARABEL would take about"):
-        DualSDP().solve(RotationProblem(large))
+        DualSDP().solve(Quadratic(large))
     assert _memory.available_bytes() > 1e6
 
 
@@ -495,7 +493,7 @@ def test_cliques_of_known_graphs():
     rng = np.random.default_rng(1)
 
     def sizes(graph):
-        return sorted(_memory.clique_sizes(RotationProblem(graph)))
+        return sorted(_memory.clique_sizes(Quadratic(graph)))
 
     assert sizes(synthetic.cycle(9, 0.1, rng).graph) == [3] * 7
     assert sizes(synthetic.complete(6, 0.1, rng).graph) == [6]

@@ -12,7 +12,7 @@ from certpgo.errors import InputError, SpecError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import factor
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.methods.eigen_ma import EigenMA, symmetrized_translations
 from certpgo.optimize.methods.eigen_q import EigenQ
 from certpgo.optimize.methods.eigen_ra import EigenRA
@@ -40,7 +40,7 @@ def test_eigen_ma_reproduces_table_5_7(name, engine, dataset, monkeypatch):
     monkeypatch.setenv("CERTPGO_ENGINE", engine)
     keep, anchor, thesis, ml, s = TABLE_5_7[name]
     graph = dataset(name).graph
-    problem = PoseProblem(graph.without_parallel_edges(keep))
+    problem = Quadratic(graph.without_parallel_edges(keep))
     settings = {"weights": "unit", "anchor": anchor, "tol": 1e-8}
     solution = EigenMA(**settings, translations="thesis").solve(problem)
     assert round(metrics.f_ml(graph, solution.estimate), 1) == thesis
@@ -52,7 +52,7 @@ def test_eigen_ma_reproduces_table_5_7(name, engine, dataset, monkeypatch):
 
 def test_the_unanchored_ml_variant_on_bignoise(dataset):
     graph = dataset("sphere_bignoise_vertex3").graph
-    solution = EigenMA(weights="unit", tol=1e-8).solve(PoseProblem(graph))
+    solution = EigenMA(weights="unit", tol=1e-8).solve(Quadratic(graph))
     assert round(metrics.f_ml(graph, solution.estimate), 1) == 18691.4
 
 
@@ -60,7 +60,7 @@ def test_the_unanchored_ml_variant_on_bignoise(dataset):
 @given(seeds, dimensions)
 def test_every_closed_form_is_exact_without_noise(seed, d):
     graph, _, _ = pose_graph(rng_of(seed), 9, d, noise=0.0)
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     for solver in (
         SpanningTree(),
         SpanningTree("odometry"),
@@ -80,7 +80,7 @@ def test_every_closed_form_is_exact_without_noise(seed, d):
 
 def test_spectral_bound_comes_with_graph_weights_only():
     graph, _, _ = pose_graph(np.random.default_rng(0), 12, 3)
-    problem = RotationProblem(graph.rotations_alone)
+    problem = Quadratic(graph.rotations_alone)
     solution = EigenRA().solve(problem)
     assert solution.lower_bound <= solution.cost
     assert EigenRA(weights="unit").solve(problem).lower_bound is None
@@ -103,15 +103,15 @@ def test_translations_of_the_thesis_are_the_symmetrized_ones():
         np.concatenate([graph.translations, back_t]),
         np.ones(2 * graph.num_edges),
     )
-    ours = symmetrized_translations(PoseProblem(graph), R)
-    np.testing.assert_allclose(ours, PoseProblem(both).complete(R).translations, rtol=0, atol=1e-10)
+    ours = symmetrized_translations(Quadratic(graph), R)
+    np.testing.assert_allclose(ours, Quadratic(both).complete(R).translations, rtol=0, atol=1e-10)
 
 
 @hypothesis_settings(max_examples=20)
 @given(seeds, dimensions)
 def test_eigensolvers_agree(seed, d):
     graph, _, _ = pose_graph(rng_of(seed), 12, d)
-    problem = RotationProblem(graph.rotations_alone)
+    problem = Quadratic(graph.rotations_alone)
     if d == 2:
         return  # every eigenvalue is double there, which ARPACK may miss
     ours = EigenRA(tol=1e-10).solve(problem).cost
@@ -121,7 +121,7 @@ def test_eigensolvers_agree(seed, d):
 
 def test_fixed_point_descends_to_stationarity_and_newton_agrees():
     graph, R, _ = pose_graph(np.random.default_rng(2), 12, 3, noise=0.2)
-    problem = RotationProblem(graph.rotations_alone)
+    problem = Quadratic(graph.rotations_alone)
     solution = FixedPoint(tolerance=1e-12).solve(problem)
     assert solution.status is Status.CONVERGED
     costs = [step.cost for step in solution.trace]
@@ -136,7 +136,7 @@ def test_fixed_point_descends_to_stationarity_and_newton_agrees():
 
 def test_newton_starts_from_the_eigenvectors_or_where_told():
     graph, R, t = pose_graph(np.random.default_rng(3), 12, 3)
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     free = Newton().solve(problem)
     assert "start" in free.seconds
     told = Newton().solve(problem, initial=Estimate(R, t))
@@ -168,9 +168,9 @@ def test_settings_are_checked_at_construction(solver, kwargs, message):
 def test_eigen_ma_wants_translations():
     graph, _, _ = pose_graph(np.random.default_rng(0), 5, 3)
     with pytest.raises(InputError, match="use eigen_ra"):
-        EigenMA().solve(RotationProblem(graph.rotations_alone))
+        EigenMA().solve(Quadratic(graph.rotations_alone))
     with pytest.raises(InputError, match="use eigen_ra"):
-        EigenQ().solve(RotationProblem(graph.rotations_alone))
+        EigenQ().solve(Quadratic(graph.rotations_alone))
 
 
 def test_long_chains_are_composed():
@@ -179,7 +179,7 @@ def test_long_chains_are_composed():
     edges = np.c_[np.arange(n - 1), np.arange(1, n)]
     rotation = RotationGraph(n, edges, np.tile(step, (n - 1, 1, 1)), np.ones(n - 1))
     graph = PoseGraph(rotation, np.tile([1.0, 0.0, 0.0], (n - 1, 1)), np.ones(n - 1))
-    estimate = SpanningTree("odometry").solve(PoseProblem(graph)).estimate
+    estimate = SpanningTree("odometry").solve(Quadratic(graph)).estimate
     end = so.exp(np.array([0.0, 0.0, (n - 1) * 1e-3]))
     np.testing.assert_allclose(estimate.rotations[-1], end, rtol=0, atol=1e-9)
     angles = np.arange(n - 1) * 1e-3
@@ -190,5 +190,5 @@ def test_long_chains_are_composed():
 def test_the_tree_takes_the_heaviest_of_parallel_edges():
     turns = so.exp(np.array([[0.1], [0.2], [0.3]]))
     graph = RotationGraph(2, np.array([[0, 1], [1, 0], [0, 1]]), turns, np.array([1.0, 9.0, 2.0]))
-    R = SpanningTree().solve(RotationProblem(graph)).estimate.rotations
+    R = SpanningTree().solve(Quadratic(graph)).estimate.rotations
     assert so.log((R[0].T @ R[1])[None])[0, 0] == pytest.approx(-0.2)

@@ -9,7 +9,7 @@ from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import factor
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize import spectral
 from certpgo.optimize.methods.eigen_q import EigenQ
 
@@ -30,7 +30,7 @@ def test_smallest_eigenvalues_of_table_5_6(name, engine, dataset, monkeypatch):
         pytest.skip("not compiled")
     monkeypatch.setenv("CERTPGO_ENGINE", engine)
     keep, printed = TABLE_5_6[name]
-    problem = RotationProblem(dataset(name, keep=keep).graph.rotations_alone).with_unit_weights()
+    problem = Quadratic(dataset(name, keep=keep).graph.rotations_alone).with_unit_weights()
     values = spectral.smallest_eigenpairs(problem).values
     assert [f"{v:.1e}" for v in values] == printed
 
@@ -39,8 +39,8 @@ def test_smallest_eigenvalues_of_table_5_6(name, engine, dataset, monkeypatch):
 @given(seeds, dimensions)
 def test_values_and_bound_against_dense_algebra(seed, d):
     graph, R = rotation_graph(rng_of(seed), 9, d)
-    problem = RotationProblem(graph)
-    dense = np.linalg.eigvalsh(problem.connection_laplacian.toarray())[:d]
+    problem = Quadratic(graph)
+    dense = np.linalg.eigvalsh(problem.matrix.toarray())[:d]
     pairs = spectral.smallest_eigenpairs(problem)
     np.testing.assert_allclose(pairs.values, dense, rtol=1e-7, atol=1e-10)
     bound = spectral.spectral_bound(problem, pairs)
@@ -61,7 +61,7 @@ def in_space(graph):
 
 def bound_and_truth(problem):
     """The spectral bound, and n times the sum of the smallest eigenvalues by dense algebra."""
-    if isinstance(problem, PoseProblem):
+    if problem.has_positions:
         pairs, matrix = spectral.eliminated_eigenpairs(problem), dense_eliminated(problem)
     else:
         pairs, matrix = spectral.smallest_eigenpairs(problem), problem.matrix.toarray()
@@ -71,7 +71,7 @@ def bound_and_truth(problem):
 
 def dense_eliminated(problem):
     """Q (dn, dn) of poses, the first of the translations fixed."""
-    M = problem.data_matrix.toarray()
+    M = problem.matrix.toarray()
     turns = np.arange(len(M)) % (problem.d + 1) > 0
     inner, between = M[np.ix_(~turns, ~turns)][1:, 1:], M[np.ix_(~turns, turns)][1:]
     return M[np.ix_(turns, turns)] - between.T @ np.linalg.solve(inner, between)
@@ -86,7 +86,7 @@ def test_the_bound_holds_where_all_residuals_share_an_axis(n, weights):
         rng = np.random.default_rng(seed)
         kappa = np.ones(n) if weights == "equal" else rng.uniform(0.1, 10.0, n)
         graph = RotationGraph(n, edges, so.random(rng, n, 3), kappa)
-        bound, truth = bound_and_truth(RotationProblem(graph))
+        bound, truth = bound_and_truth(Quadratic(graph))
         assert truth * (1 - 1e-4) <= bound <= truth
 
 
@@ -96,7 +96,7 @@ def test_the_bound_never_exceeds_the_true_eigenvalues(seed, n, noise, planar):
     d = 2 if planar else 3
     poses, _, _ = pose_graph(rng_of(seed), n, d, noise=noise)
     poses = in_space(poses) if planar else poses
-    for problem in (RotationProblem(poses.rotations_alone), PoseProblem(poses)):
+    for problem in (Quadratic(poses.rotations_alone), Quadratic(poses)):
         bound, truth = bound_and_truth(problem)
         assert bound <= truth
         assert bound >= truth * (1 - 5e-3) - 1e-12 * problem.scale
@@ -105,7 +105,7 @@ def test_the_bound_never_exceeds_the_true_eigenvalues(seed, n, noise, planar):
 @given(seeds, dimensions)
 def test_noise_free_rotations_are_recovered_up_to_gauge(seed, d):
     graph, R = rotation_graph(rng_of(seed), 9, d, noise=0.0)
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     V = spectral.smallest_eigenpairs(problem).vectors
     for estimate in (
         spectral.round_to_rotations(V, d),
@@ -118,7 +118,7 @@ def test_noise_free_rotations_are_recovered_up_to_gauge(seed, d):
 
 def test_a_reflected_basis_rounds_to_the_same_cost():
     graph, _ = rotation_graph(np.random.default_rng(0), 9, 3)
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     V = spectral.smallest_eigenpairs(problem).vectors
     costs = [
         problem.cost(Estimate(spectral.round_to_rotations(V * sign, 3)))
@@ -133,16 +133,16 @@ def test_rotations_about_one_axis_have_double_eigenvalues():
     lifted = np.tile(np.eye(3), (planar.num_edges, 1, 1))
     lifted[:, :2, :2] = planar.rotations
     graph = RotationGraph(12, planar.edges, lifted, planar.kappa)
-    values = spectral.smallest_eigenpairs(RotationProblem(graph), 3).values
-    dense = np.linalg.eigvalsh(RotationProblem(graph).connection_laplacian.toarray())[:3]
+    values = spectral.smallest_eigenpairs(Quadratic(graph), 3).values
+    dense = np.linalg.eigvalsh(Quadratic(graph).matrix.toarray())[:3]
     np.testing.assert_allclose(values, dense, rtol=1e-8, atol=1e-9)
 
 
 @pytest.mark.parametrize("scale", [1e-8, 1.0, 1e8])
 def test_weights_of_any_scale(scale):
     graph, _, _ = pose_graph(np.random.default_rng(2), 9, 3)
-    problem = RotationProblem(graph.rotations_alone.with_weights(scale * graph.kappa))
-    reference = RotationProblem(graph.rotations_alone)
+    problem = Quadratic(graph.rotations_alone.with_weights(scale * graph.kappa))
+    reference = Quadratic(graph.rotations_alone)
     ours = spectral.smallest_eigenpairs(problem).values
     np.testing.assert_allclose(
         ours / scale, spectral.smallest_eigenpairs(reference).values, rtol=1e-8, atol=1e-12
@@ -151,7 +151,7 @@ def test_weights_of_any_scale(scale):
 
 def test_methods_agree():
     graph, _ = rotation_graph(np.random.default_rng(3), 30, 3)
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     ours = spectral.smallest_eigenpairs(problem, tol=1e-9)
     theirs = spectral.smallest_eigenpairs(problem, tol=1e-9, method="arpack")
     np.testing.assert_allclose(ours.values, theirs.values, rtol=1e-9, atol=1e-12)
@@ -161,7 +161,7 @@ def test_methods_agree():
 
 def test_project_gives_rotations_of_two_nodes():
     graph = RotationGraph(2, np.array([[0, 1]]), so.exp(np.array([[0.0, 0.0, 0.5]])), np.ones(1))
-    V = spectral.smallest_eigenpairs(RotationProblem(graph)).vectors
+    V = spectral.smallest_eigenpairs(Quadratic(graph)).vectors
     R = spectral.round_to_rotations(V, 3)
     assert so.angle(R[0].T @ R[1]) == pytest.approx(0.5, abs=1e-9)
 
@@ -170,8 +170,8 @@ def test_project_gives_rotations_of_two_nodes():
 @given(seeds, dimensions)
 def test_eliminated_pairs_against_dense_algebra(seed, d):
     graph, _, _ = pose_graph(rng_of(seed), 7, d)
-    problem = PoseProblem(graph)
-    M = problem.data_matrix.toarray()
+    problem = Quadratic(graph)
+    M = problem.matrix.toarray()
     turns = np.arange(len(M)) % (d + 1) > 0
     inner = M[np.ix_(~turns, ~turns)]
     Q = (
@@ -194,7 +194,7 @@ SPECTRAL_STARTS = {"sphere2500": (1743, 1504), "torus3D": (24273, None), "cubicl
 @pytest.mark.parametrize("name", SPECTRAL_STARTS)
 def test_eigen_q_on_public_sets(name, dataset):
     cost, bound = SPECTRAL_STARTS[name]
-    solution = EigenQ().solve(PoseProblem(dataset(name).graph))
+    solution = EigenQ().solve(Quadratic(dataset(name).graph))
     assert solution.cost == pytest.approx(cost, rel=1e-3)
     if bound is not None:
         assert solution.lower_bound == pytest.approx(bound, rel=1e-3)

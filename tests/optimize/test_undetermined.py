@@ -10,7 +10,7 @@ from certpgo import Estimate, GraphError
 from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import objective_of
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.unobservable import undetermined
 
 
@@ -34,7 +34,7 @@ def at_random(rng, n, d):
 def found(graph, anchor, problem=None):
     d = graph.d
     return undetermined(
-        problem or problem_of(graph), at_random(rng_of(0), graph.num_nodes, d), anchor
+        problem or Quadratic(graph), at_random(rng_of(0), graph.num_nodes, d), anchor
     )
 
 
@@ -87,7 +87,7 @@ def test_motions_are_the_dense_null_space(seed, d):
     kappa = [*rng.choice([0.0, 10.0], 3), 0.0, 0.0, 0.0, 0.0]
     graph = graph_of(d, n + 1, edges, kappa, 10.0 ** rng.uniform(-2, 2, 7), points)
     try:
-        problem = problem_of(graph)
+        problem = Quadratic(graph)
     except GraphError:
         return
     estimate = at_random(rng, n + 1, d)

@@ -10,7 +10,7 @@ from certpgo.errors import FormatError, GraphError
 from certpgo.graph import Estimate
 from certpgo.io.surfaces import Surface, read_surface, write_surface
 from certpgo.linalg import rotations as so
-from certpgo.objective.similarity_problem import SimilarityProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.registration.moments import Matches, condensed, matched_graph
 from certpgo.registration.scans import Scan
 from certpgo.registration.submaps import ScanMatches, read_matches, register_submaps
@@ -78,7 +78,7 @@ def test_few_matches_cost_what_all_cost(count):
         return (off**2).sum()
 
     assert weight * squares(few, others) == pytest.approx(squares(p, q))
-    problem = SimilarityProblem(matched_graph(2, [Matches(0, 1, p, q, (0.3, 0.4))]))
+    problem = Quadratic(matched_graph(2, [Matches(0, 1, p, q, (0.3, 0.4))]))
     eye = np.tile(np.eye(3), (len(few), 1, 1))
     estimate = Estimate(
         np.concatenate([R, eye]),

@@ -16,7 +16,7 @@ from certpgo.graph.phrases import bound_shown, cost_shown
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.io.digits import writing_of
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.riemannian_newton import newton
 from certpgo.solve.assessment import assess, costly_edges, distance
 from certpgo.solve.batch import JudgedComponent, judge_all, write_rows
@@ -36,7 +36,7 @@ JARGON = (
 
 def optimum(seed, n, d, **options):
     graph, R, t = pose_graph(rng_of(seed), n, d, **options)
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     return problem, newton(problem, Estimate(R, t)).estimate
 
 
@@ -77,7 +77,7 @@ def test_the_distance_of_one_turned_and_one_moved_node():
 @given(seeds, dimensions)
 def test_costly_edges_are_terms_of_the_cost(seed, d):
     graph, R, t = pose_graph(rng_of(seed), 6, d)
-    problem, estimate = PoseProblem(graph), Estimate(R, t)
+    problem, estimate = Quadratic(graph), Estimate(R, t)
     ids = np.array([10, 20, 30, 40, 50, 60])
     edges = costly_edges(problem, estimate, Instance("six", graph, ids), graph.num_edges)
     assert sum(edge.cost for edge in edges) == pytest.approx(dense_cost(graph, R, t), rel=1e-12)
@@ -101,7 +101,7 @@ def test_distances_are_between_poses_alone(seed, d):
     joined = with_priors(graph, nodes[:3], translations=truth.translations[nodes[:3]], tau=4.0)
     instance = Instance("field", joined, np.arange(joined.num_nodes), world=graph.num_nodes)
     assert instance.poses.tolist() == nodes.tolist()
-    problem = problem_of(joined)
+    problem = Quadratic(joined)
     start = Estimate(
         np.concatenate([truth.rotations, np.eye(d)[None]]),
         np.concatenate([truth.translations, np.zeros((1, d))]),
@@ -124,14 +124,14 @@ def test_a_bad_edge_is_named_and_a_perfect_answer_has_none():
     graph, R, t = pose_graph(np.random.default_rng(0), 20, 3, noise=0.0)
     translations = graph.translations.copy()
     translations[5] += 1.0
-    problem = PoseProblem(replace(graph, translations=translations))
+    problem = Quadratic(replace(graph, translations=translations))
     worst = costly_edges(problem, Estimate(R, t))[0]
     assert worst.edge == 5
     assert worst.metres == pytest.approx(math.sqrt(3.0), rel=1e-9)
     assert worst.share > 0.999
     exact, _ = winding_cycle(20, 0.0, 0)
     same = Estimate(np.tile(np.eye(3), (20, 1, 1)))
-    assert costly_edges(RotationProblem(exact.graph), same) == ()
+    assert costly_edges(Quadratic(exact.graph), same) == ()
     broken = Estimate(R, 1e200 * rng_of(0).standard_normal((20, 3)))
     with np.errstate(over="ignore"):
         assert costly_edges(problem, broken) == ()
@@ -178,7 +178,7 @@ def test_an_answer_short_of_the_optimum():
 
 def test_the_best_answer_is_the_better_one_or_the_answer_itself():
     instance, wound = winding_cycle(20, 0.1, 1)
-    problem = RotationProblem(instance.graph)
+    problem = Quadratic(instance.graph)
     certificate = certify(problem, wound)
     found = assess(problem, wound, certificate)
     assert certificate.verdict is Verdict.REFUTED
@@ -193,7 +193,7 @@ def test_the_best_answer_is_the_better_one_or_the_answer_itself():
 
 def sentences():
     instance, wound = winding_cycle(20, 0.1, 1)
-    cycle = RotationProblem(instance.graph)
+    cycle = Quadratic(instance.graph)
     yield certify(cycle, wound)
     yield certify(cycle, wound, refine=False)
     yield certify(cycle, certify(cycle, wound).better)
@@ -204,7 +204,7 @@ def sentences():
     yield certify(problem, poor, refine=False)
     yield certify(problem, poor, tier="screen")
     exact, _ = winding_cycle(20, 0.0, 0)
-    yield certify(RotationProblem(exact.graph), Estimate(np.tile(np.eye(3), (20, 1, 1))))
+    yield certify(Quadratic(exact.graph), Estimate(np.tile(np.eye(3), (20, 1, 1))))
 
 
 def test_sentences_need_no_paper():
@@ -262,7 +262,7 @@ def test_no_rows_follow_an_interruption():
 
 def test_a_certified_optimum_refutes_all_others_without_another_search():
     instance, wound = winding_cycle(20, 0.1, 1)
-    problem = RotationProblem(instance.graph)
+    problem = Quadratic(instance.graph)
     judge = Judge(problem)
     first = judge.certify(certify(problem, wound).better)
     assert first.verdict is Verdict.CERTIFIED
@@ -298,7 +298,7 @@ def test_what_cannot_be_read_is_a_row(tmp_path):
 
 def test_gaps_of_rotations_have_no_metres():
     problem, best = optimum(0, 8, 3)
-    alone = problem_of(problem.graph.rotations_alone)
+    alone = Quadratic(problem.graph.rotations_alone)
     [row] = judge_all(["one"], lambda _: [(part_of(alone), Estimate(best.rotations))])
     assert row.mean_m is None
     assert row.worst_deg is not None

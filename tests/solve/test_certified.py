@@ -21,7 +21,7 @@ from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.io.datasets.synthetic import corridor, grid3d, helix, winding_cycle
 from certpgo.linalg import factor
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import RotationProblem, problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize import low_rank_descent as low_rank
 from certpgo.optimize import staircase
 from certpgo.optimize.curvature import resolution
@@ -111,7 +111,7 @@ def test_wound_up_cycles_are_unwound(n, theta, winding, d):
     assert certified_at(answer, optimum, n)
     assert climbed(answer)
     assert answer.levels[0].rank == d
-    assert answer.levels[0].cost == pytest.approx(problem_of(instance.graph).cost(wound))
+    assert answer.levels[0].cost == pytest.approx(Quadratic(instance.graph).cost(wound))
     # Poses at one place: their translations hold nothing together.
     together = PoseGraph(instance.graph, np.zeros((n, d)), np.ones(n))
     answer = solve_from(together, Estimate(wound.rotations, np.ones((n, d))))
@@ -128,7 +128,7 @@ def test_wound_up_cycles_of_poses_are_unwound(n, winding, d):
     answer = solve_from(graph, Estimate(wound.rotations, t))
     assert answer.start == "the given estimate"
     # The steps agree with the optimum of the rotations, and pull nowhere.
-    assert certified_at(answer, 8 * n * math.sin(0.3 / (2 * n)) ** 2, problem_of(graph).scale)
+    assert certified_at(answer, 8 * n * math.sin(0.3 / (2 * n)) ** 2, Quadratic(graph).scale)
     if n == 60 and winding == 1:
         assert climbed(answer)
 
@@ -209,7 +209,7 @@ def test_loose_relaxations_end_bounded():
         rng = np.random.default_rng(seed)
         d = 2 + seed % 2
         graph, _, _ = pose_graph(rng, 8, d, noise=2.0)
-        problem = problem_of(graph if seed % 4 < 2 else graph.rotations_alone)
+        problem = Quadratic(graph if seed % 4 < 2 else graph.rotations_alone)
         answer = solve(problem)
         verdicts.append(answer.verdict)
         assert honest(answer, problem)
@@ -233,7 +233,7 @@ def test_loose_relaxations_end_bounded():
 @given(seeds, dimensions, st.booleans(), st.sampled_from([0.0, 1e-6, 0.05, 0.3]))
 def test_small_noise_is_always_certified(seed, d, poses, noise):
     graph, R, t = pose_graph(rng_of(seed), 8, d, noise=noise)
-    problem = problem_of(graph if poses else graph.rotations_alone)
+    problem = Quadratic(graph if poses else graph.rotations_alone)
     answer = solve(problem)
     assert honest(answer, problem)
     assert answer.verdict is Verdict.CERTIFIED
@@ -248,7 +248,7 @@ def test_small_noise_is_always_certified(seed, d, poses, noise):
 def test_trees_cost_nothing(seed, d, n, poses):
     """A single edge is the tree of two nodes; a tree has nothing to disagree with."""
     graph, _, _ = pose_graph(rng_of(seed), n, d, extra=0, noise=1.0)
-    problem = problem_of(graph if poses else graph.rotations_alone)
+    problem = Quadratic(graph if poses else graph.rotations_alone)
     answer = solve(problem)
     assert honest(answer, problem)
     assert answer.verdict is Verdict.CERTIFIED
@@ -277,7 +277,7 @@ def test_parallel_edges_in_the_plane_have_a_mean(seed, m, poses):
 @given(seeds, dimensions, st.booleans())
 def test_parallel_edges_are_edges(seed, d, poses):
     graph, _, _ = pose_graph(rng_of(seed), 4, d, extra=8, noise=0.1)
-    problem = problem_of(graph if poses else graph.rotations_alone)
+    problem = Quadratic(graph if poses else graph.rotations_alone)
     answer = solve(problem)
     assert honest(answer, problem)
     assert answer.verdict is Verdict.CERTIFIED
@@ -303,7 +303,7 @@ def test_weights_of_different_scale_in_one_graph(seed, d, decades, poses):
     span = 0.6 * decades if poses else decades
     kappa, tau = 10.0 ** rng.uniform(-span, span, (2, graph.num_edges))
     graph = graph.with_weights(kappa, tau)
-    problem = problem_of(graph if poses else graph.rotations_alone)
+    problem = Quadratic(graph if poses else graph.rotations_alone)
     answer = solve(problem)
     assert honest(answer, problem)
     assert answer.verdict is Verdict.CERTIFIED
@@ -322,7 +322,7 @@ def test_kappa_and_tau_of_different_scale(seed, d, turn, move):
     measured = measured @ so.exp(turn * rng.standard_normal((m, so.tangent_dim(d))))
     steps = np.einsum("mba,mb->ma", R[i], t[j] - t[i]) + move * rng.standard_normal((m, d))
     rotation = RotationGraph(8, edges, measured, np.full(m, turn**-2))
-    problem = problem_of(PoseGraph(rotation, steps, np.full(m, move**-2)))
+    problem = Quadratic(PoseGraph(rotation, steps, np.full(m, move**-2)))
     answer = solve(problem)
     assert honest(answer, problem)
     # A cost of much less is near the rounding of its own evaluation.
@@ -368,7 +368,7 @@ def test_every_engine_gives_the_same_answers(d, engine, monkeypatch):
     monkeypatch.setenv("CERTPGO_ENGINE", engine)
     graph, R, t = pose_graph(np.random.default_rng(d), 20, d)
     answer = solve(graph)
-    assert certified_at(answer, newton(problem_of(graph), Estimate(R, t)).cost)
+    assert certified_at(answer, newton(Quadratic(graph), Estimate(R, t)).cost)
     assert answer.certificate.engine == engine
     instance, wound = winding_cycle(20, 0.3, 1, d)
     unwound = solve_from(instance.graph, wound)
@@ -386,7 +386,7 @@ def test_the_answer_forwards_and_reports():
     graph, wound = wound_graph()
     answer = solve_from(graph, wound)
     assert answer.estimate is answer.solution.estimate
-    assert answer.cost == answer.solution.cost == problem_of(graph).cost(answer.estimate)
+    assert answer.cost == answer.solution.cost == Quadratic(graph).cost(answer.estimate)
     assert answer.verdict is answer.certificate.verdict
     assert answer.solution.status is Status.CONVERGED
     assert answer.solution.counts["factorizations"] >= 3
@@ -409,7 +409,7 @@ def test_the_monitor_sees_the_trace_in_the_units_of_the_graph():
     told = []
     answer = solve_from(graph, wound, monitor=lambda step: told.append(step) or False)
     assert tuple(told) == answer.solution.trace
-    assert told[0].cost == pytest.approx(problem_of(graph).cost(wound))
+    assert told[0].cost == pytest.approx(Quadratic(graph).cost(wound))
     assert answer.levels[0].cost == pytest.approx(told[0].cost)
 
 
@@ -419,7 +419,7 @@ def test_a_monitor_may_stop_it_anywhere(tight):
     graph, wound = wound_graph()
     if not tight:
         graph, wound = pose_graph(np.random.default_rng(3), 8, 3, noise=2.0)[0], None
-    problem = problem_of(graph)
+    problem = Quadratic(graph)
     whole = solve_from(graph, wound)
     steps = len(whole.solution.trace)
     assert (whole.verdict is Verdict.CERTIFIED) == tight
@@ -443,7 +443,7 @@ def test_a_monitor_may_stop_it_anywhere(tight):
 def test_no_time_at_all_still_gives_an_estimate(d):
     graph, _, _ = pose_graph(np.random.default_rng(d), 10, d)
     for part in (graph, graph.rotations_alone):
-        problem = problem_of(part)
+        problem = Quadratic(part)
         answer = solve(part, time_limit=0.0)
         assert answer.solution.status is Status.TIME_LIMIT
         assert answer.verdict is Verdict.UNDECIDED
@@ -548,7 +548,7 @@ def test_the_maximal_rank_is_not_exceeded():
     assert [level.rank for level in grounded.levels] == [3]
     assert grounded.levels[0].eigenvalue < 0.0
     assert grounded.verdict in (Verdict.BOUNDED, Verdict.UNDECIDED)
-    assert grounded.cost <= problem_of(graph).cost(wound)
+    assert grounded.cost <= Quadratic(graph).cost(wound)
     free = solve_from(graph, wound)
     highest = free.levels[-1].rank
     assert highest > 4
@@ -556,7 +556,7 @@ def test_the_maximal_rank_is_not_exceeded():
         answer = solve_from(graph, wound, max_rank=rank)
         assert max(level.rank for level in answer.levels) <= rank
         assert answer.verdict is Verdict.CERTIFIED or rank < highest
-        assert honest(answer, problem_of(graph))
+        assert honest(answer, Quadratic(graph))
 
 
 @pytest.fixture
@@ -590,7 +590,7 @@ def test_ctrl_c_returns_the_best_so_far(own_handler):
     assert answer.verdict is Verdict.UNDECIDED
     assert len(answer.solution.trace) < len(solve_from(graph, wound).solution.trace)
     assert answer.cost <= answer.solution.trace[0].cost
-    assert honest(answer, problem_of(graph))
+    assert honest(answer, Quadratic(graph))
     assert calls == []  # it was ours to catch
     assert signal.getsignal(signal.SIGINT) is handler
     interrupt()
@@ -677,9 +677,9 @@ def test_no_answer_is_a_saddle():
     graph = half_turns()
     answer = solve(graph)
     assert certified_at(answer, 6.0)
-    assert certify(problem_of(graph), answer.estimate).verdict is Verdict.CERTIFIED
+    assert certify(Quadratic(graph), answer.estimate).verdict is Verdict.CERTIFIED
     np.testing.assert_allclose(
-        np.degrees(problem_of(graph).residual_angles(answer.estimate)), 60.0, rtol=0, atol=1e-4
+        np.degrees(Quadratic(graph).residual_angles(answer.estimate)), 60.0, rtol=0, atol=1e-4
     )
 
 
@@ -766,7 +766,7 @@ def test_the_climb_ends_some_time_after_a_first_bound():
     assert len(answer.levels) < len(whole.levels)
     assert (answer.verdict, answer.solution.status) == (Verdict.BOUNDED, Status.TIME_LIMIT)
     assert 0.0 < answer.certificate.lower_bound <= whole.certificate.lower_bound
-    assert honest(answer, problem_of(graph))
+    assert honest(answer, Quadratic(graph))
     for text in (answer.certificate.reason, answer.solution.note):
         assert "0 s after a first bound" in text
         assert "--time-limit" in text
@@ -814,7 +814,7 @@ def test_a_bound_that_rounding_limits_is_computed_once(monkeypatch):
 
 @pytest.mark.parametrize("over", [0.5, 2.0])
 def test_only_an_eigenvalue_beyond_rounding_is_a_way_down(over):
-    problem = problem_of(winding_cycle(6, 0.3, 0)[0].graph)
+    problem = Quadratic(winding_cycle(6, 0.3, 0)[0].graph)
     normalized = NormalizedProblem.of(problem, Tier.STANDARD, 0.0, 0.0)
     search = Search(plans.CHORDAL, problem, normalized, SolveSettings())
     search.begin(None)
@@ -843,7 +843,7 @@ def test_looser_tolerances_certify_more():
 
 def test_the_judge_agrees_and_grids_are_certified():
     instance = grid3d(4, np.random.default_rng(0))
-    problem = problem_of(instance.graph)
+    problem = Quadratic(instance.graph)
     answer = solve(instance.graph)
     assert answer.verdict is Verdict.CERTIFIED
     judged = certify(problem, answer.estimate)
@@ -864,7 +864,7 @@ def test_an_error_in_the_climb_loses_nothing(monkeypatch, where):
         raise NumericalError("not today")
 
     monkeypatch.setattr(*where, fails)
-    problem = RotationProblem(instance.graph)
+    problem = Quadratic(instance.graph)
     answer = solve_from(instance.graph, wound)
     assert honest(answer, problem)
     assert answer.cost <= problem.cost(wound)
@@ -910,7 +910,7 @@ def test_the_proof_tier_is_asked_where_rounding_is_all_that_is_missing():
     graph = corridor(400, np.random.default_rng(0)).graph
     answer = solve(graph, atol=1e-13)
     assert (answer.verdict, answer.certificate.tier) == (Verdict.CERTIFIED, Tier.PROOF)
-    standard = certify(problem_of(graph), answer.estimate, atol=1e-13)
+    standard = certify(Quadratic(graph), answer.estimate, atol=1e-13)
     assert standard.verdict is Verdict.BOUNDED
     assert standard.lower_bound < answer.certificate.lower_bound <= answer.cost
     assert "prove" in answer.solution.seconds
@@ -921,7 +921,7 @@ def test_the_proof_tier_is_asked_where_rounding_is_all_that_is_missing():
 def test_a_search_stopped_before_its_proof_claims_none():
     """The standard tier certifies, and then the time is up: that is no proof."""
     instance, _ = winding_cycle(6, 0.3, 0)
-    problem = problem_of(instance.graph)
+    problem = Quadratic(instance.graph)
     normalized = NormalizedProblem.of(problem, Tier.STANDARD, 1e-5, 1e-12)
     search = Search(plans.CHORDAL, problem, normalized, SolveSettings(tier=Tier.STANDARD))
     search.begin(None)

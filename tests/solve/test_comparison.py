@@ -12,7 +12,7 @@ from certpgo.cli.certify import command
 from certpgo.errors import InputError
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.objective.choose_cost import objective_of
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.solve.comparison import METHODS, Competitor, MethodResult, compare, methods_under
 from certpgo.solve.comparison_table import COLUMNS, NOTES, captions, columns, notes, title
 
@@ -76,7 +76,7 @@ def test_the_default_cost_is_that_of_solve(uneven):
     [chordal] = compare(uneven, named("certified", cost="chordal"), cost="chordal")
     assert (chordal.objective, chordal.minimised) == ("F", "chordal")
     assert title(chordal).endswith(", 2D): chordal cost F")
-    assert chordal.cost == problem_of(uneven.graph).cost(solve(uneven, cost="chordal").estimate)
+    assert chordal.cost == Quadratic(uneven.graph).cost(solve(uneven, cost="chordal").estimate)
     assert columns(chordal) == COLUMNS
 
 

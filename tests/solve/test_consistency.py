@@ -10,7 +10,7 @@ from certpgo.errors import InputError
 from certpgo.graph import Estimate, RotationGraph
 from certpgo.io.datasets import synthetic, thesis
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.solve.consistency import consistency, inconsistency, perturbation_bound
 
 #: Rounding of an eigenvalue, over the largest eigenvalue.
@@ -28,7 +28,7 @@ def test_a_cycle_in_closed_form(d):
         2 - 2 * np.cos((2 * np.pi * np.r_[k, -k] + np.r_[theta, -theta].repeat(n)) / n)
     )
     plain = 2 - 2 * np.cos(2 * np.pi * k / n)
-    found = consistency(RotationProblem(instance.graph), n)
+    found = consistency(Quadratic(instance.graph), n)
     np.testing.assert_allclose(found.graph, np.sort(plain), rtol=0, atol=1e-9)
     expected = turned if d == 2 else np.sort(np.concatenate([turned, plain]))
     np.testing.assert_allclose(found.measured.ravel(), expected, rtol=0, atol=1e-9)
@@ -40,10 +40,10 @@ def test_a_cycle_in_closed_form(d):
 @given(seeds, dimensions, st.integers(2, 9), st.data())
 def test_spectra_against_dense_algebra(seed, d, n, data):
     graph, _ = rotation_graph(rng_of(seed), n, d)
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     k = data.draw(st.integers(2, n))
     found = consistency(problem, k)
-    L_G, L = problem.laplacian.toarray(), problem.connection_laplacian.toarray()
+    L_G, L = problem.laplacian.toarray(), problem.matrix.toarray()
     atol = ROUNDING * np.linalg.norm(L, 2)
     np.testing.assert_allclose(found.graph, np.linalg.eigvalsh(L_G)[:k], rtol=0, atol=atol)
     dense = np.linalg.eigvalsh(L)[: k * d].reshape(k, d)
@@ -53,7 +53,7 @@ def test_spectra_against_dense_algebra(seed, d, n, data):
 @pytest.mark.parametrize("n", [30, 300])
 def test_perfect_measurements_repeat_the_graph_s_spectrum(n):
     graph, R = rotation_graph(np.random.default_rng(1), n, 3, noise=0.0)
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     found = consistency(problem, 5)
     assert found.differences.max() < 1e-9
     assert found.inconsistency < 1e-9
@@ -64,7 +64,7 @@ def test_perfect_measurements_repeat_the_graph_s_spectrum(n):
 @given(seeds, dimensions, st.sampled_from([0.0, 1e-3, 0.3, 2.0]))
 def test_no_difference_exceeds_the_perturbation_bound(seed, d, noise):
     graph, R = rotation_graph(rng_of(seed), 8, d, noise=noise)
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     found = consistency(problem, 8)
     rounding = ROUNDING * found.graph[-1]
     for estimate in (R, so.random(rng_of(seed), 8, d)):
@@ -74,12 +74,12 @@ def test_no_difference_exceeds_the_perturbation_bound(seed, d, noise):
 @given(seeds, dimensions)
 def test_the_bound_is_that_of_the_blocks_of_p(seed, d):
     graph, R = rotation_graph(rng_of(seed), 6, d, extra=3, noise=0.5)
-    problem = RotationProblem(graph.without_parallel_edges("first"))
+    problem = Quadratic(graph.without_parallel_edges("first"))
     D = np.zeros((6 * d, 6 * d))
     for k in range(6):
         D[d * k : d * (k + 1), d * k : d * (k + 1)] = R[k]
     H = D.T @ np.kron(problem.laplacian.toarray(), np.eye(d)) @ D
-    P = problem.connection_laplacian.toarray() - H
+    P = problem.matrix.toarray() - H
     blocks = P.reshape(6, d, 6, d).swapaxes(1, 2)
     rows = np.linalg.norm(blocks, 2, axis=(2, 3)).sum(axis=1)
     bound = perturbation_bound(problem, Estimate(R))
@@ -95,7 +95,7 @@ def test_inconsistency_knows_no_scale_and_no_gauge(seed, d):
     i, j = graph.edges.T
     turned = np.swapaxes(S[i], 1, 2) @ graph.rotations @ S[j]
     other = RotationGraph(7, graph.edges, turned, 1e6 * graph.kappa)
-    one, two = (consistency(RotationProblem(g)).inconsistency for g in (graph, other))
+    one, two = (consistency(Quadratic(g)).inconsistency for g in (graph, other))
     assert one == pytest.approx(two, rel=1e-6, abs=1e-9)
 
 
@@ -103,7 +103,7 @@ def mean_inconsistency(sigma_deg):
     def draw(seed):
         rng = np.random.default_rng(seed)
         graph = thesis.langevin_graph(60, 20.0, sigma_deg, rng, graph_seed=4).graph
-        return consistency(RotationProblem(graph)).inconsistency
+        return consistency(Quadratic(graph)).inconsistency
 
     return float(np.mean([draw(seed) for seed in range(5)]))
 
@@ -120,13 +120,13 @@ def test_the_conjecture_s_limit_is_no_bound_on_poorly_connected_graphs():
     clique = np.argwhere(np.tri(20, k=-1))
     edges = np.concatenate([clique, clique + 20, [[0, 20]]])
     R = so.random(np.random.default_rng(0), len(edges), 3)
-    found = consistency(RotationProblem(RotationGraph(40, edges, R, np.ones(len(edges)))))
+    found = consistency(Quadratic(RotationGraph(40, edges, R, np.ones(len(edges)))))
     assert found.graph[1] <= 40 / 20**2  # the cut of one edge
     assert found.inconsistency > 100.0
 
 
 def test_the_thesis_own_sphere_is_above_the_conjecture_s_limit(dataset):
-    problem = RotationProblem(dataset("sphere_bignoise_vertex3").graph.rotations_alone)
+    problem = Quadratic(dataset("sphere_bignoise_vertex3").graph.rotations_alone)
     found = consistency(problem.with_unit_weights())
     assert f"{found.measured[0, 0]:.1e}" == "2.2e-01"  # printed in Table 5.6
     assert found.inconsistency == pytest.approx(14.24, abs=0.005)  # ours
@@ -140,4 +140,4 @@ def test_a_smallest_eigenvalue_below_zero_by_rounding_is_perfect():
 def test_as_many_eigenvalues_as_there_are(k):
     graph, _ = rotation_graph(np.random.default_rng(0), 6, 3)
     with pytest.raises(InputError, match="2 to 6 eigenvalues"):
-        consistency(RotationProblem(graph), k)
+        consistency(Quadratic(graph), k)

@@ -11,7 +11,7 @@ from certpgo.graph.components import connected_parts
 from certpgo.graph.kinds import Kind
 from certpgo.graph.ranges import Ranges
 from certpgo.io.datasets import synthetic
-from certpgo.objective.problem import PoseProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.methods.eigen_ma import EigenMA
 from certpgo.solve import metrics
 from certpgo.solve.diagnostics import SYMMETRIC, spectra, structure, symmetry
@@ -147,7 +147,7 @@ def test_edges_of_exact_measurements_are_symmetric():
 
 def test_the_least_symmetric_edge_is_named_by_its_nodes_ids():
     instance = synthetic.helix(4, np.random.default_rng(0))
-    estimate = EigenMA().solve(PoseProblem(instance.graph)).estimate
+    estimate = EigenMA().solve(Quadratic(instance.graph)).estimate
     each = metrics.symmetry(instance.graph, estimate)
     found = symmetry(instance)
     assert found.mean == pytest.approx(each.mean())

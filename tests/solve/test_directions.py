@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from strategies import dimensions, pose_graph, rng_of, seeds
 
 import certpgo
-from certpgo import Estimate, InputError, PoseProblem, solve, with_directions, with_priors
+from certpgo import Estimate, InputError, Quadratic, solve, with_directions, with_priors
 from certpgo.linalg import rotations as so
 from certpgo.optimize.riemannian_newton import newton
 
@@ -27,7 +27,7 @@ def test_the_cost_is_what_it_says(seed, d):
     nodes, kappa = np.array([0, 2, 4]), np.array([1.0, 2.0, 3.0])
     g = seen_by(rng, R, nodes, h / np.linalg.norm(h), 0.1)
     joined = with_directions(graph, nodes, g, kappa=kappa, direction=h)
-    problem, alone = PoseProblem(joined), PoseProblem(graph)
+    problem, alone = Quadratic(joined), Quadratic(graph)
     t = rng.standard_normal((6, d))
     t[5] = t[0]  # where the world is put
     point = Estimate(so.random(rng, 6, d), t)
@@ -45,7 +45,7 @@ def test_bounds_are_below_what_descents_find(seed):
     graph, R, _ = pose_graph(rng, 5, 3, noise=0.2)
     nodes = np.arange(5)
     joined = with_directions(graph, nodes, seen_by(rng, R, nodes, np.eye(3)[2], 0.2), kappa=3.0)
-    answer, problem = solve(joined), PoseProblem(joined)
+    answer, problem = solve(joined), Quadratic(joined)
     assert answer.verdict.value in ("CERTIFIED", "BOUNDED")
     for _ in range(4):
         found = newton(problem, problem.complete(so.random(rng, 6, 3)))

@@ -13,7 +13,7 @@ from certpgo.certify import Verdict
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.io.datasets import synthetic
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import RotationProblem, problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.initialization import start_of
 from certpgo.optimize.methods.graduated_non_convexity import GraduatedNonConvexity
 from certpgo.optimize.riemannian_newton import newton
@@ -66,7 +66,7 @@ def bundle(count, kappa, angle):
     R = np.tile(np.eye(2), (count + 1, 1, 1))
     R[-1] = so.exp(np.array([[angle]]))[0]
     edges = np.tile([0, 1], (count + 1, 1))
-    return RotationProblem(RotationGraph(2, edges, R, np.full(count + 1, kappa)))
+    return Quadratic(RotationGraph(2, edges, R, np.full(count + 1, kappa)))
 
 
 def test_a_single_wrong_measurement_is_told_where_taking_it_costs_more_than_its_price():
@@ -95,10 +95,10 @@ def test_the_sentence_counts():
 @pytest.mark.parametrize("d", [2, 3])
 def test_weights_state_noise_unless_no_angle_contradicts_them(d):
     graph, _ = ladder(rng_of(1), 5, d, 0.1)
-    assert states_noise(problem_of(graph))
-    assert states_noise(problem_of(graph.rotations_alone))
-    assert not states_noise(problem_of(graph.with_weights(1.0, 1.0)))
-    assert not states_noise(problem_of(graph.rotations_alone.with_weights(1.0)))
+    assert states_noise(Quadratic(graph))
+    assert states_noise(Quadratic(graph.rotations_alone))
+    assert not states_noise(Quadratic(graph.with_weights(1.0, 1.0)))
+    assert not states_noise(Quadratic(graph.rotations_alone.with_weights(1.0)))
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -107,7 +107,7 @@ def test_the_noise_is_measured_whatever_the_weights_say(d, unit):
     graph, _ = ladder(rng_of(2), 150, d, 0.02)
     scaled = graph.with_weights(unit**2 * graph.kappa, unit**2 * graph.tau)
     for given_graph in (scaled, scaled.rotations_alone):
-        problem = problem_of(given_graph)
+        problem = Quadratic(given_graph)
         scale = noise_scale(problem, problem.edge_costs(fitted(problem)))
         assert scale == pytest.approx(unit, rel=0.15)
 
@@ -118,7 +118,7 @@ def test_clean_graphs_raise_no_alarm(seed, d, sigma):
     graph, _ = ladder(rng_of(seed), 20, d, sigma)
     unit = graph.with_weights(1.0, 1.0)
     for clean in (graph, unit, graph.rotations_alone, unit.rotations_alone):
-        problem = problem_of(clean)
+        problem = Quadratic(clean)
         assert disagreement(problem, fitted(problem), refit=True) is None
 
 
@@ -126,7 +126,7 @@ def test_clean_graphs_raise_no_alarm(seed, d, sigma):
 def test_noise_up_to_uniform_is_no_disagreement(sigma):
     graph = synthetic.complete(20, sigma, rng_of(4)).graph
     for weights in (1.0, 0.5 / sigma**2):
-        problem = RotationProblem(graph.with_weights(weights))
+        problem = Quadratic(graph.with_weights(weights))
         assert disagreement(problem, fitted(problem)) is None
 
 
@@ -139,7 +139,7 @@ def test_wrong_closures_are_told(d, weights):
         graph = graph.with_weights(1.0, 1.0)
     elif weights == "too large":
         graph = graph.with_weights(400.0 * graph.kappa, 400.0 * graph.tau)
-    problem = problem_of(graph)
+    problem = Quadratic(graph)
     chosen = select(problem)
     turned = problem.residual_angles(chosen.estimate) > 0.3  # random may be nearly right
     assert (chosen.rejected == wrong)[turned | ~wrong].all()
@@ -156,7 +156,7 @@ def test_one_gross_error_does_not_leave_a_tree_alone():
     graph, _ = ladder(rng_of(7), 30, 2, 0.01)
     far = np.array(graph.translations)
     far[-1] += 1e6
-    problem = problem_of(PoseGraph(graph.rotations_alone, far, graph.tau))
+    problem = Quadratic(PoseGraph(graph.rotations_alone, far, graph.tau))
     found = GraduatedNonConvexity().solve(problem)
     assert found.weights[-1] == 0.0
     assert found.kept > 0.9 * graph.num_edges
@@ -185,7 +185,7 @@ def test_a_certified_answer_may_have_its_doubts():
 def test_solving_robustly_certifies_what_is_kept():
     graph, true = ladder(rng_of(8), 60, 3, 0.02)
     graph, wrong = spoilt(graph, rng_of(9), 12)
-    problem = problem_of(graph)
+    problem = Quadratic(graph)
     answer = certpgo.solve_robustly(graph)
     assert answer.verdict is Verdict.CERTIFIED
     assert answer.disagreement is None
@@ -232,14 +232,14 @@ CLEAN = [
 
 @pytest.mark.parametrize("name", CLEAN)
 def test_public_sets_without_outliers_raise_no_alarm(dataset, name):
-    problem = problem_of(dataset(name).graph)
+    problem = Quadratic(dataset(name).graph)
     assert disagreement(problem, fitted(problem)) is None
 
 
 @pytest.mark.parametrize("share", [10, 30, 50])
 def test_labelled_loop_closures_are_told(dataset, share):
     instance = dataset(f"grid1000_{share}p_outliers")
-    problem = problem_of(instance.graph)
+    problem = Quadratic(instance.graph)
     found = disagreement(problem, fitted(problem), refit=True)
     assert found.edges.tolist() == np.flatnonzero(instance.outliers).tolist()
 
@@ -259,5 +259,5 @@ def test_the_wrong_measurement_of_sphinx_is_told(dataset):
     found = certpgo.solve(instance.graph).disagreement
     assert len(found.edges) == 1
     # Of its true rotations it is off by 24 degrees, where the median is 0.3.
-    angles = RotationProblem(instance.graph).residual_angles(instance.truth)
+    angles = Quadratic(instance.graph).residual_angles(instance.truth)
     assert math.degrees(angles[found.edges[0]]) > 24.0

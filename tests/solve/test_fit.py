@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 import certpgo
-from certpgo import Instance, PoseProblem, Ranges, RotationProblem
+from certpgo import Instance, Quadratic, Ranges
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.information import Information
 from certpgo.io.datasets.synthetic import helix
@@ -81,7 +81,7 @@ def test_each_kind_of_measurement_is_counted():
     n, m = graph.num_nodes, graph.num_edges
 
     def freedom(measured, estimate):
-        return goodness_of_fit(PoseProblem(measured), estimate).freedom
+        return goodness_of_fit(Quadratic(measured), estimate).freedom
 
     loose = 6 * (m - n + 1)
     assert freedom(graph, truth) == loose
@@ -95,7 +95,7 @@ def test_each_kind_of_measurement_is_counted():
     assert freedom(one, world) == loose + 6 - 5  # turns about the line through them are left open
     up = certpgo.with_directions(fixes, [1, 2], truth.rotations[[1, 2], 2], kappa=9.0, world=n)
     assert freedom(up, world) == loose + 9 - 6 + 2 * 2
-    turned = goodness_of_fit(RotationProblem(graph.rotations_alone), Estimate(truth.rotations))
+    turned = goodness_of_fit(Quadratic(graph.rotations_alone), Estimate(truth.rotations))
     assert turned.freedom == 3 * (m - n + 1)
 
 
@@ -121,7 +121,7 @@ def test_points_and_distances_are_counted():
         np.concatenate([truth.rotations, np.eye(3)[None]]), np.concatenate([t, np.ones((1, 3))])
     )
     expected = 6 * (m - n + 1) + 3 * 3 - 3
-    assert goodness_of_fit(PoseProblem(with_point), estimate).freedom == expected
+    assert goodness_of_fit(Quadratic(with_point), estimate).freedom == expected
     ranges = Ranges(n, np.array([[0, 8], [1, 7]]), np.array([3.0, 4.0]), np.full(2, 100.0))
     instance = Instance("ranged", graph.with_ranges(ranges), np.arange(n))
     problem = objective_of(instance)
@@ -177,14 +177,14 @@ def test_only_stated_noise_has_a_chi2(tmp_path):
     tree.write_text(SQUARE.rpartition("EDGE")[0])
     assert certpgo.solve(certpgo.read(tree)).fit is None
     fractional = np.array([1.0, 1.0, 1.0, 0.5])
-    problem = PoseProblem(read.graph.reweighted(fractional))
+    problem = Quadratic(read.graph.reweighted(fractional))
     estimate = certpgo.solve(read.graph).estimate
     assert fit_of(read, problem, estimate, fractional) is None
 
 
 def test_the_parts_of_a_term_add_up_to_chi2():
     graph = drawn(2, 1.0, np.random.default_rng(3))[0]
-    problem, estimate = PoseProblem(graph), certpgo.solve(graph).estimate
+    problem, estimate = Quadratic(graph), certpgo.solve(graph).estimate
     terms, numbers = squares(problem, estimate)
     assert (numbers == [2, 1]).all()
     costs = terms[:, 0] + 2.0 * terms[:, 1]

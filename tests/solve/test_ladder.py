@@ -10,7 +10,7 @@ from certpgo.certify import Verdict
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.io.datasets import synthetic
-from certpgo.objective.problem import RotationProblem, problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize import spectral
 from certpgo.optimize.solution import Relaxation, Solution, Status
 from certpgo.solve import bounds_table as ladder_of
@@ -28,7 +28,7 @@ def test_no_rung_is_above_the_optimum_and_angles_hold_at_optima_alone(seed, d):
     rng = rng_of(seed)
     graph, truth = rotation_graph(rng, 7, d, noise=0.3)
     best = solve(graph)
-    found = ladder(RotationProblem(graph), Estimate(truth), sdp=True)
+    found = ladder(Quadratic(graph), Estimate(truth), sdp=True)
     for rung in found.rungs:
         if rung.about == "cost":
             assert rung.value <= best.cost * (1 + 1e-12)
@@ -43,7 +43,7 @@ def test_the_rungs_of_the_optimum_are_not_above_it():
     for seed in range(6):
         rng = rng_of(seed)
         graph, _ = rotation_graph(rng, 7, 3, noise=0.1)
-        problem = RotationProblem(graph.with_weights(10.0 ** rng.uniform(-4, 4, graph.num_edges)))
+        problem = Quadratic(graph.with_weights(10.0 ** rng.uniform(-4, 4, graph.num_edges)))
         best = solve(problem.graph)
         found = rungs(problem, best.estimate, sdp=True)
         assert best.verdict is Verdict.CERTIFIED
@@ -55,7 +55,7 @@ def test_the_rungs_of_the_optimum_are_not_above_it():
 
 def test_a_cycle_has_its_own_rungs():
     instance, point = synthetic.winding_cycle(12, 0.7, 0)
-    found = rungs(RotationProblem(instance.graph), point)
+    found = rungs(Quadratic(instance.graph), point)
     assert list(found) == [
         "spectral",
         "alpha_max",
@@ -76,14 +76,14 @@ def test_a_cycle_has_its_own_rungs():
 
 def test_nothing_holds_for_a_wound_up_cycle():
     instance, point = synthetic.winding_cycle(12, 0.7, 1)
-    found = rungs(RotationProblem(instance.graph), point)
+    found = rungs(Quadratic(instance.graph), point)
     assert not any(rung.holds for rung in found.values())
     assert found["proven"].says.startswith("proven: this estimate costs at most 96.8 times")
 
 
 def test_poses_have_the_bound_with_translations_eliminated():
     graph = synthetic.grid3d(3, np.random.default_rng(0)).graph
-    found = rungs(problem_of(graph))
+    found = rungs(Quadratic(graph))
     assert found["spectral"].value < found["spectral_poses"].value
     assert found["spectral_poses"].value < found["proven"].value
     assert found["proven"].holds is True
@@ -95,14 +95,14 @@ def test_the_proven_rung_is_the_best_proof_in_hand_where_the_relaxation_is_loose
     best = solve(graph)
     assert best.verdict is Verdict.BOUNDED
     for point in (None, best.estimate):
-        found = rungs(RotationProblem(graph), point)
+        found = rungs(Quadratic(graph), point)
         assert found["proven"].value == pytest.approx(best.certificate.lower_bound, rel=1e-6)
         assert found["proven"].value > found["spectral"].value
 
 
 def test_a_rung_below_an_earlier_one_says_that_it_adds_nothing():
     graph = synthetic.grid3d(2, np.random.default_rng(0)).graph
-    found = rungs(problem_of(graph), sdp=True)
+    found = rungs(Quadratic(graph), sdp=True)
     assert found["sdp"].value < found["spectral_poses"].value
     higher = "the bound by eigenvalues, translations eliminated is higher"
     assert found["sdp"].says.endswith(higher)
@@ -112,7 +112,7 @@ def test_a_rung_below_an_earlier_one_says_that_it_adds_nothing():
 def test_an_estimate_of_another_graph_is_refused():
     graph = synthetic.cycle(5, 0.1, np.random.default_rng(0)).graph
     with pytest.raises(InputError, match="the estimate has 3 nodes"):
-        ladder(RotationProblem(graph), Estimate(np.tile(np.eye(3), (3, 1, 1))))
+        ladder(Quadratic(graph), Estimate(np.tile(np.eye(3), (3, 1, 1))))
 
 
 class Program:
@@ -137,7 +137,7 @@ def program(monkeypatch):
 
 def test_the_program_is_solved_when_asked_for():
     instance, point = synthetic.winding_cycle(12, 0.7, 0)
-    problem = RotationProblem(instance.graph)
+    problem = Quadratic(instance.graph)
     assert rungs(problem, point)["sdp"].value is None
     found = rungs(problem, point, sdp=True)["sdp"]
     assert found.holds is True
@@ -147,7 +147,7 @@ def test_the_program_is_solved_when_asked_for():
 
 def test_the_programs_own_value_is_no_bound(program, monkeypatch):
     instance, point = synthetic.winding_cycle(12, 0.7, 0)
-    problem = RotationProblem(instance.graph)
+    problem = Quadratic(instance.graph)
     cost = problem.cost(point)
     for value in (2.0 * cost, cost):
         monkeypatch.setattr(program, "value", value)
@@ -164,7 +164,7 @@ def test_the_programs_own_value_is_no_bound(program, monkeypatch):
 
 def test_what_is_above_the_cost_is_no_bound(program, monkeypatch):
     instance, point = synthetic.winding_cycle(12, 0.7, 0)
-    problem = RotationProblem(instance.graph)
+    problem = Quadratic(instance.graph)
     monkeypatch.setattr(program, "bound", problem.cost(point) * (1 + 1e-9))
     rung = rungs(problem, point, sdp=True)["sdp"]
     assert (rung.value, rung.holds) == (None, None)
@@ -181,7 +181,7 @@ def test_what_is_above_the_cost_is_no_bound(program, monkeypatch):
     ],
 )
 def test_a_rung_that_fails_leaves_the_others(where, name, lost, monkeypatch):
-    problem = problem_of(synthetic.grid3d(2, np.random.default_rng(0)).graph)
+    problem = Quadratic(synthetic.grid3d(2, np.random.default_rng(0)).graph)
     point = solve(problem.graph).estimate
 
     def failing(*arguments, **options):
@@ -199,12 +199,12 @@ def test_a_rung_that_fails_leaves_the_others(where, name, lost, monkeypatch):
 def test_a_program_that_is_not_solved_is_a_rung_with_its_reason(program, monkeypatch):
     instance, point = synthetic.winding_cycle(12, 0.7, 0)
     monkeypatch.setattr(program, "error", "too large\nby far")
-    rung = rungs(RotationProblem(instance.graph), point, sdp=True)["sdp"]
+    rung = rungs(Quadratic(instance.graph), point, sdp=True)["sdp"]
     assert (rung.value, rung.holds, rung.says) == (None, None, "not solved: too large by far")
 
 
 def test_a_program_without_a_method_is_a_rung_with_its_reason(program, monkeypatch):
     instance, point = synthetic.winding_cycle(12, 0.7, 0)
     monkeypatch.setattr(registry, "solver_names", tuple)
-    rung = rungs(RotationProblem(instance.graph), point, sdp=True)["sdp"]
+    rung = rungs(Quadratic(instance.graph), point, sdp=True)["sdp"]
     assert rung.says == f"not solved: no method {PROGRAM} here"

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from strategies import dense_cost, dimensions, point_graph, rng_of, seeds
 
 import certpgo
-from certpgo import Estimate, GraphError, PoseProblem, certify, solve
+from certpgo import Estimate, GraphError, Quadratic, certify, solve
 from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.factor import engines
@@ -98,7 +98,7 @@ def test_a_point_is_a_pose_whose_rotation_does_not_matter(seed, d):
 def test_matrices_are_those_of_the_cost(seed, d):
     rng = rng_of(seed)
     graph, _ = point_graph(rng, 4, 3, d)
-    problem, n = PoseProblem(graph), graph.num_nodes
+    problem, n = Quadratic(graph), graph.num_nodes
     estimate = Estimate(so.random(rng, n, d), rng.standard_normal((n, d)))
     value = dense_cost(graph, estimate.rotations, estimate.translations)
     assert problem.cost(estimate) == pytest.approx(value)
@@ -131,7 +131,7 @@ def test_matrices_are_those_of_the_cost(seed, d):
 def test_the_hessian_is_the_derivative_of_the_gradient(seed, d):
     rng = rng_of(seed)
     graph, _ = point_graph(rng, 3, 3, d)
-    problem, n, q = PoseProblem(graph), graph.num_nodes, so.tangent_dim(d)
+    problem, n, q = Quadratic(graph), graph.num_nodes, so.tangent_dim(d)
     point = Estimate(so.random(rng, n, d), rng.standard_normal((n, d)))
     layout = problem.tangent_layout
     first = problem.first_order(point)
@@ -156,7 +156,7 @@ def test_the_hessian_is_the_derivative_of_the_gradient(seed, d):
 def test_bounds_are_below_what_descents_find(seed, d):
     rng = rng_of(seed)
     graph, _ = point_graph(rng, 4, 5, d, noise=1.5, odometry=bool(seed % 2))
-    answer, problem, n = solve(graph), PoseProblem(graph), graph.num_nodes
+    answer, problem, n = solve(graph), Quadratic(graph), graph.num_nodes
     for _ in range(5):
         start = problem.complete(so.random(rng, n, d))
         cost = newton(problem, start).cost
@@ -172,8 +172,8 @@ def test_gauge_relabelling_and_scale(seed, d):
     answer, n = solve(graph), graph.num_nodes
     S = so.random(rng, 1, d)[0]
     moved = answer.estimate.moved(S, rng.standard_normal(d))
-    assert PoseProblem(graph).cost(moved) == pytest.approx(answer.cost)
-    assert certify(PoseProblem(graph), moved).verdict is answer.verdict
+    assert Quadratic(graph).cost(moved) == pytest.approx(answer.cost)
+    assert certify(Quadratic(graph), moved).verdict is answer.verdict
     order = rng.permutation(n)
     again = solve(graph.subgraph(order))
     assert again.cost == pytest.approx(answer.cost, rel=1e-6)
@@ -187,7 +187,7 @@ def test_every_engine(tier):
     graph, _ = point_graph(rng_of(3), 8, 20, 3)
     found = {}
     for engine in engines():
-        problem = PoseProblem(graph, engine)
+        problem = Quadratic(graph, engine)
         estimate = newton(problem, solve(graph).estimate, near=True).estimate
         found[engine] = certify(problem, estimate, tier=tier).lower_bound
     values = list(found.values())
@@ -197,7 +197,7 @@ def test_every_engine(tier):
 def test_higher_ranks():
     """Low-rank descent from rank 4 ends where Newton's method does."""
     graph, _ = point_graph(rng_of(5), 6, 10, 3)
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     answer = solve(graph)
     start = low_rank.lifted(problem.complete(so.random(rng_of(6), 16, 3)), 5)
     found = low_rank.descend(problem, start, 5)
@@ -235,7 +235,7 @@ def test_what_is_refused():
     with pytest.raises(GraphError, match="a point has no rotation"):
         graph.with_weights(kappa=1.0)
     with pytest.raises(certpgo.NumericalError, match="rotations cannot be averaged alone"):
-        certpgo.get_solver("eigen_ma")().solve(PoseProblem(graph))
+        certpgo.get_solver("eigen_ma")().solve(Quadratic(graph))
 
 
 def test_no_warnings_without_any_measured_rotation():

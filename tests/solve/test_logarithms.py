@@ -21,7 +21,7 @@ from certpgo.graph.ranges import Ranges
 from certpgo.io.datasets.monocular import random_maps
 from certpgo.linalg import rotations as so
 from certpgo.objective.logarithms import LogarithmCost, logarithmic_mean
-from certpgo.objective.similarity_problem import SimilarityProblem
+from certpgo.objective.quadratic import Quadratic
 
 noises = st.sampled_from([0.05, 0.3, 1.0])
 
@@ -76,7 +76,7 @@ def test_the_cost_is_twice_the_error_of_gtsam(d):
     if not hasattr(gtsam, "BetweenFactorSimilarity2"):
         pytest.skip("this GTSAM has no Similarity2")
     graph, truth = maps(1, d, 0.5, known=False)
-    theirs, values = certpgo.to_gtsam(SimilarityProblem(graph), truth)
+    theirs, values = certpgo.to_gtsam(Quadratic(graph), truth)
     assert LogarithmCost(graph).cost(truth) == pytest.approx(2 * theirs.error(values), rel=1e-12)
 
 

@@ -11,7 +11,7 @@ from certpgo import (
     CertPGOError,
     GraphError,
     InputError,
-    PoseProblem,
+    Quadratic,
     SpecError,
     certify,
     certify_many,
@@ -125,7 +125,7 @@ def test_certificates_are_those_of_certify_in_order():
 
 def test_threads_share_a_problem_and_an_estimate_of_another_graph_is_named():
     instance = grid3d(3, np.random.default_rng(0))
-    problem, truth = PoseProblem(instance.graph), instance.truth
+    problem, truth = Quadratic(instance.graph), instance.truth
     wrong = truth.subset(np.arange(5))
     estimates = [truth, wrong, *[truth] * 6]
     found = list(certify_many(((problem, one) for one in estimates), workers=4))

@@ -14,7 +14,7 @@ from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.graph.kinds import Kind
 from certpgo.io.datasets.synthetic import helix
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import PoseProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.riemannian_newton import newton
 
 few = settings(max_examples=15)
@@ -43,7 +43,7 @@ def test_bounds_are_below_what_descents_find(seed, d):
         tau[n::3] = 0.0
         rotation = RotationGraph(n, graph.edges, graph.rotations, kappa)
         partial = PoseGraph(rotation, graph.translations, tau)
-    problem = PoseProblem(partial)
+    problem = Quadratic(partial)
     answer = solve(partial)
     assert answer.cost == pytest.approx(dense_cost(partial, *_of(answer.estimate)), rel=1e-12)
     assert answer.certificate.lower_bound <= answer.cost * (1.0 + 1e-12)
@@ -148,7 +148,7 @@ def test_positions_on_a_line_of_the_plane_leave_handedness_open(tmp_path, cost, 
 def test_other_methods_refuse_partial_edges_or_solve_them():
     rng = rng_of(3)
     graph, R, t = pose_graph(rng, 8, 3, noise=0.05)
-    problem = PoseProblem(fixes(rng, graph, Estimate(R, t), 6, 0.1, 3))
+    problem = Quadratic(fixes(rng, graph, Estimate(R, t), 6, 0.1, 3))
     best = solve(problem.graph)
     assert best.verdict is Verdict.CERTIFIED
     for name in ("newton", "eigen_q", "spanning_tree", "low_rank"):

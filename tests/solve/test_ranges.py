@@ -15,7 +15,7 @@ from certpgo import (
     GraphError,
     InputError,
     NumericalError,
-    PoseProblem,
+    Quadratic,
     Ranges,
     solve,
 )
@@ -28,7 +28,7 @@ from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import Sum, objective_of
 from certpgo.objective.families.distances import Distances
 from certpgo.objective.lifted_distances import LiftedDistances
-from certpgo.objective.signed_weights import quarter_turn
+from certpgo.objective.lifting import quarter_turn
 from certpgo.objective.term import Term
 from certpgo.objective.truncated_cost import rejecting
 from certpgo.optimize.descent_loop import minimise
@@ -64,7 +64,7 @@ def measured(seed, d, *, noise=0.1, poses=5, points=3):
 
 def anywhere(rng, problem, rises):
     """A random point of the relaxation, which rose some times into new dimensions."""
-    rank = problem.d + rises * problem.lifted_form.whole.dimensions
+    rank = problem.d + rises * problem.lifted_form.whole.lifting.dimensions
     Z = rng.standard_normal((problem.n, rank, problem.d))
     if problem.d == 2:
         Z[:, :, 1] = quarter_turn(Z[:, :, 0])
@@ -127,7 +127,7 @@ def test_derivatives(seed, d):
     posed, _, rng = measured(seed, d)
     problem, point = posed.lifted_form, anywhere(rng, posed, seed % 2)
     rank = point.rank
-    basis = problem.whole.tangent_basis(point.rotations)
+    basis = problem.whole.kinds.apply("tangents", point.rotations)
     layout = problem.layout(rank)
     G = problem.gradient(point)
     turn = np.einsum("nqrd,nrd->nq", basis, G[:, :, 1:])
@@ -170,7 +170,8 @@ def test_certificate_matrices_have_the_cost_and_its_multipliers(seed, d):
     problem, point = posed.lifted_form, anywhere(rng, posed, seed % 3)
     below, _ = next(problem.tangents(point))
     E = np.concatenate(
-        [np.swapaxes(below.position_rows(point.translations), 1, 2), point.rotations], axis=2
+        [np.swapaxes(below.lifting.position_rows(point.translations), 1, 2), point.rotations],
+        axis=2,
     )
     X = below.pattern.layout_of(below.matrix).pack(np.swapaxes(E, 1, 2))
     scale = (abs(below.matrix) @ abs(X) * abs(X)).sum()
@@ -187,7 +188,7 @@ def test_certificate_matrices_have_the_cost_and_its_multipliers(seed, d):
 def over_real_matrices(problem):
     """The lifted form with the relaxation over real matrices."""
     form = LiftedDistances(problem.measured)
-    form.__dict__["whole"] = PoseProblem(form.whole.graph, form.engine)
+    form.__dict__["whole"] = Quadratic(form.whole.graph, form.engine)
     return form
 
 
@@ -210,16 +211,17 @@ def test_oriented_points_stay_so(seed):
     posed, _, rng = measured(seed, 2)
     problem, point = posed.lifted_form, anywhere(rng, posed, 2)
     rows = rng.standard_normal((problem.n, 4))
-    rising = problem.whole.rising(rows)
+    rising = problem.whole.lifting.rising(rows, problem.d)
     # The first coordinates are the rows.
     first = np.concatenate(
-        [problem.whole.position_rows(rising.translations)[:, :, 0], rising.rotations[:, 0]], axis=1
+        [problem.whole.lifting.position_rows(rising.translations)[:, :, 0], rising.rotations[:, 0]],
+        axis=1,
     )
     np.testing.assert_array_equal(first, rows)
     found = stationary(posed, point).point
     for Y in (rising.rotations, found.rotations):
         np.testing.assert_allclose(quarter_turn(Y[:, :, 0]), Y[:, :, 1], atol=1e-12)
-    (frame,) = problem.whole.frames(np.linalg.qr(rng.standard_normal((6, 2)))[0])
+    (frame,) = problem.whole.lifting.frames(np.linalg.qr(rng.standard_normal((6, 2)))[0])
     proper = np.linalg.det(frame.T @ found.rotations)
     assert (proper > 0.0).all()
 

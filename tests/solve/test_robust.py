@@ -16,7 +16,7 @@ from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.io.datasets import synthetic, thesis, truth
 from certpgo.linalg import rotations as so
 from certpgo.objective.chi_squared import exceeded_by, quantiles
-from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.methods._robust import connected
 from certpgo.optimize.methods.adaptive_trimming import AdaptiveTrimming
 from certpgo.optimize.methods.eigen_rao import EigenRAO, _restored
@@ -52,7 +52,7 @@ def test_the_loss_in_its_two_readings():
 
 def test_row_sums_are_restored_before_weights_are_made_symmetric():
     graph, *_ = rotation_graph(rng_of(1), 8, 3, extra=8)
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     # On a regular pattern of weights nothing is left to do.
     assert _restored(problem, np.full(graph.num_edges, 7.0)) == pytest.approx(1.0)
     W = rng_of(2).random(graph.num_edges)
@@ -67,7 +67,7 @@ def test_row_sums_are_restored_before_weights_are_made_symmetric():
 @pytest.mark.parametrize("d", [2, 3])
 def test_outliers_among_exact_measurements_leave_no_trace(solver, d):
     graph, true, wrong = with_outliers(3, sigma=0.0, d=d)
-    solution = solver.solve(RotationProblem(graph))
+    solution = solver.solve(Quadratic(graph))
     found = metrics.angular_errors(solution.estimate, true)
     assert found.worst_deg < (0.3 if isinstance(solver, EigenRAO) else 1e-6)
     if isinstance(solver, AdaptiveTrimming):
@@ -80,7 +80,7 @@ def test_outliers_are_resisted_where_eigenvectors_give_way(solver):
     from certpgo.optimize.methods.eigen_ra import EigenRA
 
     graph, true, _ = with_outliers(4)
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     robust, plain = (
         metrics.angular_errors(s.solve(problem).estimate, true).rmse_deg
         for s in (solver, EigenRA())
@@ -93,9 +93,7 @@ def test_outliers_are_resisted_where_eigenvectors_give_way(solver):
 def test_the_unit_of_weights_decides_nothing(seed, unit):
     graph, _, _ = with_outliers(seed, n=12)
     for solver in ROBUST:
-        one, other = (
-            solver.solve(RotationProblem(graph.with_weights(scale))) for scale in (1.0, unit)
-        )
+        one, other = (solver.solve(Quadratic(graph.with_weights(scale))) for scale in (1.0, unit))
         assert ((one.weights > 0.0) == (other.weights > 0.0)).all()
         assert one.estimate.rotations == pytest.approx(other.estimate.rotations, abs=1e-6)
 
@@ -106,16 +104,16 @@ def test_names_of_nodes_decide_nothing(seed):
     graph, true, _ = with_outliers(seed, n=12)
     order = rng_of(seed).permutation(12)
     renamed = RotationGraph(12, order[graph.edges], graph.rotations, graph.kappa)
-    one = AdaptiveTrimming().solve(RotationProblem(graph), initial=true)
+    one = AdaptiveTrimming().solve(Quadratic(graph), initial=true)
     begun = np.empty_like(true.rotations)
     begun[order] = true.rotations
-    other = AdaptiveTrimming().solve(RotationProblem(renamed), initial=Estimate(begun))
+    other = AdaptiveTrimming().solve(Quadratic(renamed), initial=Estimate(begun))
     assert (one.weights == other.weights).all()
 
 
 def test_a_certificate_is_of_what_was_kept():
     graph, *_ = with_outliers(5)
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     solution = AdaptiveTrimming().solve(problem)
     kept = solution.judged(problem)
     assert kept.graph.num_edges == solution.kept == int((solution.weights > 0).sum())
@@ -127,19 +125,19 @@ def test_a_certificate_is_of_what_was_kept():
 def test_few_measurements_are_not_trimmed(dataset):
     graph, *_ = rotation_graph(rng_of(8), 30, 3, extra=20)
     with pytest.raises(GraphError, match="adaptive trimming needs 4 per node"):
-        AdaptiveTrimming().solve(RotationProblem(graph))
+        AdaptiveTrimming().solve(Quadratic(graph))
 
 
 @pytest.mark.parametrize("degree", [10, 20])
 def test_right_measurements_are_kept(degree):
     instance = synthetic.random_graph(100, degree, 0.05, rng_of(9))
-    solution = AdaptiveTrimming().solve(RotationProblem(instance.graph))
+    solution = AdaptiveTrimming().solve(Quadratic(instance.graph))
     assert solution.kept > 0.9 * instance.graph.num_edges
 
 
 def test_only_a_factor_of_exactly_zero_drops_an_edge():
     graph, *_ = rotation_graph(rng_of(10), 6, 3, extra=6)
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     factors = np.ones(graph.num_edges)
     factors[-1] = 1e-100
     assert problem.reweighted(factors).graph.kappa[-1] == 1e-100 * graph.kappa[-1]
@@ -155,9 +153,9 @@ def test_a_graph_stays_in_one_piece_by_its_cheapest_edges():
     graph = RotationGraph(6, edges, np.tile(np.eye(3), (9, 1, 1)), np.ones(9))
     weights = np.array([1.0, 1.0, 0.5, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     costs = np.array([0.0, 0.0, 0.0, 0.0, 9.0, 7.0, 5.0, 6.0, 8.0])
-    believed = connected(RotationProblem(graph), weights, costs)
+    believed = connected(Quadratic(graph), weights, costs)
     assert believed.tolist() == [1.0, 1.0, 0.5, 1.0, 0.0, 1.0, 1.0, 0.0, 0.0]
-    assert connected(RotationProblem(graph), np.ones(9), costs).tolist() == [1.0] * 9
+    assert connected(Quadratic(graph), np.ones(9), costs).tolist() == [1.0] * 9
 
 
 @pytest.mark.parametrize("poses", [False, True])
@@ -172,9 +170,9 @@ def test_the_quantile_keeps_the_share_it_says(d, poses):
     moved = sigma * rng.standard_normal((m, d))
     graph = PoseGraph(rotation, moved, np.full(m, sigma**-2)) if poses else rotation
     still = Estimate(np.tile(np.eye(d), (m + 1, 1, 1)), np.zeros((m + 1, d)) if poses else None)
-    costs = problem_of(graph).edge_costs(still)
+    costs = Quadratic(graph).edge_costs(still)
     for share in (0.9, 0.99):
-        assert np.mean(costs <= quantiles(problem_of(graph), share)) == pytest.approx(
+        assert np.mean(costs <= quantiles(Quadratic(graph), share)) == pytest.approx(
             share, abs=0.006
         )
 
@@ -184,7 +182,7 @@ def test_quantiles_are_those_of_what_an_edge_measures():
     rotation = RotationGraph(2, edges, np.tile(np.eye(3), (3, 1, 1)), np.array([1.0, 1.0, 0.0]))
     graph = PoseGraph(rotation, np.zeros((3, 3)), np.array([1.0, 0.0, 1.0]))
     # chi^2 of six degrees of freedom, and of three, at 99 %, as tables have them.
-    found = quantiles(problem_of(graph), 0.99)
+    found = quantiles(Quadratic(graph), 0.99)
     np.testing.assert_allclose(found, [16.8119, 11.3449, 11.3449], rtol=1e-5)
 
 
@@ -193,7 +191,7 @@ def test_a_pose_in_the_plane_exceeds_its_quantile_with_the_stated_probability(sh
     edges, R = np.array([[0, 1]] * 3), np.tile(np.eye(2), (3, 1, 1))
     rotation = RotationGraph(2, edges, R, np.array([1.0, 1.0, 0.0]))
     graph = PoseGraph(rotation, np.zeros((3, 2)), np.array([1.0, 0.0, 1.0]))
-    pose, turn, step = exceeded_by(problem_of(graph), share)
+    pose, turn, step = exceeded_by(Quadratic(graph), share)
     assert turn == pytest.approx(2.0 * stats.chi2.isf(share, 1), rel=1e-12)
     assert step == pytest.approx(stats.chi2.isf(share, 2), rel=1e-12)
 
@@ -207,7 +205,7 @@ def test_a_pose_in_the_plane_exceeds_its_quantile_with_the_stated_probability(sh
 
 def test_nearly_all_poses_in_the_plane_exceed_a_quantile_above_zero():
     rotation = RotationGraph(2, [(0, 1)], np.eye(2)[None], 1.0)
-    problem = problem_of(PoseGraph(rotation, np.zeros((1, 2)), 1.0))
+    problem = Quadratic(PoseGraph(rotation, np.zeros((1, 2)), 1.0))
     shares = 1.0 - 2.0 ** -np.arange(45.0, 54.0)
     found = np.array([exceeded_by(problem, share)[0] for share in shares])
     assert (found > 0.0).all()
@@ -218,7 +216,7 @@ def test_quantiles_of_directions_are_of_two_angles():
     instance = synthetic.helix(3, rng_of(0))
     up = instance.truth.rotations[:2, 2, :]
     graph = with_directions(instance.graph, np.arange(2), up, kappa=4.0)
-    found = exceeded_by(problem_of(graph), 1e-3)[instance.graph.num_edges]
+    found = exceeded_by(Quadratic(graph), 1e-3)[instance.graph.num_edges]
     assert found == pytest.approx(stats.chi2.isf(1e-3, 2), rel=1e-12)
 
 
@@ -258,7 +256,7 @@ def test_graduated_non_convexity_finds_wrong_closures(d):
     measured[wrong] = so.random(rng, 8, d)
     kappa = np.full(len(edges), (1.0 if d == 2 else 0.5) * 1e4)
     graph = PoseGraph(RotationGraph(n, edges, measured, kappa), steps, np.full(len(edges), 1e4))
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     solution = GraduatedNonConvexity(probability=0.9999).solve(problem)
     assert ((solution.weights == 0.0) == wrong).all()
     assert certify(solution.judged(problem), solution.estimate).verdict is Verdict.CERTIFIED
@@ -269,7 +267,7 @@ def test_graduated_non_convexity_finds_wrong_closures(d):
 def test_labelled_loop_closures(dataset, share, precision):
     instance = dataset(f"grid1000_{share}p_outliers")
     assert instance.outliers is not None
-    problem = problem_of(instance.graph)
+    problem = Quadratic(instance.graph)
     solution = GraduatedNonConvexity().solve(problem)
     rejected = solution.weights == 0.0
     both = (rejected & instance.outliers).sum()
@@ -284,7 +282,7 @@ def test_ellis_island_is_better_averaged_than_by_the_printed_methods(dataset, da
     graph = instance.graph
     rotation = graph.rotations_alone if graph.has_positions else graph
     nodes, true = truth("Ellis_Island", instance)
-    solution = AdaptiveTrimming().solve(RotationProblem(rotation))
+    solution = AdaptiveTrimming().solve(Quadratic(rotation))
     found = metrics.angular_errors(solution.estimate.subset(nodes), true, norm="l1")
     # L1-IRLS prints 2.87, 0.51 and 10.36, IRLS EIG-SE(3) 3.07, 0.81 and 10.50.
     # Few cameras are held by rejected measurements only, and stay where the descent left them.
@@ -296,7 +294,7 @@ def test_ellis_island_is_better_averaged_than_by_the_printed_methods(dataset, da
 def test_table_5_2_at_its_most_outliers(dataset_path):
     dataset_path("Notre_Dame.mat")
     instance = thesis.langevin_scene("Notre_Dame.mat", 0.5, rng_of(1), outliers=0.15)
-    solution = EigenRAO().solve(RotationProblem(instance.graph))
+    solution = EigenRAO().solve(Quadratic(instance.graph))
     error = metrics.angular_errors(solution.estimate, instance.truth).rmse_deg
     assert error <= 0.095  # 0.09 printed
     rejected = solution.weights == 0.0

@@ -48,7 +48,7 @@ def test_a_cycle_that_closes_has_its_closed_form():
 
 
 def test_an_open_chain_is_optimal_without_a_factorization(monkeypatch, graph):
-    monkeypatch.setattr(terms, "problem_of", None)
+    monkeypatch.setattr(terms, "Quadratic", None)
     session = Session(every=1)
     for one, nodes in stream(graph):
         if nodes[1] == nodes[0] + 1 and len(session.nodes) <= nodes[1]:
@@ -67,7 +67,7 @@ def test_streaming_is_the_batch_and_bounds_between_hold(graph):
         assert standing.lower_bound >= before
         assert standing.gap >= standing.cost - standing.lower_bound
         prefix = session.graph
-        assert standing.cost >= certpgo.PoseProblem(prefix).cost(session.estimate) * (1 - 1e-12)
+        assert standing.cost >= certpgo.Quadratic(prefix).cost(session.estimate) * (1 - 1e-12)
         if count % 25 == 0:
             same(session, prefix)
         elif count % 10 == 0:

@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 from strategies import dimensions, rng_of, seeds
 
 import certpgo
-from certpgo import Estimate, PoseProblem
+from certpgo import Estimate, Quadratic
 from certpgo.errors import GraphError, InputError
 from certpgo.graph import RotationGraph, SimilarityGraph
 from certpgo.io.datasets.monocular import random_maps
 from certpgo.linalg import rotations as so
-from certpgo.objective.similarity_problem import SimilarityProblem
 from certpgo.optimize.levenberg_marquardt import descend
 from certpgo.optimize.similarity_starts import STARTS
+from certpgo.solve.bounds_table import ladder
 from certpgo.solve.reweighing import reweigh
 
 noises = st.sampled_from([0.05, 0.2, 0.4])
@@ -66,7 +66,7 @@ def test_opposite_measurements_shrink_what_they_are_of():
 @settings(max_examples=25)
 def test_the_cost_is_that_of_its_edges(seed, d, noise, points):
     graph, truth = random_maps(rng_of(seed), d, turn=noise, scale=noise, points=points)
-    problem = SimilarityProblem(graph)
+    problem = Quadratic(graph)
     expected = cost_by_loops(graph, truth)
     low, high = problem.enclosure(truth)
     assert low <= expected <= high
@@ -84,7 +84,7 @@ def test_derivatives_are_those_of_the_cost(seed, d, noise, points):
     """At a stationary point the model is exact to third order: halving a step divides by 8."""
     rng = rng_of(seed)
     graph, truth = random_maps(rng, d, turn=noise, known=(2,), points=points)
-    problem = SimilarityProblem(graph)
+    problem = Quadratic(graph)
     there = problem.linearized(descend(problem, truth).estimate)
     x = rng.standard_normal(there.layout.size)
     rows = there.layout.unpack(x)
@@ -103,13 +103,13 @@ def test_bounds_hold_for_all_that_descents_find(seed, d, turn, scale, points):
     """No descent from random starts ends below the bound, and certified ones are the best."""
     rng = rng_of(seed)
     graph, _ = random_maps(rng, d, turn=turn, scale=scale, move=turn, points=points)
-    answer, problem = certpgo.solve(graph), SimilarityProblem(graph)
+    answer, problem = certpgo.solve(graph), Quadratic(graph)
     assert answer.certificate.lower_bound <= problem.enclosure(answer.estimate)[1]
     for _ in range(4):
         R = so.random(rng, graph.num_nodes, d)
         s = np.where(graph.free, np.exp(rng.standard_normal(graph.num_nodes)), 1.0)
         found = descend(problem, problem.complete(R, s)).estimate
-        cost = cost_by_loops(graph, replace(found, scales=problem.scales_of(found)))
+        cost = cost_by_loops(graph, replace(found, scales=problem.scales.of(found)))
         assert cost >= answer.certificate.lower_bound * (1.0 - 1e-12)
         if answer.verdict == "CERTIFIED":
             assert cost >= answer.cost * (1.0 - 1e-5) - 1e-12 * problem.scale
@@ -119,7 +119,7 @@ def test_bounds_hold_for_all_that_descents_find(seed, d, turn, scale, points):
 @settings(max_examples=20)
 def test_multipliers_of_unknown_scales_have_no_negative_trace(seed, d, noise):
     graph, truth = random_maps(rng_of(seed), d, turn=noise, scale=noise)
-    problem = SimilarityProblem(graph)
+    problem = Quadratic(graph)
     answer = certpgo.certify(graph, truth)
     for Lam in (problem.multipliers(truth), answer.multipliers):
         for block in Lam[graph.free]:
@@ -132,7 +132,7 @@ def test_multipliers_of_unknown_scales_have_no_negative_trace(seed, d, noise):
 def test_certificates_prove_a_semidefinite_matrix(seed, d):
     """The multipliers of an answer, in dense arithmetic: S >= 0 but for rounding."""
     graph, truth = random_maps(rng_of(seed), d, points=1)
-    problem = SimilarityProblem(graph)
+    problem = Quadratic(graph)
     found = certpgo.certify(graph, truth)
     S = problem.certificate_matrix(found.multipliers).toarray()
     values = np.linalg.eigvalsh(S)
@@ -146,14 +146,14 @@ def test_certificates_prove_a_semidefinite_matrix(seed, d):
 def test_of_known_scales_it_is_the_problem_of_poses(seed, d):
     graph, truth = random_maps(rng_of(seed), d)
     known = replace(graph, scales=np.ones(graph.num_edges))
-    known = SimilarityProblem(known.with_unknown_scales(np.zeros(graph.num_nodes, bool)))
+    known = Quadratic(known.with_unknown_scales(np.zeros(graph.num_nodes, bool)))
     flat = certpgo.PoseGraph(graph.rotations_alone, graph.translations, graph.tau)
     ours, theirs = certpgo.solve(known), certpgo.solve(flat)
     assert ours.verdict == theirs.verdict
     assert ours.cost == pytest.approx(theirs.cost, rel=1e-7)
     assert ours.certificate.lower_bound == pytest.approx(theirs.certificate.lower_bound, rel=1e-4)
     poses = Estimate(truth.rotations, truth.translations)
-    assert known.cost(poses) == pytest.approx(PoseProblem(flat).cost(poses))
+    assert known.cost(poses) == pytest.approx(Quadratic(flat).cost(poses))
 
 
 @given(seeds, dimensions, noises)
@@ -210,13 +210,13 @@ def test_another_unit_of_the_map_is_another_cost(seed, d):
     there = certpgo.solve(held)
     s = here.estimate.scales
     moved = Estimate(here.estimate.rotations, here.estimate.translations / s[k], scales=s / s[k])
-    assert SimilarityProblem(held).cost(moved) == pytest.approx(here.cost / s[k] ** 2)
+    assert Quadratic(held).cost(moved) == pytest.approx(here.cost / s[k] ** 2)
     assert there.certificate.lower_bound <= here.cost / s[k] ** 2 * (1 + 1e-9)
 
 
 def test_all_starts_lead_to_the_optimum_where_noise_is_small():
     graph, _ = random_maps(np.random.default_rng(0), 3, 20, 40, turn=0.05, scale=0.05)
-    problem = SimilarityProblem(graph)
+    problem = Quadratic(graph)
     best = certpgo.solve(graph)
     assert best.verdict == "CERTIFIED"
     for start in (compute(problem) for compute in STARTS):
@@ -266,8 +266,9 @@ def test_graphs_that_mean_nothing_are_refused():
     ):
         with pytest.raises(GraphError, match=said):
             graph.with_unknown_scales(free)
-    with pytest.raises(InputError, match="similarities"):
-        PoseProblem(graph)
+    for ask in (certpgo.get_solver("spanning_tree")().solve, ladder):
+        with pytest.raises(InputError, match="similarities"):
+            ask(Quadratic(graph))
     with pytest.raises(GraphError, match="a scale is a positive number, not 0"):
         Estimate(np.array([np.eye(2)] * 2), scales=np.array([1.0, 0.0]))
 
@@ -285,7 +286,7 @@ def test_bounds_in_the_mean_unit_hold_for_all_that_descents_find(seed, d, turn, 
     rng = rng_of(seed)
     graph, truth = random_maps(rng, d, turn=turn, scale=scale, move=turn, points=points)
     graph = unscaled(graph)
-    answer, problem = certpgo.solve(graph), SimilarityProblem(graph)
+    answer, problem = certpgo.solve(graph), Quadratic(graph)
     mean = np.mean(truth.scales[graph.free] ** 2)
     low, high = problem.enclosure(truth)
     assert low <= cost_by_loops(graph, truth) / mean <= high
@@ -307,7 +308,7 @@ def test_the_mean_unit_is_nobodys(seed, d, noise):
     rng = rng_of(seed)
     graph, truth = random_maps(rng, d, turn=noise, scale=noise)
     graph = unscaled(graph)
-    problem, answer = SimilarityProblem(graph), certpgo.solve(graph)
+    problem, answer = Quadratic(graph), certpgo.solve(graph)
     larger = replace(truth, translations=3.0 * truth.translations, scales=3.0 * truth.scales)
     assert problem.cost(larger) == pytest.approx(problem.cost(truth))
     order = rng.permutation(graph.num_nodes)
@@ -322,7 +323,7 @@ def test_the_mean_unit_is_nobodys(seed, d, noise):
 
 def test_derivatives_in_the_mean_unit_are_those_of_the_cost():
     graph, truth = random_maps(np.random.default_rng(3), 3, turn=0.3, points=1)
-    problem = SimilarityProblem(unscaled(graph))
+    problem = Quadratic(unscaled(graph))
     there = problem.linearized(descend(problem, truth).estimate)
     x = np.random.default_rng(0).standard_normal(there.layout.size)
     errors = []
@@ -387,7 +388,7 @@ def test_best_translations_are_stationary_in_any_unit(known):
     graph, truth = random_maps(np.random.default_rng(1), 3)
     free = np.ones(graph.num_nodes, dtype=bool)
     free[list(known)] = False
-    problem = SimilarityProblem(graph.with_unknown_scales(free))
+    problem = Quadratic(graph.with_unknown_scales(free))
     there = Estimate(truth.rotations, np.zeros((8, 3)), scales=3.0 * truth.scales)
     best = problem.with_optimal_translations(there)
     assert np.abs(problem.gradient(best)[:, :, 0]).max() < 1e-12 * problem.cost(best)

@@ -11,7 +11,7 @@ from certpgo.graph import RotationGraph
 from certpgo.graph.kinds import Kind
 from certpgo.io.datasets.synthetic import helix, sphere, winding_cycle
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.connectivity import Connectivity, SpectralMargin, choose, relaxed
 
 
@@ -33,7 +33,7 @@ def small(seed):
     edges = np.concatenate([path, pairs[rng.permutation(len(pairs))[:10]]])
     rotations = np.tile(np.eye(2), (len(edges), 1, 1))
     graph = RotationGraph(9, edges, rotations, rng.uniform(0.2, 5.0, len(edges)))
-    return RotationProblem(graph), np.arange(len(edges)) >= 8
+    return Quadratic(graph), np.arange(len(edges)) >= 8
 
 
 def dense(problem, fractions):
@@ -85,7 +85,7 @@ def test_fractions_of_the_relaxation_are_feasible():
 @pytest.mark.parametrize(("n", "theta"), [(5, 0.3), (12, 2.0)])
 def test_the_margin_of_a_cycle_is_known(n, theta):
     """A turn theta around it raises two of the three smallest eigenvalues to 2 - 2 cos(theta/n)."""
-    problem = RotationProblem(winding_cycle(n, theta, 0)[0].graph.rotations_alone)
+    problem = Quadratic(winding_cycle(n, theta, 0)[0].graph.rotations_alone)
     margin, gradient = SpectralMargin(Connectivity(problem))(np.ones(n))
     graph, measured = 2.0 - 2.0 * np.cos(2.0 * np.pi / n), 2.0 - 2.0 * np.cos(theta / n)
     assert margin == pytest.approx(graph - 2.0 / 3.0 * measured, rel=1e-6)
@@ -106,7 +106,7 @@ def test_the_margin_changes_as_its_gradient_says():
     problem, loops = small(2)
     graph = problem.graph
     turned = so.exp(np.random.default_rng(0).normal(0.0, 0.5, (len(loops), 1)))
-    problem = RotationProblem(
+    problem = Quadratic(
         RotationGraph(graph.num_nodes, graph.edges, turned @ graph.rotations, graph.kappa)
     )
     margin, step = SpectralMargin(Connectivity(problem)), 1e-3
@@ -124,7 +124,7 @@ def test_the_spectrum_leaves_out_wrong_loop_closures():
     wrong = rng.choice(np.flatnonzero(loops), 8, replace=False)
     measured = graph.rotations.copy()
     measured[wrong] = so.random(rng, len(wrong), 3)
-    problem = RotationProblem(RotationGraph(graph.num_nodes, graph.edges, measured, graph.kappa))
+    problem = Quadratic(RotationGraph(graph.num_nodes, graph.edges, measured, graph.kappa))
     connectivity, count = Connectivity(problem), int(0.7 * loops.sum())
     known = choose(connectivity, loops, count)
     measuring = choose(connectivity, loops, count, SpectralMargin(connectivity))
@@ -157,7 +157,7 @@ def test_odometry_is_kept_and_the_rest_counted(graph, sparse):
 
 
 def test_what_is_lost_is_computed(graph, sparse):
-    problem = certpgo.PoseProblem(graph)
+    problem = certpgo.Quadratic(graph)
     assert sparse.answer.verdict is sparse.whole.verdict is Verdict.CERTIFIED
     assert sparse.cost == pytest.approx(problem.cost(sparse.answer.estimate), rel=1e-12)
     assert sparse.whole.cost == pytest.approx(certpgo.solve(graph).cost, rel=1e-9)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from certpgo import PoseProblem, certify, io
+from certpgo import Quadratic, certify, io
 from certpgo.certify import Verdict
 from certpgo.certify.wording import meaning, numbers, trusts
 from certpgo.graph import Estimate
@@ -55,7 +55,7 @@ def shifted(tmp_path):
     """A triangle, and its best rotations with other translations."""
     path = tmp_path / "graph.g2o"
     path.write_text("\n".join(edge + INFORMATION for edge in EDGES) + "\n")
-    problem = PoseProblem(io.read(path).graph)
+    problem = Quadratic(io.read(path).graph)
     best = certify(problem, problem.complete(np.tile(np.eye(2), (3, 1, 1)))).refined
     return problem, Estimate(best.rotations, best.translations + np.eye(3, 2))
 

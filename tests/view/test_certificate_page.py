@@ -24,7 +24,7 @@ from certpgo.graph.information import Information
 from certpgo.graph.phrases import rounded_down, rounded_up
 from certpgo.io.datasets import synthetic
 from certpgo.objective.choose_cost import objective_of
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.curvature import smallest_eigenvalues
 from certpgo.optimize.solution import Status
 from certpgo.solve.assessment import assess
@@ -122,7 +122,7 @@ def solved():
     instance = synthetic.grid3d(3, np.random.default_rng(0))
     instance = Instance(HOSTILE, instance.graph, instance.ids, options=instance.options)
     found = solve(instance.graph, cost="chordal")
-    problem = problem_of(instance.graph)
+    problem = Quadratic(instance.graph)
     assessment = assess(problem, found.estimate, found.certificate, instance=instance)
     return instance, problem, found, assessment
 
@@ -173,7 +173,7 @@ def test_an_infinite_cost_is_shown():
     instance = synthetic.grid3d(2, np.random.default_rng(0))
     far = instance.truth.translations.copy()
     far[3, 0] = 1e200
-    estimate, problem = instance.truth.with_translations(far), problem_of(instance.graph)
+    estimate, problem = instance.truth.with_translations(far), Quadratic(instance.graph)
     certificate = certify(problem, estimate)
     with np.errstate(over="ignore", invalid="ignore"):
         assessment = assess(problem, estimate, certificate)
@@ -199,7 +199,7 @@ def test_eigenvalues_of_a_winding_cycle():
     """Closed form: the certificate matrix of winding k has smallest 2 cos(2 pi k/n) - 2."""
     n, k = 12, 1
     graph, R = winding(n, k)
-    problem = problem_of(graph)
+    problem = Quadratic(graph)
     multipliers = problem.multipliers(Estimate(R))
     values = smallest_eigenvalues(problem, multipliers, 8)
     assert values[0] == pytest.approx(2.0 * math.cos(2.0 * math.pi * k / n) - 2.0, rel=1e-6)
@@ -210,7 +210,7 @@ def test_eigenvalues_of_a_winding_cycle():
 
 def test_a_refuted_answer_shows_a_negative_eigenvalue_and_its_cycle_bounds():
     graph, R = winding(12, 1)
-    estimate, problem = Estimate(R), problem_of(graph)
+    estimate, problem = Estimate(R), Quadratic(graph)
     certificate = certify(problem, estimate)
     instance = Instance("cycle", graph, np.arange(12))
     assessment = assess(problem, estimate, certificate)
@@ -598,7 +598,7 @@ def test_the_page_in_a_browser(solved, browser, tmp_path):
 def test_a_page_of_landmarks(d, poses, points):
     """Also where matrices of rotations and of poses and points have the same size."""
     graph, _ = point_graph(np.random.default_rng(1), poses, points, d)
-    problem = problem_of(graph)
+    problem = Quadratic(graph)
     answer = solve(graph)
     assessment = assess(problem, answer.estimate, answer.certificate)
     instance = Instance("map", graph, np.arange(graph.num_nodes))

@@ -16,7 +16,7 @@ from certpgo.io.datasets import synthetic
 from certpgo.io.datasets.monocular import random_maps
 from certpgo.io.surfaces import Surface, read_surface
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.view.layout import layout
 from certpgo.view.load_scene import scene_of
 from certpgo.view.placements import aligned
@@ -48,7 +48,7 @@ def moved(estimate):
 
 def test_residuals_are_those_of_the_problem(grid):
     scene = scene_of(grid, grid.truth)
-    problem = problem_of(grid.graph)
+    problem = Quadratic(grid.graph)
     degrees, metres = scene.placements[-1].measures
     assert degrees.values == pytest.approx(np.degrees(problem.residual_angles(grid.truth)))
     lengths = np.linalg.norm(problem.translation_residuals(grid.truth), axis=1)

@@ -15,7 +15,7 @@ from certpgo import Ranges, read, solve
 from certpgo.graph import Estimate, RotationGraph
 from certpgo.io.datasets import synthetic
 from certpgo.objective.choose_cost import objective_of
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.view.charts import Curve, bars, histogram, lines
 from certpgo.view.load_scene import scene_of
 from certpgo.view.page import TEMPLATES
@@ -32,7 +32,7 @@ def scene(graph, problem, estimate, **limit):
 def grid():
     """A small grid of poses, at its truth."""
     instance = synthetic.grid3d(3, np.random.default_rng(0))
-    return instance, problem_of(instance.graph), instance.truth
+    return instance, Quadratic(instance.graph), instance.truth
 
 
 def test_scene_of_poses(grid):
@@ -71,14 +71,14 @@ def test_rotations_without_positions_stand_around_their_cycle():
     angle = 2.0 * np.pi * np.arange(8) / 8
     turned = np.stack([np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)], axis=1)
     planar = RotationGraph(8, edges, np.tile(np.eye(2), (8, 1, 1)), np.ones(8))
-    flat = scene(planar, problem_of(planar), Estimate(turned.reshape(8, 2, 2)))
+    flat = scene(planar, Quadratic(planar), Estimate(turned.reshape(8, 2, 2)))
     assert np.linalg.norm(flat["points"], axis=1) == pytest.approx(1.0, abs=1e-4)
     assert [measure["unit"] for measure in flat["measures"]] == ["degrees"]
     assert flat["measures"][0]["values"] == [45.0] * 8
     assert np.shape(flat["frusta"]) == (24, 2, 2)
     assert not flat["metric"]
     graph = RotationGraph(8, edges, np.tile(np.eye(3), (8, 1, 1)), np.ones(8))
-    solid = scene(graph, problem_of(graph), Estimate(np.tile(np.eye(3), (8, 1, 1))))
+    solid = scene(graph, Quadratic(graph), Estimate(np.tile(np.eye(3), (8, 1, 1))))
     assert np.shape(solid["points"]) == (8, 3)
     assert solid["flat"]
     assert solid["measures"][0]["top"] == 0.0
@@ -304,7 +304,7 @@ def test_distances_are_drawn_with_their_errors(grid):
 def test_a_view_without_measured_rotations(field):
     """Sightings alone have no residual angles to colour by."""
     graph, truth = point_graph(np.random.default_rng(0), 3, 5, 2, odometry=False)
-    drawn = scene(graph, problem_of(graph), truth)
+    drawn = scene(graph, Quadratic(graph), truth)
     assert [measure["unit"] for measure in drawn["measures"]] == ["metres"]
     assert drawn["kinds"] == [1] * graph.num_edges
 

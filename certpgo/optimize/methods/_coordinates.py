@@ -19,7 +19,7 @@ from scipy import sparse
 from certpgo.graph import Estimate
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
-from certpgo.objective.problem import RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.iterative import Iterative
 
 Order = Literal["colors", "cyclic", "random"]
@@ -40,7 +40,7 @@ class Sweeping(Iterative):
     order: Order = "colors"
     seed: int = 0
 
-    def coordinates(self, problem: RotationProblem, X: FloatArray) -> Coordinates:
+    def coordinates(self, problem: Quadratic, X: FloatArray) -> Coordinates:
         """The point X, to be improved in the chosen order."""
         return Coordinates(problem, X, self.order, np.random.default_rng(self.seed))
 
@@ -58,7 +58,7 @@ class Coordinates:
     rng : for random orders
     """
 
-    problem: RotationProblem
+    problem: Quadratic
     X: FloatArray
     order: Order
     rng: np.random.Generator

@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.errors import InputError
-from certpgo.objective.problem import RotationProblem
+from certpgo.objective.quadratic import Quadratic
 
 GIGA = 1e9
 #: Where Linux reports memory, and limits of control groups.
@@ -118,7 +118,7 @@ def _cached_bytes(folder: Path) -> float:
     return float(entries.get("total_inactive_file", entries.get("inactive_file", 0)))
 
 
-def clique_sizes(problem: RotationProblem) -> list[int]:
+def clique_sizes(problem: Quadratic) -> list[int]:
     """Nodes in each maximal clique of the chordal extension by the fill-reducing order."""
     place = np.argsort(problem.order)
     later: list[set[int]] = [set() for _ in range(problem.n)]

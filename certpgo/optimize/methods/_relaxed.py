@@ -11,7 +11,7 @@ from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import divided
 from certpgo.linalg.eigen import krylov_schur
 from certpgo.linalg.factor import Factor
-from certpgo.objective.problem import Problem, RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize import spectral
 from certpgo.optimize.solution import Relaxation
 
@@ -33,7 +33,7 @@ class Scaled:
     diagonal, so that a solver's tolerances do not depend on the weights.
     """
 
-    problem: RotationProblem
+    problem: Quadratic
 
     @property
     def weights(self) -> FloatArray:
@@ -53,7 +53,7 @@ class Scaled:
     @property
     def matrix(self) -> CSC:
         """A, (dn, dn)."""
-        L = self.problem.connection_laplacian
+        L = self.problem.matrix
         root = np.sqrt(np.repeat(self.weights, self.problem.d))
         return divided(L, root)
 
@@ -114,7 +114,7 @@ def _shifted(data: Scaled, multipliers: FloatArray, shift: float) -> Feasible | 
     return Feasible(max(value, 0.0), shift, matrix, factor)
 
 
-def remark_on(problem: Problem, found: Relaxation) -> str:
+def remark_on(problem: Quadratic, found: Relaxation) -> str:
     """What a reader should know about the relaxation behind an estimate."""
     value = f"relaxation {found.value:.10g}, rank {found.rank or 'unknown'}"
     alone = f"; the relaxation is {ALONE}" if problem.has_positions else ""
@@ -142,7 +142,7 @@ def leading_rows(Y: FloatArray, d: int) -> FloatArray:
     return np.ascontiguousarray(np.swapaxes(factor.reshape(-1, d, rank), 1, 2))
 
 
-def null_space_rotations(problem: RotationProblem, feasible: Feasible) -> FloatArray:
+def null_space_rotations(problem: Quadratic, feasible: Feasible) -> FloatArray:
     """Rotations (n, d, d) from the d smallest eigenvectors of L - blkdiag(Lam)."""
     pairs = krylov_schur(feasible.matrix, feasible.factor.solve, problem.d, tol=1e-6)
     return spectral.round_to_rotations(pairs.vectors, problem.d)

@@ -8,7 +8,7 @@ from certpgo.graph import Estimate, Graph
 from certpgo.graph.priors import free_rotations, levers
 from certpgo.graph.trees import minimum_spanning_tree
 from certpgo.linalg.arrays import BoolArray, FloatArray
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.progress import Progress
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 from certpgo.optimize.solution import Solution
@@ -19,7 +19,7 @@ MEANINGFUL = 1.1
 FAINT = 1e-9
 
 
-def connected(problem: Problem, weights: FloatArray, costs: FloatArray) -> FloatArray:
+def connected(problem: Quadratic, weights: FloatArray, costs: FloatArray) -> FloatArray:
     """The weights (m,) with as few zeros set to one as keep the graph connected.
 
     If all measurements between a part of the graph and the rest are rejected, the one of lowest
@@ -52,7 +52,7 @@ def _hold(graph: Graph, weights: FloatArray, costs: FloatArray) -> None:
 
 
 def fitted(
-    problem: Problem, kept: BoolArray, point: Estimate, progress: Progress, *, note: str = ""
+    problem: Quadratic, kept: BoolArray, point: Estimate, progress: Progress, *, note: str = ""
 ) -> Solution:
     """The stationary point near ``point`` for the kept measurements, with weights of 1 and 0.
 
@@ -70,7 +70,7 @@ def fitted(
     return progress.solution(point, problem.cost(point), note=note, weights=weights)
 
 
-def remark(problem: Problem, weights: FloatArray) -> str:
+def remark(problem: Quadratic, weights: FloatArray) -> str:
     """What a reader should know about the kept measurements; empty if nothing is unusual."""
     kept, n = int((weights > 0.0).sum()), problem.n
     if kept == problem.graph.num_edges:

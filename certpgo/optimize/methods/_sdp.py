@@ -15,7 +15,7 @@ from certpgo.errors import MissingDependency, NumericalError, SpecError
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Lift, rounded
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.problem import Problem, RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.iterative import Settings
 from certpgo.optimize.methods import _memory
 from certpgo.optimize.methods._relaxed import (
@@ -158,7 +158,7 @@ class Semidefinite(Settings, ABC):
         """Number of unknowns."""
 
     def solve(
-        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+        self, problem: Quadratic, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
         """Rotations rounded from the program's solution, and optimal translations.
 
@@ -227,7 +227,7 @@ class Semidefinite(Settings, ABC):
             inner["chordal_decomposition_enable"] = self.chordal
         return {program.group: inner} if program.group and inner else inner
 
-    def bytes_needed(self, problem: RotationProblem) -> float:
+    def bytes_needed(self, problem: Quadratic) -> float:
         """Peak memory of solving, roughly; see `_memory`."""
         N, m = problem.n * problem.d, self.scalars(problem.n, problem.d)
         cones = [N]

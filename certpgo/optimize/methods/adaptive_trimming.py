@@ -22,7 +22,7 @@ from scipy import special
 from certpgo.errors import GraphError, SpecError
 from certpgo.graph import Estimate
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.iterative import Iterative
 from certpgo.optimize.laplacian_averaging import laplacian_step
 from certpgo.optimize.methods._robust import FAINT, fitted
@@ -52,10 +52,10 @@ class AdaptiveTrimming(Iterative):
     Examples
     --------
     >>> import numpy as np
-    >>> from certpgo import RotationProblem, get_solver
+    >>> from certpgo import Quadratic, get_solver
     >>> from certpgo.io.datasets.thesis import langevin_graph
     >>> instance = langevin_graph(40, 12.0, 3.0, np.random.default_rng(0), outliers=0.15)
-    >>> problem = RotationProblem(instance.graph)
+    >>> problem = Quadratic(instance.graph)
     >>> solution = get_solver("adaptive_trimming")().solve(problem)
     >>> bool((solution.weights[instance.outliers] == 0.0).all())  # all outliers are rejected
     True
@@ -74,7 +74,7 @@ class AdaptiveTrimming(Iterative):
             raise SpecError("multiple must be at least 2, and rate between 0 and 1")
 
     def solve(
-        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+        self, problem: Quadratic, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
         """Rotations, and weights: 1 for the measurements kept, 0 for the others.
 

@@ -10,7 +10,7 @@ from certpgo.errors import SpecError
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Lift, rounded
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.problem import Problem, RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.methods._coordinates import Sweeping, stacked
 from certpgo.optimize.methods._relaxed import remark_on
 from certpgo.optimize.monitor import Iteration, Monitor, Stopwatch, silent
@@ -49,9 +49,9 @@ class BlockCoordinateDescent(Sweeping):
 
     Examples
     --------
-    >>> from certpgo import RotationProblem, get_solver
+    >>> from certpgo import Quadratic, get_solver
     >>> from certpgo.io.datasets.synthetic import winding_cycle
-    >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
+    >>> problem = Quadratic(winding_cycle(6, 0.3, 0)[0].graph)
     >>> solution = get_solver("block_coordinate_descent")(tolerance=1e-6).solve(problem)
     >>> solution.cost - solution.lower_bound <= 1e-6 * solution.cost
     True
@@ -61,7 +61,7 @@ class BlockCoordinateDescent(Sweeping):
     max_iterations: int = 10_000
 
     def solve(
-        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+        self, problem: Quadratic, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
         """The rounded optimum of the relaxation, with optimal translations.
 
@@ -121,7 +121,7 @@ class BlockCoordinateDescent(Sweeping):
         )
 
 
-def _identity(problem: RotationProblem) -> FloatArray:
+def _identity(problem: Quadratic) -> FloatArray:
     size = problem.n * problem.d
     if float(size) ** 2 > LARGEST:
         raise SpecError(

@@ -27,7 +27,7 @@ from certpgo.graph.cycles import walk
 from certpgo.graph.trees import compose
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.solution import Solution, Status
 
@@ -46,9 +46,9 @@ class CycleClosedForm:
 
     Examples
     --------
-    >>> from certpgo import RotationProblem, get_solver
+    >>> from certpgo import Quadratic, get_solver
     >>> from certpgo.io.datasets.synthetic import winding_cycle
-    >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
+    >>> problem = Quadratic(winding_cycle(6, 0.3, 0)[0].graph)
     >>> print(f"{get_solver('cycle_closed_form')().solve(problem).cost:.6f}")
     0.029994
     """
@@ -58,7 +58,7 @@ class CycleClosedForm:
     takes_initial: ClassVar[bool] = False
 
     def solve(
-        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+        self, problem: Quadratic, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
         """The rotations, the first at the identity; GraphError unless the graph is a cycle."""
         watch = Stopwatch()

@@ -12,7 +12,7 @@ from certpgo.graph import Estimate
 from certpgo.graph.capabilities import require_capable
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.blocks import scatter_sum
-from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.iterative import Settings
 from certpgo.optimize.methods.eigen_ra import Anchor, EigenRA, Eigensolver, Weights
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
@@ -33,9 +33,9 @@ class EigenMA(Settings):
     Examples
     --------
     >>> import numpy as np
-    >>> from certpgo import PoseProblem, get_solver
+    >>> from certpgo import Quadratic, get_solver
     >>> from certpgo.io.datasets.synthetic import helix
-    >>> problem = PoseProblem(helix(3, np.random.default_rng(0)).graph)
+    >>> problem = Quadratic(helix(3, np.random.default_rng(0)).graph)
     >>> ml, thesis = (
     ...     get_solver("eigen_ma")(translations=which).solve(problem) for which in ("ml", "thesis")
     ... )
@@ -53,7 +53,7 @@ class EigenMA(Settings):
     takes_initial: ClassVar[bool] = False
 
     def solve(
-        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+        self, problem: Quadratic, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
         """The poses; InputError for a problem without translations."""
         if not problem.has_positions:
@@ -71,7 +71,7 @@ class EigenMA(Settings):
         return Solution(estimate, problem.cost(estimate), Status.CLOSED_FORM, seconds=watch.seconds)
 
 
-def symmetrized_translations(problem: PoseProblem, rotations: FloatArray) -> FloatArray:
+def symmetrized_translations(problem: Quadratic, rotations: FloatArray) -> FloatArray:
     """Translations (n, d) of the thesis' system, eq. 4.12, the first at zero.
 
     It counts each edge in both directions, equivalent to t_j - t_i ~
@@ -84,7 +84,7 @@ def symmetrized_translations(problem: PoseProblem, rotations: FloatArray) -> Flo
     forward = rotations[i] @ t
     backward = rotations[j] @ (np.swapaxes(graph.rotations, 1, 2) @ t)
     step = graph.tau[:, None] * 0.5 * (forward + backward)[:, :, 0]
-    return problem.solve_translations(
+    return problem.elimination.solve(
         scatter_sum(j, step, problem.n) - scatter_sum(i, step, problem.n)
     )
 

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize import spectral
 from certpgo.optimize.iterative import Settings
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
@@ -28,9 +28,9 @@ class EigenQ(Settings):
     Examples
     --------
     >>> import numpy as np
-    >>> from certpgo import PoseProblem, get_solver
+    >>> from certpgo import Quadratic, get_solver
     >>> from certpgo.io.datasets.synthetic import helix
-    >>> problem = PoseProblem(helix(3, np.random.default_rng(0)).graph)
+    >>> problem = Quadratic(helix(3, np.random.default_rng(0)).graph)
     >>> solution = get_solver("eigen_q")().solve(problem)
     >>> solution.lower_bound <= solution.cost
     True
@@ -42,7 +42,7 @@ class EigenQ(Settings):
     takes_initial: ClassVar[bool] = False
 
     def solve(
-        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+        self, problem: Quadratic, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
         """The poses; InputError for a problem without translations."""
         if not problem.has_positions:

@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.problem import Problem, RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize import spectral
 from certpgo.optimize.iterative import Settings
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
@@ -33,9 +33,9 @@ class EigenRA(Settings):
 
     Examples
     --------
-    >>> from certpgo import RotationProblem, get_solver
+    >>> from certpgo import Quadratic, get_solver
     >>> from certpgo.io.datasets.synthetic import winding_cycle
-    >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
+    >>> problem = Quadratic(winding_cycle(6, 0.3, 0)[0].graph)
     >>> solution = get_solver("eigen_ra")().solve(problem)
     >>> solution.lower_bound <= solution.cost  # the spectral bound, after eq. 4.7
     True
@@ -50,7 +50,7 @@ class EigenRA(Settings):
     takes_initial: ClassVar[bool] = False
 
     def solve(
-        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+        self, problem: Quadratic, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
         """Rotations of the problem; translations, if any, are ignored."""
         watch = Stopwatch()
@@ -64,9 +64,7 @@ class EigenRA(Settings):
             seconds=watch.seconds,
         )
 
-    def rotations_of(
-        self, problem: RotationProblem, watch: Stopwatch
-    ) -> tuple[FloatArray, float | None]:
+    def rotations_of(self, problem: Quadratic, watch: Stopwatch) -> tuple[FloatArray, float | None]:
         """Rotations (n, d, d), and the spectral bound on F*, if the weights are the graph's."""
         if self.weights == "unit":
             problem = problem.with_unit_weights()

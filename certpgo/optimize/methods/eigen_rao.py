@@ -31,7 +31,7 @@ from certpgo.graph.capabilities import require_capable
 from certpgo.linalg.arrays import CSC, BoolArray, FloatArray
 from certpgo.linalg.eigen import Eigenpairs, krylov_schur
 from certpgo.objective import operators
-from certpgo.objective.problem import Problem, RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.reduced import factor_shifted
 from certpgo.optimize import spectral
 from certpgo.optimize.iterative import Iterative
@@ -80,10 +80,10 @@ class EigenRAO(Iterative):
     Examples
     --------
     >>> import numpy as np
-    >>> from certpgo import RotationProblem, get_solver
+    >>> from certpgo import Quadratic, get_solver
     >>> from certpgo.io.datasets.thesis import langevin_graph
     >>> instance = langevin_graph(40, 12.0, 3.0, np.random.default_rng(0), outliers=0.15)
-    >>> problem = RotationProblem(instance.graph)
+    >>> problem = Quadratic(instance.graph)
     >>> solution = get_solver("eigen_rao")().solve(problem)
     >>> float((solution.weights[instance.outliers] == 0.0).mean()) > 0.8
     True
@@ -110,7 +110,7 @@ class EigenRAO(Iterative):
             )
 
     def solve(
-        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+        self, problem: Quadratic, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
         """Rotations of the problem, and the weights W of the kept measurements."""
         watch = Stopwatch()
@@ -134,7 +134,7 @@ class EigenRAO(Iterative):
             weights=weights,
         )
 
-    def steps(self, rotation: RotationProblem, watch: Stopwatch | None = None) -> Iterator[Step]:
+    def steps(self, rotation: Quadratic, watch: Stopwatch | None = None) -> Iterator[Step]:
         """The iterations of Algorithm 3, without end; the first is EigenRA's estimate."""
         require_capable(rotation.graph, "isotropic method")
         watch = watch or Stopwatch()
@@ -163,7 +163,7 @@ class EigenRAO(Iterative):
 
 
 def _smallest_eigenpairs(
-    problem: RotationProblem, W: FloatArray, Rbar: FloatArray, start: FloatArray | None
+    problem: Quadratic, W: FloatArray, Rbar: FloatArray, start: FloatArray | None
 ) -> Eigenpairs:
     """Of the matrix with degrees on its diagonal and off-diagonal blocks -kappa W Rbar_ij."""
     degree = problem.node_weights
@@ -177,7 +177,7 @@ def _smallest_eigenpairs(
     return krylov_schur(A, factor.solve, problem.d, shift=shift, tol=1e-4, start=start)
 
 
-def _restored(problem: RotationProblem, W: FloatArray) -> FloatArray:
+def _restored(problem: Quadratic, W: FloatArray) -> FloatArray:
     """W with row sums restored to the degrees, then symmetrized: lines 12 to 14.
 
     A node whose measurements all have weight zero keeps it.

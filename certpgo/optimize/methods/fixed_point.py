@@ -8,7 +8,7 @@ import numpy as np
 
 from certpgo.graph import Estimate
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.iterative import Iterative
 from certpgo.optimize.methods.eigen_ra import EigenRA
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
@@ -30,9 +30,9 @@ class FixedPoint(Iterative):
 
     Examples
     --------
-    >>> from certpgo import RotationProblem, get_solver
+    >>> from certpgo import Quadratic, get_solver
     >>> from certpgo.io.datasets.synthetic import winding_cycle
-    >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
+    >>> problem = Quadratic(winding_cycle(6, 0.3, 0)[0].graph)
     >>> get_solver("fixed_point")(tolerance=1e-9).solve(problem).status.value
     'converged'
     """
@@ -41,7 +41,7 @@ class FixedPoint(Iterative):
     max_iterations: int = 1000
 
     def solve(
-        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+        self, problem: Quadratic, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
         """Refined rotations, with optimal translations if the problem has any."""
         watch = Stopwatch()

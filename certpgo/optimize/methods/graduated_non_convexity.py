@@ -17,7 +17,7 @@ from certpgo.graph import Estimate
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.chi_squared import quantiles
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.initialization import start_of
 from certpgo.optimize.iterative import Iterative
 from certpgo.optimize.methods._robust import FAINT, fitted
@@ -52,10 +52,10 @@ class GraduatedNonConvexity(Iterative):
     Examples
     --------
     >>> import numpy as np
-    >>> from certpgo import RotationProblem, get_solver
+    >>> from certpgo import Quadratic, get_solver
     >>> from certpgo.io.datasets.thesis import langevin_graph
     >>> instance = langevin_graph(40, 12.0, 3.0, np.random.default_rng(0), outliers=0.15)
-    >>> problem = RotationProblem(instance.graph.with_weights(180.0))
+    >>> problem = Quadratic(instance.graph.with_weights(180.0))
     >>> solution = get_solver("graduated_non_convexity")().solve(problem)
     >>> float((solution.weights[instance.outliers] == 0.0).mean()) > 0.9
     True
@@ -76,7 +76,7 @@ class GraduatedNonConvexity(Iterative):
 
     def solve(
         self,
-        problem: Problem,
+        problem: Quadratic,
         *,
         initial: Estimate | None = None,
         trusted: IntArray | None = None,
@@ -119,14 +119,14 @@ class GraduatedNonConvexity(Iterative):
         return fitted(problem, kept, point, progress, note=_threshold(problem, float(c.max())))
 
 
-def _start(problem: Problem) -> Estimate:
+def _start(problem: Quadratic) -> Estimate:
     """Poses along the tree of the earliest measurements, if each measures a whole pose."""
     if problem.graph.is_partial:
         return start_of(problem).estimate
     return SpanningTree("earliest").solve(problem).estimate
 
 
-def largest_angle(problem: Problem, c: float) -> float:
+def largest_angle(problem: Quadratic, c: float) -> float:
     """The angle whose residual is c at the median weight, at most pi, radians.
 
     Zero where no rotation is measured.
@@ -136,7 +136,7 @@ def largest_angle(problem: Problem, c: float) -> float:
     return 2.0 * float(np.arcsin(min(sine, 1.0)))
 
 
-def _threshold(problem: Problem, c: float) -> str:
+def _threshold(problem: Quadratic, c: float) -> str:
     """A remark on which angles are rejected."""
     if not problem.rotation.median_kappa > 0.0:
         return "no rotation is measured"

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from certpgo.graph import Estimate
 from certpgo.graph.trees import tree_initialization
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.iterative import Iterative
 from certpgo.optimize.laplacian_averaging import laplacian_gauss_newton
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
@@ -27,9 +27,9 @@ class LaplacianGaussNewton(Iterative):
 
     Examples
     --------
-    >>> from certpgo import RotationProblem, get_solver
+    >>> from certpgo import Quadratic, get_solver
     >>> from certpgo.io.datasets.synthetic import winding_cycle
-    >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
+    >>> problem = Quadratic(winding_cycle(6, 0.3, 0)[0].graph)
     >>> get_solver("laplacian_gauss_newton")().solve(problem).status.value
     'converged'
     """
@@ -38,7 +38,7 @@ class LaplacianGaussNewton(Iterative):
     max_iterations: int = 100
 
     def solve(
-        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+        self, problem: Quadratic, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
         """Rotations, with optimal translations if the problem has any."""
         watch = Stopwatch()

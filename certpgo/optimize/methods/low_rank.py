@@ -10,7 +10,7 @@ from certpgo.errors import SpecError
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Lift, Point, rounded
 from certpgo.linalg.rotations import orthonormal
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize import spectral
 from certpgo.optimize.iterative import Iterative
 from certpgo.optimize.low_rank_descent import descend
@@ -33,10 +33,10 @@ class LowRank(Iterative):
     --------
     At rank d + 1 a winding can be undone, which at rank d it cannot:
 
-    >>> from certpgo import RotationProblem, get_solver
+    >>> from certpgo import Quadratic, get_solver
     >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> instance, _ = winding_cycle(9, 0.3, 1)
-    >>> problem = RotationProblem(instance.graph)
+    >>> problem = Quadratic(instance.graph)
     >>> solution = get_solver("low_rank")(seed=1).solve(problem)
     >>> bool(abs(solution.cost - problem.cost(instance.truth)) < 1e-9)
     True
@@ -48,7 +48,7 @@ class LowRank(Iterative):
     seed: int | None = None
 
     def solve(
-        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+        self, problem: Quadratic, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
         """The estimate nearest to the point reached, with optimal translations.
 
@@ -85,7 +85,7 @@ class LowRank(Iterative):
             note=f"rank {rank}, F {found.cost:.10g} before rounding",
         )
 
-    def _start(self, problem: Problem, rank: int) -> Point:
+    def _start(self, problem: Quadratic, rank: int) -> Point:
         if self.seed is None:
             return spectral.spectral_start(problem)
         rng = np.random.default_rng(self.seed)

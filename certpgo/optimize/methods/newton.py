@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from certpgo.graph import Estimate
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize import spectral
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
@@ -20,16 +20,16 @@ class Newton(NewtonSettings):
 
     Examples
     --------
-    >>> from certpgo import RotationProblem, get_solver
+    >>> from certpgo import Quadratic, get_solver
     >>> from certpgo.io.datasets.synthetic import winding_cycle
-    >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
+    >>> problem = Quadratic(winding_cycle(6, 0.3, 0)[0].graph)
     >>> solution = get_solver("newton")().solve(problem)
     >>> solution.status.value, problem.stationarity(solution.estimate) < 1e-9
     ('converged', True)
     """
 
     def solve(
-        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+        self, problem: Quadratic, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
         """The stationary point that descent from ``initial`` reaches."""
         watch = Stopwatch()

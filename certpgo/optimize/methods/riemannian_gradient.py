@@ -19,8 +19,8 @@ from certpgo.graph import Estimate
 from certpgo.graph.trees import tree_initialization
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.base import FirstOrder
-from certpgo.objective.problem import Problem
+from certpgo.objective.edge_sums import FirstOrder
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.iterative import Iterative
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.progress import Progress
@@ -54,9 +54,9 @@ class RiemannianGradient(Iterative):
     Local: an initial estimate that winds around the cycle once still does at the end.
 
     >>> from certpgo.io.datasets.synthetic import winding_cycle
-    >>> from certpgo import RotationProblem, get_solver
+    >>> from certpgo import Quadratic, get_solver
     >>> instance, around = winding_cycle(9, 0.3, 1)
-    >>> problem = RotationProblem(instance.graph)
+    >>> problem = Quadratic(instance.graph)
     >>> solution = get_solver("riemannian_gradient")().solve(problem, initial=around)
     >>> solution.cost > 2.0 * problem.cost(instance.truth)
     True
@@ -67,7 +67,7 @@ class RiemannianGradient(Iterative):
     max_iterations: int = 20_000
 
     def solve(
-        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+        self, problem: Quadratic, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
         """The stationary point that descent from ``initial`` reaches."""
         watch = Stopwatch()
@@ -111,7 +111,7 @@ class RiemannianGradient(Iterative):
 class _Descent:
     """A point, and its steepest descent direction in the metric of the nodes' curvatures."""
 
-    def __init__(self, problem: Problem, point: Estimate) -> None:
+    def __init__(self, problem: Quadratic, point: Estimate) -> None:
         self.problem, self.point = problem, point
         self.first: FirstOrder = problem.first_order(point)
         weight = np.where(problem.curvature > 0.0, problem.curvature, 1.0)  # 0 of points

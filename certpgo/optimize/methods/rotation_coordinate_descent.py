@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from certpgo.graph import Estimate
 from certpgo.graph.trees import tree_initialization
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.methods._coordinates import Sweeping, stacked
 from certpgo.optimize.methods._relaxed import ALONE
 from certpgo.optimize.monitor import Iteration, Monitor, Stopwatch, silent
@@ -32,9 +32,9 @@ class RotationCoordinateDescent(Sweeping):
 
     Examples
     --------
-    >>> from certpgo import RotationProblem, get_solver
+    >>> from certpgo import Quadratic, get_solver
     >>> from certpgo.io.datasets.synthetic import winding_cycle
-    >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
+    >>> problem = Quadratic(winding_cycle(6, 0.3, 0)[0].graph)
     >>> solution = get_solver("rotation_coordinate_descent")().solve(problem)
     >>> solution.status.value, solution.lower_bound
     ('converged', None)
@@ -44,7 +44,7 @@ class RotationCoordinateDescent(Sweeping):
     max_iterations: int = 10_000
 
     def solve(
-        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+        self, problem: Quadratic, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
         """Rotations that no single block can improve, with optimal translations."""
         watch, rotation = Stopwatch(), problem.rotation

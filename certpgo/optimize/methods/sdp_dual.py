@@ -20,9 +20,9 @@ class DualSDP(Semidefinite):
 
     Examples
     --------
-    >>> from certpgo import RotationProblem, get_solver
+    >>> from certpgo import Quadratic, get_solver
     >>> from certpgo.io.datasets.synthetic import winding_cycle
-    >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
+    >>> problem = Quadratic(winding_cycle(6, 0.3, 0)[0].graph)
     >>> solution = get_solver("sdp_dual")().solve(problem)
     >>> bool(abs(solution.lower_bound - solution.cost) < 1e-6)  # strong duality, numerically
     True

@@ -20,9 +20,9 @@ class PrimalSDP(Semidefinite):
 
     Examples
     --------
-    >>> from certpgo import RotationProblem, get_solver
+    >>> from certpgo import Quadratic, get_solver
     >>> from certpgo.io.datasets.synthetic import winding_cycle
-    >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
+    >>> problem = Quadratic(winding_cycle(6, 0.3, 0)[0].graph)
     >>> solution = get_solver("sdp_primal")().solve(problem)
     >>> solution.relaxation.rank  # d: the relaxation is tight
     3

@@ -10,7 +10,7 @@ import numpy as np
 from certpgo.graph import Estimate, Graph
 from certpgo.graph.trees import compose, spanning_tree
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.iterative import Settings
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.solution import Solution, Status
@@ -31,9 +31,9 @@ class SpanningTree(Settings):
 
     Examples
     --------
-    >>> from certpgo import RotationProblem, get_solver
+    >>> from certpgo import Quadratic, get_solver
     >>> from certpgo.io.datasets.synthetic import winding_cycle
-    >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
+    >>> problem = Quadratic(winding_cycle(6, 0.3, 0)[0].graph)
     >>> solution = get_solver("spanning_tree")(tree="odometry").solve(problem)
     >>> print(problem.residual_angles(solution.estimate).round(6))  # all on the last edge
     [0.  0.  0.  0.  0.  0.3]
@@ -44,7 +44,7 @@ class SpanningTree(Settings):
     takes_initial: ClassVar[bool] = False
 
     def solve(
-        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+        self, problem: Quadratic, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
         """Poses, or rotations, with the first node at the identity."""
         watch = Stopwatch()

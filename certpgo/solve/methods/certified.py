@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from certpgo.graph import Estimate
 from certpgo.objective.choose_cost import COSTS
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.sum import Sum
 from certpgo.optimize.initialization import Start
 from certpgo.optimize.monitor import Monitor, silent
@@ -28,7 +28,7 @@ class Certified(SolveSettings):
     --------
     >>> import certpgo
     >>> from certpgo.io.datasets.synthetic import winding_cycle
-    >>> problem = certpgo.RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
+    >>> problem = certpgo.Quadratic(winding_cycle(6, 0.3, 0)[0].graph)
     >>> certpgo.get_solver("certified")().solve(problem).lower_bound > 0.029
     True
     """
@@ -39,7 +39,7 @@ class Certified(SolveSettings):
 
     def solve(
         self,
-        problem: Problem | Sum,
+        problem: Quadratic | Sum,
         *,
         initial: Estimate | None = None,
         monitor: Monitor = silent,

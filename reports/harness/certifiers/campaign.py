@@ -17,7 +17,7 @@ from certpgo.errors import NumericalError
 from certpgo.graph import Estimate, Graph, PoseGraph, RotationGraph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray, IntArray
-from certpgo.objective.problem import PoseProblem, Problem, RotationProblem, problem_of
+from certpgo.objective.quadratic import Quadratic
 from reports.harness.certifiers import made
 from reports.harness.certifiers.made import Made
 from reports.harness.certifiers.opinions import Certifier, tally_of
@@ -37,7 +37,7 @@ SET_ASIDE, WOUND_OR_LOOSE = "set aside", "wound-up or loose"
 #: Draws after which a kind has nothing to offer for a seed.
 MOST_DRAWS = 200
 
-Posed = tuple[Problem, list[Estimate], Truth]
+Posed = tuple[Quadratic, list[Estimate], Truth]
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ def _facts(kind: InstanceKind, case: ZooPoint) -> Iterator[str]:
         return
     yield ALL
     yield case.truth.known.value
-    poses = isinstance(case.problem, PoseProblem)
+    poses = case.problem.has_positions
     yield f"{case.problem.d}D {'poses' if poses else 'rotations'}"
     if case.truth.loose or kind.draw is _wound:
         yield WOUND_OR_LOOSE
@@ -134,7 +134,7 @@ def _ring(rng: np.random.Generator, d: int = 0, largest: int = 12) -> Made | Non
     return None
 
 
-def _dressed(plain: Made, rng: np.random.Generator) -> tuple[Problem, Estimate, Estimate]:
+def _dressed(plain: Made, rng: np.random.Generator) -> tuple[Quadratic, Estimate, Estimate]:
     """The same problem with bridges, parallel edges, other labels; perhaps as poses."""
     if rng.random() < 0.3:
         plain = made.with_tree(plain, int(rng.integers(1, 4)), 10.0 ** rng.uniform(-4, 4), rng)
@@ -152,11 +152,11 @@ def _searched(rng: np.random.Generator) -> Posed | None:
     edges = np.argwhere(np.tri(n, k=-1).T)
     edges = np.concatenate([edges, edges[: rng.integers(0, 3)]])
     graph = _rotations(edges, so.random(rng, n, 2), 10.0, float(rng.integers(0, 3)), rng)
-    found = truth_by_search(RotationProblem(graph))
+    found = truth_by_search(Quadratic(graph))
     if found is None or (not found[0].loose and rng.random() < 0.98):
         return None
     truth, best = found
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     starts = [Estimate(so.random(rng, n, 2)) for _ in range(6)]
     worst = best_of(problem, starts)[-1]
     plain = Made(graph, best.rotations, worst.rotations, problem.cost(best))
@@ -218,7 +218,7 @@ def _displaced(rng: np.random.Generator) -> Posed | None:
 
 def _uneven(rng: np.random.Generator) -> Posed | None:
     """What breaks arithmetic: the best descent, and a point that is not stationary."""
-    problem = problem_of(uneven_graph(rng))
+    problem = Quadratic(uneven_graph(rng))
     starts = [_start(problem, rng) for _ in range(4)]
     points = best_of(problem, starts)
     if not points:
@@ -255,14 +255,14 @@ def _spread(decades: float, count: int, rng: np.random.Generator) -> FloatArray:
 
 def _measured(
     edges: IntArray, d: int, noise: float, rng: np.random.Generator
-) -> tuple[Problem, Estimate]:
+) -> tuple[Quadratic, Estimate]:
     """Rotations or poses, and the truth that was measured."""
     n, m = int(edges.max()) + 1, len(edges)
     decades = float(rng.choice([0.0, 1.0, 3.0, 6.0]))
     true = so.random(rng, n, d)
     rotation = _rotations(edges, true, noise, decades, rng)
     if rng.random() < 0.5:
-        return RotationProblem(rotation), Estimate(true)
+        return Quadratic(rotation), Estimate(true)
     length = 10.0 ** (rng.uniform(-6.0, 6.0) if rng.random() < 0.3 else 0.0)
     t = length * rng.standard_normal((n, d))
     if rng.random() < 0.2:
@@ -272,7 +272,7 @@ def _measured(
     step += noise * length * rng.standard_normal((m, d))
     tau = 10.0 ** rng.uniform(-decades / 2, decades / 2, m) / length**2
     graph = PoseGraph(rotation, step, tau)
-    return problem_of(graph), Estimate(true, t)
+    return Quadratic(graph), Estimate(true, t)
 
 
 def _rotations(
@@ -297,7 +297,7 @@ def _edges(n: int, extra: int, rng: np.random.Generator) -> IntArray:
     return edges
 
 
-def _start(problem: Problem, rng: np.random.Generator) -> Estimate:
+def _start(problem: Quadratic, rng: np.random.Generator) -> Estimate:
     return Estimate(so.random(rng, problem.n, problem.d))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from reports.harness.certifiers import made
 from reports.harness.certifiers.points import (
     ZooPoint,
@@ -28,7 +28,7 @@ def half_turn_triangles(quick: bool) -> Iterator[ZooPoint]:
     for k, frames in enumerate(so.random(np.random.default_rng(3), 2 if quick else 8, 3)):
         for measured in ((np.eye(3), x, y), (x, y, z), (x, np.eye(3), z)):
             turned = frames @ np.array(measured) @ frames.T
-            problem = RotationProblem(RotationGraph(3, edges, so.project(turned), np.ones(3)))
+            problem = Quadratic(RotationGraph(3, edges, so.project(turned), np.ones(3)))
             rng = np.random.default_rng(np.random.SeedSequence((3, k)))
             starts = [Estimate(so.random(rng, 3, 3)) for _ in range(6)]
             saddle = problem.complete(frames @ np.array([np.eye(3), np.eye(3), x]) @ frames.T)
@@ -44,7 +44,7 @@ def contradicting(quick: bool) -> Iterator[ZooPoint]:
         half = so.project(so.exp(math.pi * np.eye(so.tangent_dim(d))[-1:]))
         measured = np.concatenate([np.eye(d)[None], half])
         weights = np.full(2, 2.0**power)
-        problem = RotationProblem(RotationGraph(2, np.array([[0, 1], [0, 1]]), measured, weights))
+        problem = Quadratic(RotationGraph(2, np.array([[0, 1], [0, 1]]), measured, weights))
         truth = truth_by_form(problem, Estimate(np.stack([np.eye(d)] * 2)), 8.0 * weights[0])
         for k, angle in enumerate((0.0, 0.3, 1.5, math.pi)):
             turn = so.exp(angle * np.eye(so.tangent_dim(d))[-1:])[0]
@@ -64,7 +64,7 @@ def uneven(quick: bool) -> Iterator[ZooPoint]:
             np.concatenate([ring.graph.rotations, wrong]),
             np.concatenate([np.full(n, 2.0**heavy), [2.0**faint]]),
         )
-        problem = RotationProblem(graph)
+        problem = Quadratic(graph)
         best = stationary(problem, Estimate(ring.best))
         # The faint measurement adds at most 8 of its weight, which the slack contains.
         truth = truth_by_form(problem, best, 2.0**heavy * ring.optimum)
@@ -82,7 +82,7 @@ def long_bridges(quick: bool) -> Iterator[ZooPoint]:
         graph = problem.graph
         steps = np.zeros((graph.num_edges, d))
         steps[n, 0] = length  # the bridge hangs on the first cycle
-        long = PoseProblem(PoseGraph(graph.rotations_alone, steps, graph.tau))
+        long = Quadratic(PoseGraph(graph.rotations_alone, steps, graph.tau))
         truth = truth_by_form(long, long.complete(best.rotations), pair.optimum)
         for name, point in (("at the optimum", best), ("wound up", other)):
             yield ZooPoint(

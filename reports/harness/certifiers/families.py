@@ -20,7 +20,7 @@ from certpgo.io import datasets, read, read_estimate
 from certpgo.io.datasets import synthetic
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.solve.solving import solve
 from reports.harness.certifiers import extremes, located, made, own_costs
 from reports.harness.certifiers.made import Made
@@ -124,7 +124,7 @@ def _circle(n: int, d: int, radius: float) -> ZooPoint:
     t[:, 0], t[:, 1] = radius * np.cos(angles), radius * np.sin(angles)
     i, j = ring.graph.edges.T
     graph = PoseGraph(ring.graph, t[j] - t[i], np.full(n, 1.0 / radius**2))
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     truth = truth_by_form(problem, problem.complete(ring.best), 0.0)
     point = stationary(problem, Estimate(ring.other, t))
     return ZooPoint(f"{d}D n={n} circle of {radius:g} m", problem, point, truth)
@@ -141,7 +141,7 @@ def _loose_in_the_plane(quick: bool) -> Iterator[ZooPoint]:
     found = 0
     for seed in itertools.count():
         rng = np.random.default_rng(np.random.SeedSequence((4, seed)))
-        problem = RotationProblem(_random_complete(4, 2, rng))
+        problem = Quadratic(_random_complete(4, 2, rng))
         searched = truth_by_search(problem)
         if searched is None or not searched[0].loose:
             continue
@@ -159,7 +159,7 @@ def _noise_in_space(quick: bool) -> Iterator[ZooPoint]:
     """Random measurements between all pairs: loose or nearly, the best of eight descents."""
     for seed in range(8 if quick else 30):
         rng = np.random.default_rng(np.random.SeedSequence((8, seed)))
-        problem = RotationProblem(_random_complete(4 + seed % 8, 3, rng))
+        problem = Quadratic(_random_complete(4 + seed % 8, 3, rng))
         points = best_of(problem, [Estimate(so.random(rng, problem.n, 3)) for _ in range(8)])
         truth = truth_by_oracle(problem, points[0])
         yield ZooPoint(f"K_{problem.n}, seed {seed}, best", problem, points[0], truth)
@@ -176,7 +176,7 @@ def _half_turns(quick: bool) -> Iterator[ZooPoint]:
             half = so.exp(math.pi * np.eye(so.tangent_dim(d))[-1:])
             measured = np.concatenate([np.eye(d)[None], half])
             graph = RotationGraph(2, np.array([[0, 1], [0, 1]]), measured, np.array([1.0, weight]))
-            problem = RotationProblem(graph)
+            problem = Quadratic(graph)
             points = [Estimate(np.stack([np.eye(d), R])) for R in measured]
             # The sum of both is best matched by the heavier one.
             truth = truth_by_form(problem, points[0], 8.0 * weight)
@@ -197,7 +197,7 @@ def _written(quick: bool) -> Iterator[ZooPoint]:
                 path.write_text("".join(_lines(ring, rotations, norm)), encoding="utf-8")
                 graph = rotations_alone(read(path)).graph
                 point = read_estimate(path)
-            problem = RotationProblem(graph)
+            problem = Quadratic(graph)
             optimum = float(problem.graph.kappa[0]) * ring.optimum
             truth = truth_by_form(problem, Estimate(ring.best), optimum)
             yield ZooPoint(f"{kind} n={n} norm {norm:g}", problem, Estimate(point.rotations), truth)
@@ -256,7 +256,7 @@ def _garage(quick: bool) -> Iterator[ZooPoint]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputNotice)
         graph = rotations_alone(datasets.load(GARAGE, download=False)).graph
-    problem = RotationProblem(graph)
+    problem = Quadratic(graph)
     best = solve(graph).estimate
     # Too large for the oracle: the better point refutes, and that the optimum is one stays open.
     truth = truth_in_hand(problem, best)
@@ -265,7 +265,7 @@ def _garage(quick: bool) -> Iterator[ZooPoint]:
         yield ZooPoint(f"{times:g} F*", problem, _soft_move(problem, best, times), truth)
 
 
-def _soft_move(problem: RotationProblem, best: Estimate, times: float) -> Estimate:
+def _soft_move(problem: Quadratic, best: Estimate, times: float) -> Estimate:
     """The rotations turned along the Fiedler vector about one axis, to ``times`` the cost."""
     factor = problem.grounded_factor(problem.laplacian)
     mode = np.random.default_rng(0).standard_normal(problem.n)
@@ -290,7 +290,7 @@ def _soft_move(problem: RotationProblem, best: Estimate, times: float) -> Estima
     return moved(high)
 
 
-def _cycle_optimum(problem: RotationProblem) -> tuple[Estimate, float]:
+def _cycle_optimum(problem: Quadratic) -> tuple[Estimate, float]:
     """Of a cycle 0 - 1 - ... - 0 of unit weights: its error turned evenly into all edges."""
     measured, n = problem.graph.rotations, problem.n
     chain = np.empty_like(measured)
@@ -310,8 +310,8 @@ def _random_complete(n: int, d: int, rng: np.random.Generator) -> Graph:
     return RotationGraph(n, edges, so.random(rng, len(edges), d), np.ones(len(edges)))
 
 
-def _cycle_problem(n: int, sigma: float, rng: np.random.Generator, d: int) -> RotationProblem:
-    return RotationProblem(synthetic.cycle(n, sigma, rng, d).graph)
+def _cycle_problem(n: int, sigma: float, rng: np.random.Generator, d: int) -> Quadratic:
+    return Quadratic(synthetic.cycle(n, sigma, rng, d).graph)
 
 
 def _best(ring: Made, name: str) -> ZooPoint:

@@ -13,7 +13,7 @@ from certpgo.graph.information import of_positions
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.choose_cost import CHORDAL, COSTS, Sum
-from certpgo.objective.problem import PoseProblem
+from certpgo.objective.quadratic import Quadratic
 from reports.harness.certifiers.oracle import RESIDUALS
 from reports.harness.certifiers.points import (
     ZooPoint,
@@ -94,7 +94,7 @@ def _starts(n: int, d: int, rng: np.random.Generator) -> list[Estimate]:
 
 def _problem(
     extras: Extras, cost: str, d: int, noise: float, rng: np.random.Generator
-) -> tuple[PoseProblem | Sum, Estimate]:
+) -> tuple[Quadratic | Sum, Estimate]:
     """The problem, its nodes in any order but for the world, and the truth."""
     poses = int(rng.integers(4, 9))
     is_measured = extras.positions or extras.attitudes
@@ -129,7 +129,7 @@ def _problem(
     graph = PoseGraph(rotation, there, tau, points=flags if extras.points else None)
     true = Estimate(so.project(R), t)
     if cost == CHORDAL:
-        return PoseProblem(graph), true
+        return Quadratic(graph), true
     full = _information(m, d, rng)
     full[kappa == 0.0] = of_positions(full[kappa == 0.0, :d, :d])
     return Sum(graph.with_information(full), COSTS[cost]), true

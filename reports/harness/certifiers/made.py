@@ -15,7 +15,7 @@ from certpgo.graph import Estimate, Graph, PoseGraph, RotationGraph
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.objective.quadratic import Quadratic
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,15 +37,15 @@ class Made:
         """Number of nodes."""
         return self.graph.num_nodes
 
-    def rotations_problem(self) -> tuple[RotationProblem, Estimate, Estimate]:
+    def rotations_problem(self) -> tuple[Quadratic, Estimate, Estimate]:
         """The problem, its optimum and the other point."""
-        return RotationProblem(self.graph), Estimate(self.best), Estimate(self.other)
+        return Quadratic(self.graph), Estimate(self.best), Estimate(self.other)
 
-    def poses_problem(self, tau: FloatArray) -> tuple[PoseProblem, Estimate, Estimate]:
+    def poses_problem(self, tau: FloatArray) -> tuple[Quadratic, Estimate, Estimate]:
         """The same as poses that are all at one place: F* is that of the rotations."""
         still = np.zeros((self.graph.num_edges, self.d))
         origin = np.zeros((self.n, self.d))
-        problem = PoseProblem(PoseGraph(self.graph, still, tau))
+        problem = Quadratic(PoseGraph(self.graph, still, tau))
         return problem, Estimate(self.best, origin), Estimate(self.other, origin)
 
 

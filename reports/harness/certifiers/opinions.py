@@ -14,7 +14,7 @@ from certpgo.errors import InputError, MissingDependency
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.choose_cost import Sum
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from reports.harness.certifiers import oracle, rules
 from reports.harness.certifiers.points import Known, ZooPoint
 from reports.harness.experiments.zoo_records import ALL, FAULTS, Outcome, Tally
@@ -45,7 +45,7 @@ class Opinion:
     undecided: bool = False
 
 
-Certifier = Callable[[Problem | Sum, Estimate], Opinion]
+Certifier = Callable[[Quadratic | Sum, Estimate], Opinion]
 
 
 def certifiers() -> dict[str, Certifier]:
@@ -142,7 +142,7 @@ def _is_refuted(case: ZooPoint, opinion: Opinion) -> bool:
 
 
 def _ours(tier: Tier, refine: bool) -> Certifier:
-    def certifier(problem: Problem | Sum, point: Estimate) -> Opinion:
+    def certifier(problem: Quadratic | Sum, point: Estimate) -> Opinion:
         estimate = Estimate(point.rotations, point.translations)  # which checks its matrices
         certificate = certify(problem, estimate, tier=tier, refine=refine)
         return Opinion(
@@ -160,7 +160,7 @@ def _ours(tier: Tier, refine: bool) -> Certifier:
 def _theirs(name: str) -> Certifier:
     rule = rules.get_rule(name)
 
-    def certifier(problem: Problem | Sum, point: Estimate) -> Opinion:
+    def certifier(problem: Quadratic | Sum, point: Estimate) -> Opinion:
         if isinstance(problem, Sum):
             raise InputError(f"{name} is about F")
         return Opinion(rule(problem, point))

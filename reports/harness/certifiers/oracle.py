@@ -16,7 +16,7 @@ from certpgo.errors import MissingDependency
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.choose_cost import Sum
-from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.objective.quadratic import Quadratic
 
 #: Bits of the balls' midpoints, and of another attempt where long chains have used them up.
 BITS, MORE_BITS = 160, 1024
@@ -26,7 +26,7 @@ SHIFTS = tuple(10.0**-k for k in range(14, 6, -1))
 Matrix = dict[tuple[int, int], Any]
 
 
-def cost(problem: Problem | Sum, estimate: Estimate) -> tuple[float, float]:
+def cost(problem: Quadratic | Sum, estimate: Estimate) -> tuple[float, float]:
     """A lower and an upper bound on the cost of an estimate."""
     with library().ctx.workprec(BITS):
         if isinstance(problem, Sum):
@@ -34,7 +34,7 @@ def cost(problem: Problem | Sum, estimate: Estimate) -> tuple[float, float]:
         return _cost(problem, estimate)
 
 
-def _cost(problem: Problem, estimate: Estimate) -> tuple[float, float]:
+def _cost(problem: Quadratic, estimate: Estimate) -> tuple[float, float]:
     flint = library()
     R, measured = _rotations(estimate.rotations), _rotations(problem.rotation.graph.rotations)
     total = flint.arb(0)
@@ -42,7 +42,7 @@ def _cost(problem: Problem, estimate: Estimate) -> tuple[float, float]:
         residual = R[j] - R[i] * measured[e]
         squares = (residual * residual.transpose()).trace()
         total += float(problem.rotation.graph.kappa[e]) * squares
-        if isinstance(problem, PoseProblem) and estimate.translations is not None:
+        if problem.has_positions and estimate.translations is not None:
             t, step = estimate.translations, _column(problem.graph.translations[e])
             gap = _column(t[j]) - _column(t[i]) - R[i] * step
             total += float(problem.graph.tau[e]) * (gap.transpose() * gap)[0, 0]
@@ -114,7 +114,7 @@ def _vee(E: Any) -> list[Any]:
     return [(E[a, b] - E[b, a]) / 2 for a, b in pairs]
 
 
-def lower_bound(problem: Problem, point: Estimate, allowed: float) -> float:
+def lower_bound(problem: Quadratic, point: Estimate, allowed: float) -> float:
     """A number that F* is proven to be at least, from the multipliers of a stationary point.
 
     Minus infinity where no shift of the multipliers that costs at most ``allowed`` leaves the
@@ -134,7 +134,7 @@ def lower_bound(problem: Problem, point: Estimate, allowed: float) -> float:
     return -math.inf
 
 
-def is_proof(problem: Problem, multipliers: FloatArray) -> bool | None:
+def is_proof(problem: Quadratic, multipliers: FloatArray) -> bool | None:
     """Whether tr(Lam) is a lower bound: M - blkdiag(0, Lam) is positive semidefinite.
 
     None where the balls are too wide to say.
@@ -148,10 +148,10 @@ def is_proof(problem: Problem, multipliers: FloatArray) -> bool | None:
     return None
 
 
-def _certificate_matrix(problem: Problem, M: Matrix, multipliers: FloatArray) -> Matrix:
+def _certificate_matrix(problem: Quadratic, M: Matrix, multipliers: FloatArray) -> Matrix:
     """M - blkdiag(0, Lam), without the first translation, and the rotations that points lack."""
     flint, d = library(), problem.d
-    poses = isinstance(problem, PoseProblem)
+    poses = problem.has_positions
     width = d + poses
     S = dict(M)
     for node, block in enumerate(0.5 * (multipliers + np.swapaxes(multipliers, 1, 2))):
@@ -165,10 +165,10 @@ def _certificate_matrix(problem: Problem, M: Matrix, multipliers: FloatArray) ->
     return {at: x for at, x in S.items() if cut.isdisjoint(at)}
 
 
-def _objective(problem: Problem) -> Matrix:
+def _objective(problem: Quadratic) -> Matrix:
     """M with F = tr(X M X^T), by the definition of F, edge by edge."""
     flint, d = library(), problem.d
-    poses = isinstance(problem, PoseProblem)
+    poses = problem.has_positions
     width = d + poses
     M: Matrix = {}
 
@@ -186,7 +186,7 @@ def _objective(problem: Problem) -> Matrix:
                 entry = -kappa * measured[e][a, b]
                 add(at_i + a, at_j + b, entry)
                 add(at_j + b, at_i + a, entry)
-        if isinstance(problem, PoseProblem):
+        if problem.has_positions:
             tau = flint.arb(float(problem.graph.tau[e]))
             step = [(at_i + a, -float(x)) for a, x in enumerate(problem.graph.translations[e])]
             terms = [(j * width, 1.0), (i * width, -1.0), *step]

@@ -11,7 +11,7 @@ from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import Sum
-from certpgo.objective.problem import Problem, RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.levenberg_marquardt import descend
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 from reports.harness.certifiers import oracle, search
@@ -60,7 +60,7 @@ class ZooPoint:
     """
 
     name: str
-    problem: Problem | Sum
+    problem: Quadratic | Sum
     point: Estimate
     truth: Truth
 
@@ -84,7 +84,7 @@ class ZooPoint:
         return high - self.truth.lower <= MARGIN * self.tolerance(high)
 
 
-def stationary(problem: Problem | Sum, start: Estimate) -> Estimate:
+def stationary(problem: Quadratic | Sum, start: Estimate) -> Estimate:
     """Where descent from an estimate ends."""
     if isinstance(problem, Sum):
         if start.translations is None:
@@ -96,12 +96,12 @@ def stationary(problem: Problem | Sum, start: Estimate) -> Estimate:
     return problem.complete(point.rotations)
 
 
-def truth_in_hand(problem: Problem | Sum, best: Estimate) -> Truth:
+def truth_in_hand(problem: Quadratic | Sum, best: Estimate) -> Truth:
     """The truth where a point is all that is known."""
     return Truth(oracle.cost(problem, best)[1], -math.inf, Known.OPEN)
 
 
-def truth_by_form(problem: Problem | Sum, best: Estimate, optimum: float) -> Truth:
+def truth_by_form(problem: Quadratic | Sum, best: Estimate, optimum: float) -> Truth:
     """The truth where F* is known in closed form and ``best`` attains it.
 
     The stored data are the form's but for rounding, of some 1e-15 of each term.
@@ -111,7 +111,7 @@ def truth_by_form(problem: Problem | Sum, best: Estimate, optimum: float) -> Tru
     return Truth(upper, max(0.0, optimum - slack), Known.CLOSED_FORM)
 
 
-def truth_by_search(problem: RotationProblem) -> tuple[Truth, Estimate] | None:
+def truth_by_search(problem: Quadratic) -> tuple[Truth, Estimate] | None:
     """The truth by exhaustive search, and the optimum; None when the search is too long."""
     found = search.minimum(problem)
     if found is None:
@@ -121,7 +121,7 @@ def truth_by_search(problem: RotationProblem) -> tuple[Truth, Estimate] | None:
     return Truth(proven.upper, found.lower, Known.SEARCH, proven.loose), best
 
 
-def truth_by_oracle(problem: Problem, best: Estimate) -> Truth:
+def truth_by_oracle(problem: Quadratic, best: Estimate) -> Truth:
     """The truth as far as the interval oracle knows it, from the best point in hand."""
     _, upper = oracle.cost(problem, best)
     allowed = MARGIN * (RTOL * upper + ATOL * problem.scale)
@@ -130,7 +130,7 @@ def truth_by_oracle(problem: Problem, best: Estimate) -> Truth:
     return Truth(upper, lower, Known.ORACLE if is_known else Known.OPEN, loose=not is_known)
 
 
-def best_of(problem: Problem | Sum, starts: list[Estimate]) -> list[Estimate]:
+def best_of(problem: Quadratic | Sum, starts: list[Estimate]) -> list[Estimate]:
     """The stationary points that descents from the starts end in, the best one first."""
     points = []
     for start in starts:

@@ -7,11 +7,11 @@ from collections.abc import Callable
 from certpgo import registry
 from certpgo.errors import SpecError
 from certpgo.graph import Estimate
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 
 #: A rule that is given an estimate and returns the one it calls optimal (the same, or where its own
 #: descent ended), or None. It raises InputError for a problem that it does not take.
-Rule = Callable[[Problem, Estimate], Estimate | None]
+Rule = Callable[[Quadratic, Estimate], Estimate | None]
 
 
 def rule_names() -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from certpgo.errors import InputError
 from certpgo.graph import Estimate
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.problem import RotationProblem
+from certpgo.objective.quadratic import Quadratic
 
 #: Nodes that a search takes, and cells that it holds at once.
 MOST_NODES, MOST_CELLS = 4, 200_000
@@ -35,7 +35,7 @@ class SearchedOptimum:
     lower: float
 
 
-def minimum(problem: RotationProblem) -> SearchedOptimum | None:
+def minimum(problem: Quadratic) -> SearchedOptimum | None:
     """The optimum; None when the cells become too many.
 
     Raises
@@ -69,7 +69,7 @@ def minimum(problem: RotationProblem) -> SearchedOptimum | None:
 class _Field:
     """F and its lower bounds on cells of angles."""
 
-    def __init__(self, problem: RotationProblem) -> None:
+    def __init__(self, problem: Quadratic) -> None:
         graph = problem.graph
         self.i, self.j = graph.edges.T
         self.measured = so.log(graph.rotations)[:, 0]

@@ -22,7 +22,7 @@ from certpgo.errors import NumericalError, SpecError
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.choose_cost import Sum
-from certpgo.objective.problem import PoseProblem, Problem, RotationProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize import riemannian_newton as newton
 from certpgo.optimize import spectral
 from certpgo.optimize.solution import Solution
@@ -37,7 +37,7 @@ Truth = tuple[IntArray, Estimate]
 SAME, SAME_SCALE = 1e-6, 1e-12
 
 
-def of_graph(keys: Iterable[str], problem: Problem) -> dict[str, float]:
+def of_graph(keys: Iterable[str], problem: Quadratic) -> dict[str, float]:
     """Metrics of the graph alone, those asked for, and residual-angle bounds.
 
     Eigenvalues are the smallest of the connection Laplacian, and Fiedler's, from which the bounds
@@ -58,7 +58,7 @@ def of_graph(keys: Iterable[str], problem: Problem) -> dict[str, float]:
     return {key: values[key] for key in asked if key in values}
 
 
-def optimum(problem: Problem) -> float | None:
+def optimum(problem: Quadratic) -> float | None:
     """F of the optimum to rounding; None where none is certified."""
     found = solve(problem)
     if found.verdict is not Verdict.CERTIFIED:
@@ -66,13 +66,13 @@ def optimum(problem: Problem) -> float | None:
     return min(found.cost, newton.newton(problem, found.estimate, near=True).cost)
 
 
-def certified_by(problem: Problem, certificate: Certificate) -> str:
+def certified_by(problem: Quadratic, certificate: Certificate) -> str:
     """Which bounds prove the estimate, or the stationary point near it, optimal.
 
     Residual-angle bounds are about stationary rotations alone, not about poses.
     """
     point, holding = certificate.refined, list[str]()
-    if isinstance(problem, RotationProblem) and (b := _residual_bounds(problem, point)) is not None:
+    if not problem.has_positions and (b := _residual_bounds(problem, point)) is not None:
         largest = float(problem.residual_angles(point).max())
         holding = [
             name
@@ -90,7 +90,7 @@ def certified_by(problem: Problem, certificate: Certificate) -> str:
     return ", ".join(holding) or "none"
 
 
-def _residual_bounds(problem: RotationProblem, point: Estimate) -> Bounds | None:
+def _residual_bounds(problem: Quadratic, point: Estimate) -> Bounds | None:
     """Residual-angle bounds of a stationary point; None elsewhere, or where eigenvalues fail."""
     if problem.stationarity(point) > SETTLED:
         return None
@@ -101,8 +101,8 @@ def _residual_bounds(problem: RotationProblem, point: Estimate) -> Bounds | None
 
 def of_estimate(
     keys: Iterable[str],
-    problem: Problem | Sum,
-    evaluated: Problem,
+    problem: Quadratic | Sum,
+    evaluated: Quadratic,
     solution: Solution,
     certificate: Certificate | None,
     certify_seconds: float = 0.0,
@@ -149,7 +149,7 @@ def of_estimate(
         values["own_bound"] = solution.lower_bound
     if "f_ml" in keys:
         values["f_ml"] = metrics.f_ml(evaluated.graph, estimate)
-    if "mean_symmetry" in keys and isinstance(evaluated, PoseProblem):
+    if "mean_symmetry" in keys and evaluated.has_positions:
         values["mean_symmetry"] = metrics.mean_symmetry(evaluated.graph, estimate)
     if certificate is not None:
         values["lower_bound"] = certificate.lower_bound

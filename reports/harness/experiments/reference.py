@@ -9,7 +9,8 @@ import numpy as np
 
 from certpgo.graph import Graph
 from certpgo.linalg.blocks import add_to_diagonal, pinned
-from certpgo.objective.problem import PoseProblem, Problem, problem_of
+from certpgo.linalg.factor import default_engine
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.sum import Sum
 from certpgo.registry import build
 from certpgo.solve.solving import solve
@@ -34,9 +35,9 @@ def against(
         alone the method gets
     """
     with one_core() as kept:
-        engine = method.engine or None
-        ours = _step(method, lambda: problem_of(graph, engine))
-        times = paired(ours, _step(reference, lambda: problem_of(complete, engine)))
+        engine = method.engine or default_engine()
+        ours = _step(method, lambda: Quadratic(graph, engine))
+        times = paired(ours, _step(reference, lambda: Quadratic(complete, engine)))
     metrics = {
         "ratio": times.ratio,
         "median_seconds": times.first,
@@ -45,13 +46,13 @@ def against(
     return metrics, kept
 
 
-def _step(method: Method, posed: Callable[[], Problem]) -> Step:
+def _step(method: Method, posed: Callable[[], Quadratic]) -> Step:
     if method.solver == FACTORIZATION:
         return _factorization(posed())
     return step_of(method, posed)
 
 
-def step_of(method: Method, posed: Callable[[], Problem | Sum]) -> Step:
+def step_of(method: Method, posed: Callable[[], Quadratic | Sum]) -> Step:
     """The method on a problem, after the method that it starts from on the chordal problem."""
     own = _own_step(method, posed)
     if method.start is None:
@@ -60,12 +61,12 @@ def step_of(method: Method, posed: Callable[[], Problem | Sum]) -> Step:
     return lambda: (before(), own())[-1]
 
 
-def chordal(problem: Problem | Sum) -> Problem:
+def chordal(problem: Quadratic | Sum) -> Quadratic:
     """The problem under F."""
     return problem.chordal if isinstance(problem, Sum) else problem
 
 
-def _own_step(method: Method, posed: Callable[[], Problem | Sum]) -> Step:
+def _own_step(method: Method, posed: Callable[[], Quadratic | Sum]) -> Step:
     solver: Any = build(method.solver, method.settings)
     prepared = getattr(solver, "prepared", None)
     if prepared is not None:
@@ -77,12 +78,12 @@ def _own_step(method: Method, posed: Callable[[], Problem | Sum]) -> Step:
 
 def factorization(graph: Graph, engine: str | None = None) -> Step:
     """One numeric factorization of the optimum's certificate matrix: the machine's own unit."""
-    return _factorization(problem_of(graph, engine))
+    return _factorization(Quadratic(graph, engine or default_engine()))
 
 
-def _factorization(problem: Problem) -> Step:
+def _factorization(problem: Quadratic) -> Step:
     S = problem.certificate_matrix(problem.multipliers(solve(problem).estimate))
-    if isinstance(problem, PoseProblem):
+    if problem.has_positions:
         S = pinned(S, np.array([0]))
     S = add_to_diagonal(S, SHIFT * float(S.diagonal().mean()))
     symbolic = problem.symbolic(S)

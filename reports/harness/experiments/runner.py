@@ -18,7 +18,7 @@ from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.components import connected_parts, rotations_alone
 from certpgo.linalg.factor import default_engine
 from certpgo.objective.choose_cost import CHORDAL, objective_of
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.solution import Status
 from certpgo.solve.comparison import certified, solution_of
 from certpgo.solve.provenance import provenance
@@ -163,7 +163,7 @@ class _Context:
             return None
         self.announce(f"{self.instance.name}: the optimum")
         try:
-            return evaluate.optimum(problem_of(self.instance.graph))
+            return evaluate.optimum(Quadratic(self.instance.graph))
         except CertPGOError:
             return None  # every method then says why
 
@@ -174,7 +174,7 @@ class _Context:
             return
         self.announce(f"{self.instance.name}: {method.label} again")
         with suppress(Exception, OutOfTime), self.limit.kept():
-            problem = problem_of(self.instance.graph, method.engine or None)
+            problem = Quadratic(self.instance.graph, method.engine or default_engine())
             settings = self.trial.row.settings
             self.first = solution_of(method, problem, self.instance, settings=settings).estimate
 
@@ -205,7 +205,7 @@ def _solved(method: Method, context: _Context, best: float | None, record: Recor
     """The record completed by the method's estimate and its metrics."""
     trial, instance, judged = context.trial, context.instance, context.judged
     table = trial.table
-    problem = problem_of(instance.graph, method.engine or None)
+    problem = Quadratic(instance.graph, method.engine or default_engine())
     if not method.solver:
         asked = [key for key in table.metrics if key in (method.published or table.metrics)]
         return replace(record, metrics=evaluate.of_graph(asked, problem))
@@ -226,7 +226,7 @@ def _solved(method: Method, context: _Context, best: float | None, record: Recor
     trace = () if record.seed else trace_of(solution)
     record = replace(record, **of_solution(solution), note=note, trace=trace)
     certificate, seconds = certified(solution, posed) if table.certify else (None, 0.0)
-    evaluated = problem if judged is instance else problem_of(judged.graph)
+    evaluated = problem if judged is instance else Quadratic(judged.graph)
     metrics = evaluate.of_estimate(
         table.metrics,
         posed,

@@ -11,7 +11,7 @@ from certpgo.certify import Verdict
 from certpgo.graph import Estimate, Graph, PoseGraph, RotationGraph
 from certpgo.io.datasets.edges import random_edges
 from certpgo.linalg import rotations as so
-from certpgo.objective.problem import Problem, problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 from certpgo.solve.solving import solve
 
@@ -60,7 +60,7 @@ def graphs(count: int, seed: int = 0) -> Iterator[Graph]:
 
 def attacked(number: int, graph: Graph, restarts: int) -> RestartOutcome:
     """The estimate of `solve`, and the best of Newton's method from uniformly random rotations."""
-    solved, problem = solve(graph), problem_of(graph)
+    solved, problem = solve(graph), Quadratic(graph)
     best = np.inf
     if solved.verdict is Verdict.BOUNDED:
         rng = np.random.default_rng(number)
@@ -70,7 +70,7 @@ def attacked(number: int, graph: Graph, restarts: int) -> RestartOutcome:
     return RestartOutcome(number, solved.verdict, solved.cost, best)
 
 
-def _restarted(problem: Problem, start: Estimate) -> float:
+def _restarted(problem: Quadratic, start: Estimate) -> float:
     return newton(problem, start, NewtonSettings(tolerance=TOLERANCE, max_iterations=STEPS)).cost
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from certpgo.io import datasets
 from certpgo.objective import operators
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize import spectral
 from reports.harness.experiments.reference import step_of
 from reports.harness.experiments.spec import Method
@@ -38,11 +38,11 @@ def groups(quick: bool) -> Iterator[Group]:
 @contextmanager
 def _set(name: str) -> Iterator[Timers]:
     graph = datasets.load(name, download=False, quiet=True).graph
-    rotations = problem_of(graph).rotation
+    rotations = Quadratic(graph).rotation
     vectors = functools.partial(spectral.smallest_eigenpairs, rotations)
     yield {
-        EIGENMA: processor(step_of(Method("eigen_ma"), lambda: problem_of(graph))),
-        CHORDAL: processor(step_of(Method("gtsam_chordal"), lambda: problem_of(graph))),
+        EIGENMA: processor(step_of(Method("eigen_ma"), lambda: Quadratic(graph))),
+        CHORDAL: processor(step_of(Method("gtsam_chordal"), lambda: Quadratic(graph))),
         KRYLOV_SCHUR: processor(vectors),
         ARPACK: processor(functools.partial(vectors, method="arpack")),
     }

@@ -18,7 +18,7 @@ from certpgo.linalg import compiled, factor, multifrontal
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal
 from certpgo.linalg.multifrontal import Fronts, Tree
-from certpgo.objective.problem import PoseProblem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.solve.solving import solve
 from reports.harness.experiments.timing import processor_seconds
 from reports.harness.speed.measuring import Comparison, Group, Lap, Timer, Timers, processor
@@ -100,7 +100,7 @@ def _helix(turns: int) -> Iterator[Timers]:
         raise MissingDependency("the compiled engine", remedy=compiled.COMPILED)
     graph: Any = synthetic.helix(turns, np.random.default_rng(0)).graph
     estimate = finished(solve(graph)).estimate
-    problem = PoseProblem(graph)
+    problem = Quadratic(graph)
     steps, work = _phases(problem, estimate)
     whole: dict[str, Callable[[], Any]] = {
         SOLVING: lambda: finished(solve(graph)),
@@ -116,12 +116,12 @@ def _helix(turns: int) -> Iterator[Timers]:
 
 
 def _phases(
-    problem: PoseProblem, estimate: Any
+    problem: Quadratic, estimate: Any
 ) -> tuple[dict[str, Callable[[], Any]], dict[str, Work]]:
     """What is done inside, and the least work of each."""
     pattern, graph = problem.pattern, problem.graph
     indptr, indices = pattern.indptr, pattern.indices
-    H, S = _definite(problem.gauss_newton(estimate)), _definite(problem.data_matrix)
+    H, S = _definite(problem.gauss_newton(estimate)), _definite(problem.matrix)
     (newton, entries), (dual, of_dual) = _fronts(problem, H), _fronts(problem, S)
     weights = np.ones((dual.size, 2))
     panels = newton.factor_kept_single(entries, H.diagonal())
@@ -158,7 +158,7 @@ def _phases(
     return steps, work
 
 
-def _fronts(problem: PoseProblem, A: CSC) -> tuple[Fronts, FloatArray]:
+def _fronts(problem: Quadratic, A: CSC) -> tuple[Fronts, FloatArray]:
     """The fronts of a matrix of this graph, and its entries."""
     tree = Tree.of(problem.pattern.indptr, problem.pattern.indices, problem.order)
     sizes = problem.pattern.layout_of(A).sizes

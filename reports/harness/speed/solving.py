@@ -20,7 +20,7 @@ from certpgo.graph import Instance
 from certpgo.io import datasets, write
 from certpgo.io.gtsam_values import estimate_from_values
 from certpgo.objective.choose_cost import CHORDAL, objective_of
-from certpgo.objective.problem import Problem
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.sum import Sum
 from certpgo.optimize.solution import Status
 from certpgo.solve.result import CertifiedSolution
@@ -154,6 +154,6 @@ def of_gtsam(instance: Instance, cost: str, calls: int = 1) -> Timer:
     return processor(step, functools.partial(_ended, problem), calls=calls)
 
 
-def _ended(problem: Problem | Sum, values: Any) -> str:
+def _ended(problem: Quadratic | Sum, values: Any) -> str:
     estimate, _ = estimate_from_values(values, np.arange(problem.n), problem.d, True, exact=True)
     return f"{problem.cost(estimate):.8g}"

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from certpgo import Estimate, certify, solve
-from certpgo.objective.problem import problem_of
+from certpgo.objective.quadratic import Quadratic
 from reports.studies.bookkeeping.drawing import Measurements, draw
 from reports.studies.bookkeeping.judging import SAME, Claim, Findings, judge, poses_of
 from reports.studies.bookkeeping.oracle import Cost, Poses
@@ -29,7 +29,7 @@ def judge_extremes(rng: np.random.Generator, found: Findings) -> None:
         return
     with found.refusals("certify"):
         tier, given = str(rng.choice(["standard", "proof"])), Estimate(*starts[0])
-        certificate = certify(problem_of(of.graph), given, tier=tier, time_limit=LIMIT)
+        certificate = certify(Quadratic(of.graph), given, tier=tier, time_limit=LIMIT)
         claim = Claim.of(f"certify, {tier}", certificate, given)
         judge(found, cost, [claim], [poses_of(certificate.best)])
 
@@ -77,7 +77,7 @@ def judge_mahalanobis(rng: np.random.Generator, found: Findings) -> None:
         cost = Cost(scaled, "mahalanobis")
         answer = solve(instance, cost="chordal")
         x = poses_of(answer.estimate)
-        own = problem_of(instance.graph).cost(answer.estimate)
+        own = Quadratic(instance.graph).cost(answer.estimate)
         true = cost.value(x)
         slack = SAME * true + 4.0 * cost.rounding(x)
         found.require(own <= true + slack, f"terms {own!r} above those of the information {true!r}")
