@@ -22,7 +22,6 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any, Literal, Union, cast, get_args, get_origin, get_type_hints
 
 from certpgo.errors import MissingDependency, SpecError, UnusableFile, require
-from certpgo.graph import Graph
 
 if TYPE_CHECKING:
     from certpgo.graph import Graph

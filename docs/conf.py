@@ -54,11 +54,13 @@ include_patterns = ["**.md", "**.rst", "lessons/*.py"]  # other Python here is n
 smartquotes = False  # they would turn -- of --method into a dash
 nitpicky = True
 # Types of other packages have no page here, and fetching their indices needs a network. Nor have
-# type variables.
+# type variables; what graphs hold is said with `certpgo.Graph`.
 nitpick_ignore_regex = [
     (r"py:.*", r"(numpy|scipy|matplotlib|collections|dataclasses|fractions|pathlib|types)\..*"),
     (r"py:class", r"certpgo\..*\.Any[A-Z]\w*"),
     (r"py:class", r"certpgo\.checker\.\w+"),
+    (r"py:class", r"certpgo\.graph\.graph_data\.GraphData"),
+    (r"py:class", r"Point"),  # the alias, within the types of functions
 ]
 
 # Markdown

@@ -312,7 +312,7 @@ def test_only_what_is_positive_semidefinite_passes(
     arrays["multipliers"][k] += size if add else -size
     if tried(path, arrays) is not None:
         graph = checker.read_graph(path.read_bytes(), proofs.claim_of(arrays), None)
-        assert not arrays["multipliers"][graph.is_point].any()
+        assert not arrays["multipliers"][graph.points].any()
         measured = measured_by(path, graph)
         A = proofs.exact_matrix(graph, measured, arrays["multipliers"], True)
         assert proofs.is_positive_semidefinite(A)

@@ -48,7 +48,7 @@ def drawn(seed, d=None, mean=None):
     known = rng.choice(6 - points, int(rng.integers(0, 3)), replace=False).tolist()
     graph, _ = random_maps(rng, d, 6, 9, known=known, points=points, turn=0.2, scale=0.2)
     mean = bool(rng.integers(0, 2)) if mean is None else mean
-    return replace(graph, free=~graph.is_point) if mean else graph
+    return graph.with_unknown_scales(~graph.is_point) if mean else graph
 
 
 @pytest.fixture(params=["known", "mean"])
@@ -56,7 +56,7 @@ def small(request, tmp_path):
     """A graph's file with a point, the arrays of its proof, and its bounds."""
     graph, _ = random_maps(rng_of(4), 3, 6, 9, known=(2,), points=1, turn=0.2, scale=0.2)
     if request.param == "mean":
-        graph = replace(graph, free=~graph.is_point)
+        graph = graph.with_unknown_scales(~graph.is_point)
     path, proof, said = proven(tmp_path, graph)
     return path, proofs.arrays_of(proof), said
 
@@ -524,7 +524,7 @@ def test_a_file_of_g2o_is_proven(essential, tmp_path):
     said = write_proof(proof, essential, instance, answer.estimate, answer.certificate)
     assert said.relative_gap < 1e-8
     assert integer_checker.check(essential, proof).about == said.about
-    other = replace(instance, graph=replace(instance.graph, free=~instance.graph.is_point))
+    other = replace(instance, graph=instance.graph.with_unknown_scales(~instance.graph.is_point))
     answer = certpgo.solve(other)
     with pytest.raises(InputError, match="not that of the file"):
         write_proof(proof, essential, other, answer.estimate, answer.certificate)

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from certpgo.io.matching import Matching
     from certpgo.objective.choose_cost import Certifiable, Judged
     from certpgo.solve.assessment import Assessment
-    from certpgo.solve.batch import JudgedComponent
+    from certpgo.solve.batch import JudgedPart
     from certpgo.solve.metrics import TrajectoryErrors
     from certpgo.solve.outliers import Disagreement
 
@@ -146,7 +146,7 @@ def command(
     from certpgo.io.digits import writing_of
     from certpgo.io.matching import Matching
     from certpgo.io.timestamps import file_of_times, timed, timed_by
-    from certpgo.solve.batch import JudgedComponent
+    from certpgo.solve.batch import JudgedPart
     from certpgo.solve.judging import Judge
 
     if len(estimates) > 1 and csv is None:
@@ -174,10 +174,8 @@ def command(
 
     posed = posing(instance, asked.cost, rejected, quantile)
 
-    def judged(of: Instance) -> list[JudgedComponent]:
-        return [
-            JudgedComponent(*one, Judge(one[1], **settings)) for one in posed(reading.parts(of))
-        ]
+    def judged(of: Instance) -> list[JudgedPart]:
+        return [JudgedPart(*one, Judge(one[1], **settings)) for one in posed(reading.parts(of))]
 
     if csv is not None:
         return _batch(estimates, sources, instance, judged, how, csv, json, reading, status)
@@ -194,7 +192,7 @@ def command(
     that, writing = how.of_truth(truth_offset), writing_of(of_estimate.path())
     truths = [KnownPoses.of(of_truth, part.instance, reading, that) for part in parts]
 
-    def assessed(part: JudgedComponent, point: Estimate, truth: KnownPoses | None) -> _Assessed:
+    def assessed(part: JudgedPart, point: Estimate, truth: KnownPoses | None) -> _Assessed:
         accuracy = None if truth is None else truth.errors(point)
         with working(f"certifying {part.instance.name}") as status.line:
             found = part.assessed(point, writing)
@@ -211,7 +209,7 @@ def command(
 class _Assessed(Result):
     """The verdict on an estimate of a connected graph, which text names by its title, if any."""
 
-    part: JudgedComponent
+    part: JudgedPart
     given: Estimate
     found: Assessment
     disagreement: Disagreement | None
@@ -323,7 +321,7 @@ def _batch(
     names: Sequence[str],
     sources: dict[str, Source | InputError],
     instance: Instance,
-    judged: Callable[[Instance], list[JudgedComponent]],
+    judged: Callable[[Instance], list[JudgedPart]],
     how: Matching,
     out: Path,
     json: bool,
@@ -335,12 +333,12 @@ def _batch(
 
     from certpgo.certify.wording import named_cost
     from certpgo.graph.phrases import cost_shown
-    from certpgo.solve.batch import JudgedComponent, judge_all, write_rows
+    from certpgo.solve.batch import JudgedPart, judge_all, write_rows
 
-    whole, used, rows = judged(instance), list[JudgedComponent](), []
+    whole, used, rows = judged(instance), list[JudgedPart](), []
     with working("certifying") as status.line:
 
-        def read(name: str) -> Iterator[tuple[JudgedComponent, Estimate]]:
+        def read(name: str) -> Iterator[tuple[JudgedPart, Estimate]]:
             status.line.update(f"certifying {name}")
             source = sources[name]
             if isinstance(source, InputError):

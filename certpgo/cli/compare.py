@@ -19,7 +19,6 @@ from certpgo.cli._rules import Rule
 from certpgo.cli._show import document, notice, paragraph, table, working
 from certpgo.cli._truth import OF_TRUTH, KnownPoses, TruthFile, TruthOffset
 from certpgo.errors import CertPGOError, InputError, how_to_install
-from certpgo.graph import Graph
 
 if TYPE_CHECKING:
     from certpgo.graph import Graph, Instance

@@ -90,6 +90,18 @@ class Graph(Speaking, GraphData):
         An index out of range, a self-loop, a matrix not a rotation, a weight out of range, an array
         of another shape; an edge that measures nothing, or one that leaves a point or measures its
         rotation; weights that are not isotropic beside scales.
+
+    Examples
+    --------
+    A graph says what it holds, and which nodes are what:
+
+    >>> import numpy as np
+    >>> import certpgo
+    >>> rotation = certpgo.RotationGraph(3, [[0, 1], [1, 2]], [np.eye(2)] * 2, kappa=[1.0, 0.0])
+    >>> steps, lamp = np.ones((2, 2)), np.array([False, False, True])
+    >>> graph = certpgo.PoseGraph(rotation, steps, np.ones(2), points=lamp)
+    >>> isinstance(graph, certpgo.Graph), graph.is_point.tolist(), graph.size_in_words
+    (True, [False, False, True], '2 poses and 1 point, 2 edges, 2D')
     """
 
     @cached_property

@@ -57,7 +57,7 @@ class JudgedEstimate:
 
 
 @dataclass(frozen=True)
-class JudgedComponent:
+class JudgedPart:
     """A connected graph, its problem, and the certifier of its estimates."""
 
     instance: Instance
@@ -78,7 +78,7 @@ class JudgedComponent:
 
 
 def judge_all(
-    names: Iterable[str], read: Callable[[str], Iterable[tuple[JudgedComponent, Estimate]]]
+    names: Iterable[str], read: Callable[[str], Iterable[tuple[JudgedPart, Estimate]]]
 ) -> Iterator[JudgedEstimate]:
     """The rows of each estimate; one that cannot be read becomes a row with the error.
 

@@ -183,11 +183,14 @@ def problem_of_certificate(instance: Instance, certificate: Certificate) -> Sum:
     InputError
         There are no proofs about that cost.
     """
-    others = [name for name in costs.costs_of(instance) if name != costs.CHORDAL]
-    problems = [costs.objective_of(instance, name) for name in others]
-    problem = next(p for p in problems if p.title == certificate.objective)
-    refuse(problem.unprovable)
-    return cast("Sum", problem)
+    for name in costs.costs_of(instance):
+        if name != costs.CHORDAL and (
+            (problem := costs.objective_of(instance, name)).title == certificate.objective
+        ):
+            refuse(problem.unprovable)
+            return cast("Sum", problem)
+    what = "rotations alone" if not instance.graph.has_positions else instance.name
+    raise InputError(f"{certificate.objective} is no cost of {what}, so no proof is about it")
 
 
 def of_cost(problem: Sum, graph: checker.Graph, certificate: Certificate) -> BoundEvidence:

@@ -19,7 +19,7 @@ from certpgo.linalg import rotations as so
 from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.riemannian_newton import newton
 from certpgo.solve.assessment import assess, costly_edges, distance
-from certpgo.solve.batch import JudgedComponent, judge_all, write_rows
+from certpgo.solve.batch import JudgedPart, judge_all, write_rows
 from certpgo.solve.judging import Judge
 
 JARGON = (
@@ -219,9 +219,7 @@ def test_sentences_need_no_paper():
 
 
 def part_of(problem, name="walk"):
-    return JudgedComponent(
-        Instance(name, problem.graph, np.arange(problem.n)), problem, Judge(problem)
-    )
+    return JudgedPart(Instance(name, problem.graph, np.arange(problem.n)), problem, Judge(problem))
 
 
 def test_one_bound_serves_all_answers_that_lead_to_it(monkeypatch):
@@ -253,7 +251,7 @@ def test_one_bound_serves_all_answers_that_lead_to_it(monkeypatch):
 def test_no_rows_follow_an_interruption():
     problem, best = optimum(0, 12, 3)
     stopped = Judge(problem, monitor=lambda _: True)
-    part = JudgedComponent(Instance("walk", problem.graph, np.arange(12)), problem, stopped)
+    part = JudgedPart(Instance("walk", problem.graph, np.arange(12)), problem, stopped)
     step = so.exp(0.01 * rng_of(0).standard_normal((12, 3)))  # a descent is needed
     shaken = Estimate(best.rotations @ step, best.translations)
     rows = list(judge_all(["one", "two"], lambda _: [(part, shaken)]))
