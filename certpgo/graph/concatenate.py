@@ -43,6 +43,8 @@ def joined(
     kinds = np.full(num_nodes, Node.POSE if graphs[0].has_positions else Node.ROTATION)
     if points is not None:
         kinds[points] = Node.POINT
+    for graph, to in zip(graphs, own, strict=True):
+        kinds[to[graph.is_other]] = graph.nodes[graph.is_other]
 
     def rows(name: str) -> Any:
         return np.concatenate([getattr(graph, name) for graph in graphs])

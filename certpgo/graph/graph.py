@@ -60,7 +60,8 @@ class Graph(Speaking, GraphData):
 
     Attributes
     ----------
-    nodes : (n,) what each node is, a `certpgo.graph.kinds.Node`: all are rotations alone, or none
+    nodes : (n,) what each node is, see `certpgo.graph.kinds.NODES`; all are rotations alone, or
+        none
     edges : (m, 2) node pairs (i, j); parallel edges are allowed, their terms add
     rotations : (m, d, d) measured R_ij ~ R_i^T R_j, d = 2 or 3; a matrix of few digits is replaced
         by the nearest rotation
@@ -215,7 +216,7 @@ class Graph(Speaking, GraphData):
         if (free & self.is_point).any():
             node = int(np.argmax(free & self.is_point))
             raise GraphError(f"node {node}: a point has no scale")
-        nodes = np.where(self.is_point, Node.POINT, np.where(free, Node.SCALED, Node.POSE))
+        nodes = np.where(free, Node.SCALED, np.where(self.free, Node.POSE, self.nodes))
         return replace(self, nodes=nodes)
 
     def in_units_of(self, scales: FloatArray) -> Self:

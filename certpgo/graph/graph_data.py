@@ -20,7 +20,7 @@ from certpgo.graph.edges import (
 )
 from certpgo.graph.estimate import check_scales
 from certpgo.graph.information import Information
-from certpgo.graph.kinds import Kind, Node, kinds_of
+from certpgo.graph.kinds import NODES, Kind, Node, kinds_of
 from certpgo.graph.observations import Observations
 from certpgo.graph.ranges import Ranges
 from certpgo.linalg import rotations as so
@@ -89,8 +89,8 @@ class GraphData(Pairs):
         nodes = self.nodes
         if not self.num_nodes:
             raise GraphError("a graph needs at least one node")
-        if nodes.ndim != 1 or not np.isin(nodes, list(Node)).all():
-            raise GraphError("nodes must be (n,) kinds, see certpgo.graph.kinds.Node")
+        if nodes.ndim != 1 or not np.isin(nodes, list(NODES)).all():
+            raise GraphError("nodes must be (n,) kinds, see certpgo.graph.kinds.NODES")
         alone = nodes == Node.ROTATION
         if alone.any() and not alone.all():
             raise GraphError(
@@ -203,6 +203,11 @@ class GraphData(Pairs):
     def free(self) -> BoolArray:
         """(n,) which nodes have an unknown scale."""
         return frozen_flags(self.nodes == Node.SCALED)
+
+    @cached_property
+    def is_other(self) -> BoolArray:
+        """(n,) which nodes are of kinds that this package has none of."""
+        return frozen_flags(self.nodes > max(Node))
 
     @cached_property
     def pose_nodes(self) -> IntArray:

@@ -23,6 +23,16 @@ class Node(IntEnum):
     SCALED = 3  #: a pose whose unit of length is unknown
 
 
+#: What nodes are called. One of a kind of its own has the next number: a row here, and one in
+#: `certpgo.objective.manifolds.MANIFOLDS`.
+NODES: dict[int, str] = {
+    Node.POSE: "pose{s}",
+    Node.ROTATION: "rotation{s}",
+    Node.POINT: "point{s}",
+    Node.SCALED: "pose{s} of unknown scale",
+}
+
+
 class Kind(IntEnum):
     """What a measurement is of.
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from certpgo.graph import Instance
 from certpgo.graph.keys import Keys
-from certpgo.graph.kinds import Kind
+from certpgo.graph.kinds import NODES, Kind
 from certpgo.graph.phrases import counted
 from certpgo.graph.ranges import Ranges
 from certpgo.io.format import Format
@@ -22,6 +22,8 @@ def unheld(form: Format, whole: Instance) -> Iterator[str]:
     for block in graph.blocks:
         if not isinstance(block, Ranges):
             yield f"no format holds {type(block).__name__}"
+    for kind in np.unique(graph.nodes[graph.is_other]).tolist():
+        yield f"no format holds {NODES[kind].format(s='s')}"
     if graph.has_couplings:
         yield "no format holds matrix weights or couplings"
     if graph.has_scales and not form.holds_scales:

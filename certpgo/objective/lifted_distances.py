@@ -95,7 +95,9 @@ class LiftedDistances(Brief):
     def whole(self) -> Quadratic:
         """The problem in which each distance is an edge that measures zero, with its weight."""
         one = self.measured
-        lifting = COMPLEX if self.d == 2 and not one.has_matrix_weights else REAL
+        # Frames of other kinds may be reflected, which complex numbers are not.
+        real = self.d == 3 or one.has_matrix_weights or one.is_other.any()
+        lifting = REAL if real else COMPLEX
         return Quadratic(with_rows_of(one, [self.distances]), self.engine, lifting)
 
     @cached_property

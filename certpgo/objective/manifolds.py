@@ -6,26 +6,32 @@ S = M less the blocks Lam of symmetric multipliers, and S >= 0,
 
     F = tr(X S X^T) + sum of tr(Lam_i Y_i^T Y_i) >= sum over kinds of what their diagonals prove.
 
-A kind of one's own derives from one of these by `dataclasses.replace`. A problem takes it for some
-of its nodes: `Quadratic(graph, nodes=[(kind, indices)])`.
+A kind of one's own derives from one of these by `dataclasses.replace`, and has a number: a row in
+`MANIFOLDS`, and one in `certpgo.graph.kinds.NODES`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from certpgo.errors import InputError
 from certpgo.graph.kinds import Node
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import U
 
 Blocks = Callable[[FloatArray], FloatArray]
+
+
+def same(blocks: FloatArray) -> FloatArray:
+    """The blocks themselves."""
+    return blocks
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,18 +65,9 @@ class Manifold:
     turns: bool = False
     scaled: bool = False
 
-
-#: Kinds that a graph does not know, each with the indices of its nodes.
-Others = Sequence[tuple[Manifold, IntArray]]
-
-
-#: What nodes of a graph may be.
-NODES = tuple(Node)
-
-
-def same(blocks: FloatArray) -> FloatArray:
-    """The blocks themselves."""
-    return blocks
+    def __post_init__(self) -> None:
+        if self.turns and self.constrained not in (same, np.zeros_like):
+            raise InputError(f"{self.name}: where frames turn, symmetric blocks are multipliers")
 
 
 def sum_of(diagonals: FloatArray) -> float:
@@ -164,6 +161,15 @@ IN_MEAN_UNIT = Manifold(
 )
 
 
+#: What each kind of node is.
+MANIFOLDS: dict[int, Manifold] = {
+    Node.POSE: POSE,
+    Node.ROTATION: POSE,
+    Node.POINT: POINT,
+    Node.SCALED: SCALED,
+}
+
+
 @dataclass(frozen=True, eq=False)
 class Kinds:
     """The kinds of a graph's nodes.
@@ -178,16 +184,12 @@ class Kinds:
     manifolds: tuple[Manifold, ...]
 
     @staticmethod
-    def in_graph(graph: Any, pose: Manifold, others: Others = ()) -> Kinds:
-        """Those that a graph knows, its poses being of kind ``pose``, and others of some nodes."""
-        scaled = IN_MEAN_UNIT if graph.in_mean_unit and not others else SCALED
-        own = {Node.POSE: pose, Node.ROTATION: pose, Node.POINT: POINT, Node.SCALED: scaled}
-        manifolds, of = list(map(own.__getitem__, NODES)), graph.nodes
-        for manifold, nodes in others:
-            of = of.copy()
-            of[nodes] = len(manifolds)
-            manifolds.append(manifold)
-        return Kinds(of, tuple(manifolds))
+    def in_graph(graph: Any, pose: Manifold) -> Kinds:
+        """Those of a graph, whose poses are of kind ``pose``."""
+        own = {**MANIFOLDS, Node.POSE: pose, Node.ROTATION: pose}
+        if graph.in_mean_unit:
+            own[Node.SCALED] = IN_MEAN_UNIT
+        return Kinds(graph.nodes, tuple(own[k] for k in range(len(own))))
 
     @cached_property
     def _parts(self) -> list[tuple[Manifold, IntArray]]:

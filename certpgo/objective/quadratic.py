@@ -29,7 +29,7 @@ from certpgo.objective.elimination import EliminatedTranslations
 from certpgo.objective.enclosure import enclosure
 from certpgo.objective.lifting import REAL, Lifting
 from certpgo.objective.manifold_model import ManifoldModel
-from certpgo.objective.manifolds import Kinds, Others
+from certpgo.objective.manifolds import Kinds
 from certpgo.objective.objective import Surrogate
 from certpgo.objective.scales import SHARES, Scales
 
@@ -58,7 +58,6 @@ class Quadratic(EdgeOperators):
         concentrations kappa and tau
     engine : factorization engine, see `certpgo.linalg.factor.engines`
     lifting : the dimensions that points of the relaxation rise into
-    nodes : other kinds than the graph's own, of frames, each with the indices of its nodes
     is_part : whether the edges are a part of a problem, of any sign, and need not determine nodes
 
     Raises
@@ -88,7 +87,6 @@ class Quadratic(EdgeOperators):
     graph: Graph
     engine: str = field(default_factory=default_engine)
     lifting: Lifting = REAL
-    nodes: Others = ()
     is_part: bool = False
 
     is_chordal = True
@@ -96,8 +94,6 @@ class Quadratic(EdgeOperators):
 
     def __post_init__(self) -> None:
         require(self.graph, Graph, "a graph")
-        if any(kind.scaled for kind, _ in self.nodes):
-            raise InputError("scales are the graph's: certpgo.SimilarityGraph")
         if self.is_signed:
             return  # the edges of a surrogate need not determine the nodes
         graph = self.graph
@@ -146,13 +142,13 @@ class Quadratic(EdgeOperators):
         if not self.has_positions:
             return self
         alone = self.graph.rotations_alone
-        rotations = Quadratic(alone, self.engine, nodes=self.nodes, is_part=True)
+        rotations = Quadratic(alone, self.engine, is_part=True)
         return rotations if self.graph.is_point.any() else self._shared(rotations)
 
     @property
     def unprovable(self) -> str:
         """Why there are no proofs of the cost; empty if there are."""
-        if self.nodes:
+        if self.graph.is_other.any():
             return "the proof tier knows no nodes of other kinds than the graph's own"
         if not self.graph.has_matrix_weights:
             return ""
@@ -202,7 +198,7 @@ class Quadratic(EdgeOperators):
     @cached_property
     def kinds(self) -> Kinds:
         """The kinds of nodes."""
-        return Kinds.in_graph(self.graph, self.lifting.pose, self.nodes)
+        return Kinds.in_graph(self.graph, self.lifting.pose)
 
     @cached_property
     def takes_scales(self) -> bool:  # type: ignore[override]
@@ -241,7 +237,7 @@ class Quadratic(EdgeOperators):
         scales: FloatArray | None = None,
     ) -> Estimate:
         """An estimate, whose blocks need not be rotations where kinds of nodes are others."""
-        make = Estimate.trusted if self.nodes else Estimate
+        make = Estimate.trusted if self.graph.is_other.any() else Estimate
         return make(rotations, translations, scales=scales)
 
     def nearest_estimates(self, point: Point) -> Iterator[Estimate]:

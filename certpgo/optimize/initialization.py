@@ -9,6 +9,7 @@ import numpy as np
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.display import Brief
+from certpgo.graph.kinds import Node
 from certpgo.graph.trees import tree_initialization
 from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize import spectral
@@ -51,10 +52,11 @@ def start_of(problem: Quadratic) -> Start:
     rotations alone those of the connection Laplacian (`eigen_ma`, `eigen_ra`). If these fail,
     because weights range over many decades, the averaged rotations are kept. Where some
     measurements are of translations alone, eigenvectors of the data matrix are used at once. Nodes
-    of kinds that the graph does not know start as poses, rounded.
+    of other kinds start as poses, rounded.
     """
-    if problem.nodes:
-        found = start_of(replace(problem, nodes=()))
+    if (others := problem.graph.is_other).any():
+        plain = np.where(others, Node.POSE, problem.graph.nodes)
+        found = start_of(problem.of_same_edges(replace(problem.graph, nodes=plain)))
         blocks = problem.kinds.apply("rounded", found.estimate.rotations)
         return Start(problem.complete(blocks), found.name)
     if problem.has_positions and problem.graph.is_partial:

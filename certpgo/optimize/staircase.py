@@ -188,7 +188,8 @@ def _lower(problem: Climbing, point: Point, should_stop: Callable[[], bool]) -> 
     Along an eigenvector of a negative eigenvalue of the certificate matrix of the problem that
     touches the cost there, whose curvature in a new dimension is that of the cost.
     """
-    here = problem.blocks(point)
+    blocks = problem.blocks(point)
+    here = Lift(blocks.rotations, blocks.translations)
     below, _ = next(problem.tangents(here))
     S = below.certificate_matrix(problem.multipliers(here))
     layout = below.pattern.layout_of(S)
