@@ -21,6 +21,7 @@ from certpgo.certify.normalized import NormalizedProblem
 from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.certify.tolerances import NEGLIGIBLE, difference_up
 from certpgo.certify.units import in_units
+from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.optimize.solution import Status
 
@@ -45,6 +46,10 @@ def verdict(
     best = other if other is not None and other.value > own.value else own
     gap = difference_up(cost, best.value)
     finite = math.isfinite(cost) and math.isfinite(tolerance)
+    if normalized.rigorous and gap < 0.0:
+        raise NumericalError(
+            f"{problem.title}: a bound above the cost, which is a fault: report it"
+        )
 
     def rounding(point: Estimate, cost: float) -> float:
         """The cost, if that is rounding and no bound comes near it."""

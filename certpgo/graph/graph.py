@@ -60,7 +60,7 @@ class Graph(Speaking, GraphData):
 
     Attributes
     ----------
-    nodes : (n,) what each node is, see `certpgo.graph.kinds.NODES`; all are rotations alone, or
+    nodes : (n,) what each node is, see ``certpgo.graph.kinds.NODES``; all are rotations alone, or
         none
     edges : (m, 2) node pairs (i, j); parallel edges are allowed, their terms add
     rotations : (m, d, d) measured R_ij ~ R_i^T R_j, d = 2 or 3; a matrix of few digits is replaced

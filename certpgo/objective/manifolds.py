@@ -7,7 +7,7 @@ S = M less the blocks Lam of symmetric multipliers, and S >= 0,
     F = tr(X S X^T) + sum of tr(Lam_i Y_i^T Y_i) >= sum over kinds of what their diagonals prove.
 
 A kind of one's own derives from one of these by `dataclasses.replace`, and has a number: a row in
-`MANIFOLDS`, and one in `certpgo.graph.kinds.NODES`.
+``MANIFOLDS``, and one in ``certpgo.graph.kinds.NODES``.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from certpgo.certify.normalized import NormalizedProblem
 from certpgo.certify.tolerances import FLOOR, difference_up
 from certpgo.certify.verdict import verdict as verdict_on
 from certpgo.certify.wording import reason_of
-from certpgo.errors import InputError
+from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import rotations as so
@@ -130,6 +130,15 @@ def test_certified_is_a_gap_up_to_the_tolerance(share, tier, verdict):
     assert judged.cost_upper == own.cost * case.unit
     assert judged.lower_bound == (share or 0.0) * judged.cost_upper
     assert (judged.multipliers is None) is (share is None)
+
+
+def test_a_bound_above_the_cost_is_a_fault_and_no_verdict():
+    case, _, wound = case_of_a_triangle()
+    above = basin(case, wound, value=1.001 * case.cost_upper(wound))
+    with pytest.raises(NumericalError, match="F: a bound above the cost"):
+        verdict_on(case, wound, above)
+    screened, _, wound = case_of_a_triangle(Tier.SCREEN)
+    assert verdict_on(screened, wound, above).verdict is Verdict.BOUNDED
 
 
 def test_another_basin_refutes_where_it_is_better_than_the_estimates_own():
