@@ -47,9 +47,7 @@ def verdict(
     gap = difference_up(cost, best.value)
     finite = math.isfinite(cost) and math.isfinite(tolerance)
     if normalized.rigorous and gap < 0.0:
-        raise NumericalError(
-            f"{problem.title}: a bound above the cost, which is a fault: report it"
-        )
+        raise NumericalError(f"{problem.title}: a bound above the cost is a fault: report it")
 
     def rounding(point: Estimate, cost: float) -> float:
         """The cost, if that is rounding and no bound comes near it."""
