@@ -44,10 +44,12 @@ from certpgo.linalg.arrays import (
     IntArray,
     chosen_rows,
     frozen_floats,
+    frozen_indices,
 )
 
 #: What is computed of nodes and edges, whatever their weights.
-_CONNECTIVITY = ("components", "component_sizes", "has_positions", "is_point", "pose_nodes")
+_CONNECTIVITY = ("components", "component_sizes")
+_OF_NODES = ("has_positions", "has_scales", "has_others", "is_point", "free", "pose_nodes")
 #: Attributes without a row for each edge.
 _OF_ALL = ("nodes", "blocks", "is_signed")
 
@@ -111,9 +113,19 @@ class Graph(Speaking, GraphData):
         if not self.has_positions:
             return self
         m, d = self.num_edges, self.d
-        nodes = np.full(self.num_nodes, Node.ROTATION)
-        none = np.zeros((m, d)), np.zeros(m)
-        alone = Graph(nodes, self.edges, self.rotations, self.kappa, *none, self.couplings)
+        alone: Graph = object.__new__(Graph)
+        alone.__dict__.update(
+            nodes=frozen_indices(np.full(self.num_nodes, Node.ROTATION)),
+            edges=self.edges,
+            rotations=self.rotations,
+            kappa=self.kappa,
+            translations=frozen_floats(np.zeros((m, d))),
+            tau=frozen_floats(np.zeros(m)),
+            couplings=self.couplings,
+            scales=frozen_floats(np.ones(m)),
+            has_positions=False,
+            has_scales=False,
+        )
         return self.sharing(alone, "polar", "components")
 
     def sharing(self, other: Graph, *names: str) -> Graph:
@@ -127,7 +139,7 @@ class Graph(Speaking, GraphData):
         other: Self = object.__new__(type(self))
         other.__dict__.update({one.name: getattr(self, one.name) for one in fields(self)})
         other.__dict__.update(changed)
-        self.sharing(other, *_CONNECTIVITY)
+        self.sharing(other, *_CONNECTIVITY, *_OF_NODES)
         return other
 
     def with_blocks(self, *given: Observations | None) -> Self:

@@ -89,7 +89,7 @@ class GraphData(Pairs):
         nodes = self.nodes
         if not self.num_nodes:
             raise GraphError("a graph needs at least one node")
-        if nodes.ndim != 1 or not np.isin(nodes, list(NODES)).all():
+        if nodes.ndim != 1 or not 0 <= nodes.min() <= nodes.max() < len(NODES):
             raise GraphError("nodes must be (n,) kinds, see certpgo.graph.kinds.NODES")
         alone = nodes == Node.ROTATION
         if alone.any() and not alone.all():
@@ -205,9 +205,14 @@ class GraphData(Pairs):
         return frozen_flags(self.nodes == Node.SCALED)
 
     @cached_property
+    def has_others(self) -> bool:
+        """Whether some nodes are of kinds that this package has none of, see `is_other`."""
+        return bool(self.nodes.max() > Node.SCALED)
+
+    @property
     def is_other(self) -> BoolArray:
         """(n,) which nodes are of kinds that this package has none of."""
-        return frozen_flags(self.nodes > max(Node))
+        return frozen_flags(self.nodes > Node.SCALED)
 
     @cached_property
     def pose_nodes(self) -> IntArray:

@@ -96,7 +96,7 @@ class LiftedDistances(Brief):
         """The problem in which each distance is an edge that measures zero, with its weight."""
         one = self.measured
         # Frames of other kinds may be reflected, which complex numbers are not.
-        real = self.d == 3 or one.has_matrix_weights or one.is_other.any()
+        real = self.d == 3 or one.has_matrix_weights or one.has_others
         lifting = REAL if real else COMPLEX
         return Quadratic(with_rows_of(one, [self.distances]), self.engine, lifting)
 

@@ -148,7 +148,7 @@ class Quadratic(EdgeOperators):
     @property
     def unprovable(self) -> str:
         """Why there are no proofs of the cost; empty if there are."""
-        if self.graph.is_other.any():
+        if self.graph.has_others:
             return "the proof tier knows no nodes of other kinds than the graph's own"
         if not self.graph.has_matrix_weights:
             return ""
@@ -237,7 +237,7 @@ class Quadratic(EdgeOperators):
         scales: FloatArray | None = None,
     ) -> Estimate:
         """An estimate, whose blocks need not be rotations where kinds of nodes are others."""
-        make = Estimate.trusted if self.graph.is_other.any() else Estimate
+        make = Estimate.trusted if self.graph.has_others else Estimate
         return make(rotations, translations, scales=scales)
 
     def nearest_estimates(self, point: Point) -> Iterator[Estimate]:

@@ -54,8 +54,8 @@ def start_of(problem: Quadratic) -> Start:
     measurements are of translations alone, eigenvectors of the data matrix are used at once. Nodes
     of other kinds start as poses, rounded.
     """
-    if (others := problem.graph.is_other).any():
-        plain = np.where(others, Node.POSE, problem.graph.nodes)
+    if problem.graph.has_others:
+        plain = np.where(problem.graph.is_other, Node.POSE, problem.graph.nodes)
         found = start_of(problem.of_same_edges(replace(problem.graph, nodes=plain)))
         blocks = problem.kinds.apply("rounded", found.estimate.rotations)
         return Start(problem.complete(blocks), found.name)

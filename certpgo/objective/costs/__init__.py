@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import pkgutil
 from collections.abc import Iterator, Mapping
+from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING
 
@@ -20,20 +21,25 @@ if TYPE_CHECKING:
 CHORDAL = "chordal"
 
 
+@cache
+def _names(*folders: str) -> tuple[str, ...]:
+    return tuple(sorted(module.name for module in pkgutil.iter_modules(folders)))
+
+
 class _Folder(Mapping[str, "type[EdgeCost]"]):
     """Costs by name, each loaded when it is asked for."""
 
     def __iter__(self) -> Iterator[str]:
-        return iter(sorted(module.name for module in pkgutil.iter_modules(__path__)))
+        return iter(_names(*__path__))
 
     def __len__(self) -> int:
-        return sum(1 for _ in self)
+        return len(_names(*__path__))
 
     def __contains__(self, name: object) -> bool:
-        return name in tuple(self)
+        return name in _names(*__path__)
 
     def __getitem__(self, name: str) -> type[EdgeCost]:
-        if name not in self:
+        if name not in _names(*__path__):
             raise KeyError(name)
         try:
             cost: type[EdgeCost] = import_module(f"{__name__}.{name}").COST
