@@ -1,7 +1,7 @@
 """The verdict on an estimate, given where descent from it ends, and perhaps a better minimum.
 
 What keeps a gap open is an `Obstacle`. After a search, that of the search takes the place of what
-is found here (``Search.obstacle``), as it knows more; `certpgo.certify.wording` says either.
+is found here (``Plan.obstacle``), as it knows more; `certpgo.certify.wording` says either.
 """
 
 from __future__ import annotations

@@ -22,6 +22,7 @@ from certpgo.graph.edges import (
     check_matrices,
     check_weights,
     chosen_nodes,
+    components_of,
     induced,
     simple_edges,
 )
@@ -32,6 +33,7 @@ from certpgo.graph.observations import Observations
 from certpgo.graph.phrases import (
     components_in_words,
     counted,
+    listed,
     ranges_of_weights,
     size_in_words,
     solving,
@@ -168,8 +170,8 @@ class Graph(Speaking, GraphData):
         ----------
         information : as the attribute, or (m, p, p) matrices of no program's residuals
         """
-        if isinstance(information, np.ndarray):
-            information = Information.of(information)
+        if information is not None and not isinstance(information, Information):
+            information = Information.of(frozen_floats(information))
         graph = self._with(information=information)
         graph._check_besides()
         return graph
@@ -323,8 +325,12 @@ class Graph(Speaking, GraphData):
         if self.has_scales:
             low, high = self.scales.min(), self.scales.max()
             yield "scales", f"relative scales {low:.4g} to {high:.4g}"
-        yield "connected", components_in_words(self.component_sizes)
-        yield "next", solving(self.component_sizes)
+        if self.blocks:
+            others = (counted(block.num_edges, block.kind.phrase) for block in self.blocks)
+            yield "measured", f"{listed([*others])}, besides the edges"
+        sizes = np.bincount(components_of(self.num_nodes, self.pairs)).tolist()
+        yield "connected", components_in_words(sizes)
+        yield "next", solving(sizes)
 
     def _picture(self) -> str:
         from certpgo.graph.trees import tree_initialization

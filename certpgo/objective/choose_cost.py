@@ -217,6 +217,9 @@ def informed(measured: Graph | Instance, cost: str) -> Graph:
     graph = graph_of(measured)
     if graph.information is not None:
         return graph
+    if graph is measured and graph.has_positions:
+        given = "graph.with_information(matrices) of every edge"
+        raise InputError(f"cost={cost!r} needs information: {given}")
     options = measured.options if isinstance(measured, Instance) else {}
     needed = f"--cost {cost} needs poses with information matrices on every edge"
     raise InputError(f"{source_of(measured)}{needed}; {_lack(graph, options)}")

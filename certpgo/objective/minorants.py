@@ -22,7 +22,7 @@ class Minorants(Brief):
 
     Attributes
     ----------
-    tau : (m,) weights: positive, 0 for rotations alone, negative for truncated costs
+    tau : (m,) weights: positive, 0 for rotations alone, negative for truncated costs and distances
     a, b : (m, d) arms at the edge's second and first pose, metres
     N : (m, d, d) couplings of the rotations
     constant : (m,) rounded down; -inf where there is no minorant

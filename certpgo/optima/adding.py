@@ -19,7 +19,7 @@ import numpy as np
 from certpgo import checker
 from certpgo.certify import Certificate, Tier
 from certpgo.certify.proof_file import check, claim_of
-from certpgo.certify.tolerances import ATOL, RTOL
+from certpgo.certify.tolerances import ATOL, RTOL, allowed
 from certpgo.errors import CertPGOError, InputError, NumericalError
 from certpgo.graph import Estimate, Instance
 from certpgo.graph.graph import require_connected
@@ -151,7 +151,7 @@ def prepare(
         evidence, point = _checked(path, proof, exact_within), _estimate_in(proof)
         scale, verdict = problem.scale, ""
     if evidence.proof is not None:
-        enough = RTOL * evidence.upper + ATOL * scale
+        enough = allowed(evidence.upper, RTOL, ATOL * scale)
         verdict = "CERTIFIED" if evidence.upper - evidence.lower <= enough else "BOUNDED"
     fit = fit_of(instance, problem, point)
     entry = Optimum(

@@ -176,9 +176,11 @@ class CertifiedSolution(Speaking):
     @cached_property
     def fit(self) -> Fit | None:
         """chi^2 and its degrees of freedom, where the source of the graph states the noise."""
-        if self.instance is None:
-            return None
-        return fit_of(self.instance, self.problem, self.estimate, self.solution.weights)
+        instance = self.instance
+        if instance is None:
+            graph = self.problem.measured
+            instance = Instance("graph", graph, np.arange(graph.num_nodes))
+        return fit_of(instance, self.problem, self.estimate, self.solution.weights)
 
     def _picture(self) -> str:
         graph, t = self.graph, self.estimate.translations
