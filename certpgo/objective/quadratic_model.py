@@ -14,8 +14,8 @@ from certpgo.linalg.factor import LinearSolver
 ROUNDING = 16 * np.finfo(float).eps
 
 
-class QuadraticModel(Protocol):
-    """The model f + 2 g x + x H x of a cost near a point; N is the number of coordinates of x."""
+class CostAtPoint(Protocol):
+    """A cost f at a point, and after steps from it; N is the number of coordinates of a step."""
 
     @property
     def point(self) -> Point:
@@ -28,6 +28,13 @@ class QuadraticModel(Protocol):
     @property
     def rounding(self) -> float:
         """A decrease of the cost that may be lost in rounding."""
+
+    def moved(self, x: FloatArray) -> Self:
+        """The same at the point after a step x (N,)."""
+
+
+class QuadraticModel(CostAtPoint, Protocol):
+    """The model f + 2 g x + x H x of a cost near a point."""
 
     @property
     def gradient(self) -> FloatArray:
@@ -56,9 +63,6 @@ class QuadraticModel(Protocol):
 
     def factor(self, A: CSC) -> LinearSolver | None:
         """The factor of a matrix with the pattern of H; None if it is not positive definite."""
-
-    def moved(self, x: FloatArray) -> Self:
-        """The model at the point after a step x (N,)."""
 
 
 def largest_step(gradient: FloatArray, curvature: FloatArray, moves: int, length: float) -> float:

@@ -8,36 +8,16 @@ points of any rank (`certpgo.optimize.low_rank_descent`).
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol, Self, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from certpgo.graph.relaxed_point import Point
 from certpgo.linalg.arrays import FloatArray
+from certpgo.objective.quadratic_model import CostAtPoint
 from certpgo.optimize.progress import Progress
 from certpgo.optimize.solution import Status
 
-
-class Here(Protocol):
-    """A cost at a point, and at the point after a step; see `QuadraticModel`."""
-
-    @property
-    def point(self) -> Point:
-        """The point."""
-
-    @property
-    def cost(self) -> float:
-        """The cost there."""
-
-    @property
-    def rounding(self) -> float:
-        """A decrease of the cost that may be lost in rounding."""
-
-    def moved(self, x: FloatArray) -> Self:
-        """The model at the point after a step x (N,)."""
-
-
-AnyHere = TypeVar("AnyHere", bound=Here)
+AnyHere = TypeVar("AnyHere", bound=CostAtPoint)
 
 
 class Proposal(NamedTuple):
