@@ -259,6 +259,12 @@ class GraphData(Pairs):
         return np.zeros(self.num_edges, dtype=bool) if self.absolute is None else self.absolute
 
     @property
+    def world(self) -> int | None:
+        """The only node that is known to be measured from as a world; None without one."""
+        worlds = np.unique(self.edges[self.from_world, 0])
+        return int(worlds[0]) if len(worlds) == 1 else None
+
+    @property
     def is_measured(self) -> BoolArray:
         """(m,) which edges are measurements: all that are not `assumed`."""
         return np.ones(self.num_edges, dtype=bool) if self.assumed is None else ~self.assumed

@@ -176,7 +176,7 @@ def _timed(keys: Keys, n: int, timestamps: str | Path | None) -> Keys:
 def _as_instance(path: Path, what: Graph | Instance, ids: ArrayLike | None) -> Instance:
     if isinstance(what, Instance):
         return what if ids is None else replace(what, ids=_ids(ids, what.graph.num_nodes, None))
-    return Instance(path.stem, what, _ids(ids, what.num_nodes, None))
+    return Instance(path.stem, what, _ids(ids, what.num_nodes, None), world=what.world)
 
 
 def _ids(ids: ArrayLike | None, n: int, instance: Instance | None) -> IntArray:

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import certpgo
 from certpgo import io
 from certpgo.errors import FormatError, InputError, InputNotice, SpecError
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
@@ -533,3 +534,13 @@ def test_an_npz_file_says_what_its_information_is_about(tmp_path):
     del arrays["information_about"]  # older files have the option of reading alone
     np.savez(path, **arrays)
     assert io.read(path, quiet=True).graph.information.about == "quaternion"
+
+
+def test_graphs_with_priors_know_their_world(tmp_path):
+    graph = synthetic.helix(3, np.random.default_rng(0)).graph
+    fixed = certpgo.with_priors(graph, [0, 2], None, np.eye(3)[:2], tau=4.0)
+    path = tmp_path / "fixed.g2o"
+    io.write(path, fixed)
+    assert path.read_text().count("PRIOR") == 2
+    again = certpgo.solve(io.read(path, quiet=True), cost="chordal")
+    assert again.cost == pytest.approx(certpgo.solve(fixed, cost="chordal").cost, rel=1e-9)
