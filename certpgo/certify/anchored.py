@@ -63,15 +63,16 @@ class EdgeForces:
         """Those at an estimate."""
         own, weight, measured = rotation_defect(estimate.rotations), graph.kappa, 0.0
         _, K, _ = graph.polar
-        if graph.has_couplings:  # the polar factors reproduce the couplings up to rounding
-            weight = np.trace(K, axis1=1, axis2=2)
+        missed = np.zeros(1)
+        if (N := graph.couplings) is not None:
+            weight, missed = np.trace(K, axis1=1, axis2=2), _missed(N, *graph.polar)
         else:
             measured = rotation_defect(graph.rotations)
         E = operators.rotation_residuals(graph, estimate.rotations)
         size, off = np.sqrt(np.einsum("mab,mab->m", E, E)), 2.0 * own + measured + 192.0 * U
         turn, turn_error = weight * size, weight * (off + 64.0 * U * size)
         moment = np.einsum("mab,mcb->ac", E @ K, E)
-        error = turn_error * (2.0 * size + off)
+        error = turn_error * (2.0 * size + off) + missed
         total, pull, pull_error = float(turn @ size), np.zeros(0), np.zeros(0)
         if graph.has_positions and estimate.translations is not None:
             residual = operators.translation_residuals(graph, estimate)
@@ -84,6 +85,17 @@ class EdgeForces:
             total += float(pull @ r)
         rounding = (2 * graph.num_edges + 16) * 4.0 * U * total
         return EdgeForces(turn, turn_error, pull, pull_error, moment, UP * (error.sum() + rounding))
+
+
+def _missed(N: FloatArray, P: FloatArray, K: FloatArray, K_left: FloatArray) -> FloatArray:
+    """(m,) bounds on the norms of what E K E^T misses of the form with N, K and K', by rounding.
+
+    With A = N - P K and B = K' - P K P^T that is R_i B R_i^T - R_i A R_j^T and its transpose.
+    """
+    product = P @ K
+    A, B = N - product, K_left - product @ np.swapaxes(P, 1, 2)
+    norms = [np.sqrt(np.einsum("mab,mab->m", C, C)) for C in (A, B)]
+    return np.asarray(UP * (2.0 * norms[0] + norms[1] + 64.0 * U * np.trace(K, axis1=1, axis2=2)))
 
 
 def _lengths(graph: Graph) -> tuple[FloatArray, FloatArray]:

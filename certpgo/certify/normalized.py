@@ -34,6 +34,7 @@ class NormalizedProblem(Generic[AnyObjective]):
     unit : the power of two nearest W; it makes verdicts independent of the weights' scale
     stop : the monitor of all descents; where it requests a stop, bounds are left out
     ranks : above d that points reach for better bounds; None for what suits the problem
+    softened : how often stiff measurements were left out
     """
 
     problem: AnyObjective
@@ -43,6 +44,7 @@ class NormalizedProblem(Generic[AnyObjective]):
     atol: float
     stop: Stop = field(default_factory=Stop)
     ranks: int | None = None
+    softened: int = 0
 
     @classmethod
     def of(

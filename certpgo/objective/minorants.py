@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -68,7 +68,7 @@ class Minorants(Brief):
         arms = self.a if measured.arms is None else self.a + measured.arms
         armed = arms if arms.any() else None
         graph = PoseGraph(rotation, self.b, self.tau, armed, measured.is_point, is_signed=is_signed)
-        return graph, constant
+        return replace(graph, nodes=measured.nodes) if measured.has_others else graph, constant
 
     def summed_rotations(self, measured: Graph) -> tuple[Graph, float]:
         """The same of rotations alone; the constant is rounded down."""

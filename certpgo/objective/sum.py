@@ -237,7 +237,7 @@ class Sum(Objective):
         """Why there are no proofs of the cost; empty if there are."""
         if self.measured.blocks:
             return f"the proof tier is not for {self.title}"
-        if self.graph.arms is not None:
+        if self.graph.has_others or self.graph.arms is not None:
             return self.chordal.unprovable
         if self.between.provable:
             return ""

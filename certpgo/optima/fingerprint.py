@@ -52,7 +52,7 @@ class Fingerprint:
 
 
 def fingerprint(graph: Graph | Instance, cost: str = CHORDAL) -> Fingerprint | None:
-    """The digests of a problem; None under another cost without information matrices.
+    """The digests of a problem; None without its cost's information, or with other kinds of nodes.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def fingerprint(graph: Graph | Instance, cost: str = CHORDAL) -> Fingerprint | N
     """
     measured = graph_of(graph)
     ranges = measured.ranges
-    if len(measured.blocks) > (ranges is not None):
+    if len(measured.blocks) > (ranges is not None) or measured.has_others:
         return None
     stated = None if measured.information is None else _upper(measured.information)
     if cost == CHORDAL:

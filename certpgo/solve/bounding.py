@@ -37,6 +37,8 @@ from certpgo.solve.relaxation import SOLVED, range_bound
 MUCH = 0.1
 #: Newton settings from the whole graph's point, which is nearly stationary in each part.
 FEW_STEPS = NewtonSettings(max_iterations=20)
+#: How often stiff measurements are left out of what is left.
+SOFTENED = 3
 #: Surrogates that are tried.
 EXPANSIONS = 6
 #: Share of the gap that another surrogate must be able to close.
@@ -316,9 +318,9 @@ def _softened(
     if not isinstance(point, Estimate) or (found and found.value >= enough):
         return found
     soft = eased(normalized.eased)
-    if soft is normalized.eased:
+    if soft is normalized.eased or normalized.softened == SOFTENED:
         return found
-    softer = replace(normalized, problem=soft)
+    softer = replace(normalized, problem=soft, softened=normalized.softened + 1)
     near = soft.settled(polished(soft, point, CLOSE))
     bound = bound_near(softer, near, cost, **how)
     other = raised(softer, LocalMinimum(near, softer.cost_upper(near), True, bound)).bound

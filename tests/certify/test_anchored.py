@@ -17,6 +17,7 @@ import certpgo
 from certpgo.certify import cost_upper, dual, dual_bound
 from certpgo.certify.anchored import Anchored, EdgeForces
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.graph.constructors import of_couplings
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import factor
 from certpgo.linalg import rotations as so
@@ -122,6 +123,30 @@ def test_errors_of_forces_bound_the_rounding(seed, d, far):
     assert np.all(np.linalg.norm(off, axis=1) <= errors)
     forces = EdgeForces.of(graph, point)
     assert abs(float(total - Fraction(float(np.trace(forces.moment))))) <= d * forces.moment_error
+
+
+@settings(max_examples=20)
+@given(seeds, dimensions, st.sampled_from([1e-17, 1e-9, 1e-2]))
+def test_errors_of_forces_bound_what_polar_factors_lose(seed, d, noise):
+    """The form of couplings N is tr K + tr K' - 2 <N, Q>, however small it is."""
+    rng = rng_of(seed)
+    turns = np.tile(np.eye(d), (4, 1, 1))
+    turns[::2, :2, :2] = [[0.0, -1.0], [1.0, 0.0]]
+    edges = np.array([(i, j) for i in range(4) for j in range(i + 1, 4)])
+    Q = np.swapaxes(turns[edges[:, 0]], 1, 2) @ turns[edges[:, 1]]
+    L = rng.standard_normal((len(edges), d, d)) * 10.0 ** rng.uniform(-3, 3, (len(edges), 1, 1))
+    N = (
+        Q
+        @ (L @ np.swapaxes(L, 1, 2))
+        @ so.exp(noise * rng.standard_normal((len(edges), so.tangent_dim(d))))
+    )
+    graph = of_couplings(4, edges, Q, N)
+    _, K, K_left = graph.polar
+    total = sum(Fraction(x) for A in (K, K_left) for x in np.diagonal(A, 0, 1, 2).ravel())
+    total -= 2 * sum(Fraction(a) * Fraction(b) for a, b in zip(N.ravel(), Q.ravel(), strict=True))
+    forces = EdgeForces.of(graph, Estimate(turns))
+    off = float(total - Fraction(float(np.trace(forces.moment))))
+    assert abs(off) <= d * forces.moment_error
 
 
 def exact_rows(graph, exact, point, multipliers):

@@ -1,12 +1,13 @@
 """Attempts to get a false verdict, kept after they were found."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import sparse
 
-from certpgo import certify
+from certpgo import certify, io, solve
 from certpgo.certify import Verdict, dual_bound
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
@@ -20,6 +21,8 @@ from certpgo.optimize import descent
 from certpgo.optimize.methods.eigen_ra import EigenRA
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 from certpgo.optimize.solution import Status
+
+ATTACKS = Path(__file__).parents[1] / "data" / "attacks"
 
 
 def wound_poses(n, winding, tau=1.0, theta=0.0):
@@ -205,3 +208,19 @@ def test_graphs_and_problems_are_judged_and_nothing_else():
     assert certify(instance.graph, wound).verdict == certify(instance, wound).verdict
     with pytest.raises(InputError, match="Quadratic"):
         certify(wound, wound)
+
+
+@pytest.mark.parametrize("factor", [1.0, 2.0**170])
+def test_weights_of_1e8_with_nearly_exact_data_prove_no_more_than_the_cost(factor):
+    """What polar factors lose to rounding is larger than the residuals' own cost."""
+    graph = io.read(ATTACKS / "stiff_and_nearly_exact.npz", quiet=True).graph.scaled(factor)
+    for cost in ("gtsam", "g2o"):
+        judged = solve(graph, cost=cost).certificate
+        assert judged.lower_bound <= judged.cost_upper
+
+
+def test_a_graph_that_stays_stiff_has_a_verdict():
+    graph = io.read(ATTACKS / "always_stiff.npz", quiet=True).graph
+    judged = solve(graph, cost="chordal").certificate
+    assert judged.verdict is Verdict.BOUNDED
+    assert 0.0 < judged.lower_bound <= judged.cost_upper

@@ -14,6 +14,7 @@ from certpgo.graph.kinds import NODES, Node
 from certpgo.io.datasets.synthetic import grid3d, helix
 from certpgo.linalg import rotations as so
 from certpgo.objective.manifolds import MANIFOLDS, POSE, traceless
+from certpgo.optima.fingerprint import fingerprint
 
 MIRRORED = max(Node) + 1
 
@@ -107,17 +108,23 @@ def test_what_does_not_take_it_says_so(tmp_path):
     graph = with_mirrors(helix(6, rng_of(2)).graph)
     with pytest.raises(InputError, match="no format holds poses of either handedness"):
         certpgo.write(tmp_path / "g.npz", graph)
-    with pytest.raises(InputError, match="the proof tier knows no nodes of other kinds"):
-        certpgo.solve(graph, tier="proof")
+    graph = with_mirrors(mixture(rng_of(2), 3)[0].with_blocks())
+    assert fingerprint(graph) is None
+    for cost in ("chordal", "g2o"):
+        with pytest.raises(InputError, match="the proof tier knows no nodes of other kinds"):
+            certpgo.solve(graph, tier="proof", cost=cost)
 
 
-def test_multipliers_that_prove_nothing_bound_nothing(monkeypatch):
-    """A kind whose lengths nothing fixes counts nothing, and what is proven stays below."""
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("cost", COSTS)
+def test_multipliers_that_prove_nothing_bound_nothing(d, cost, monkeypatch):
+    """A kind whose lengths nothing fixes counts nothing, also in what is below other costs."""
     loose = replace(POSE, constrained=traceless, admissible=traceless, proven=None, turns=False)
     monkeypatch.setitem(MANIFOLDS, MIRRORED, loose)
-    graph = helix(9, rng_of(2)).graph
-    answer = certpgo.solve(with_mirrors(graph))
-    assert answer.certificate.lower_bound <= certpgo.solve(graph).cost
+    graph = mixture(rng_of(2), d)[0].with_blocks()
+    answer = certpgo.solve(with_mirrors(graph), cost=cost)
+    assert answer.verdict.value in ("BOUNDED", "UNDECIDED")
+    assert answer.certificate.lower_bound < 0.9 * certpgo.solve(graph, cost=cost).cost
 
 
 def test_frames_that_turn_have_all_multipliers():
