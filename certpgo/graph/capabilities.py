@@ -66,7 +66,7 @@ _FULLY = "certpgo.solve and certify do"
 OPERATIONS = {
     "priors": Operation("priors do", ("scales", "matrix weights", "arms"), "add them before"),
     "directions": Operation("directions do", ("scales",)),
-    "joint graph": Operation("a joint graph does", ("scales",)),
+    "joint graph": Operation("a joint graph does", ()),
     "loop closures": Operation("a choice of loop closures does", ("scales",)),
     "merge": Operation("certpgo merge does", ("scales",)),
     "session": Operation("a session does", ("scales",)),

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from certpgo.errors import GraphError
-from certpgo.graph.capabilities import require_capable
 from certpgo.graph.graph import Graph
 from certpgo.graph.information import joined_information
 from certpgo.graph.kinds import Node
@@ -34,10 +33,9 @@ def joined(
     Raises
     ------
     GraphError
-        They are of different dimensions or kinds, or only some have couplings.
+        They are of different dimensions or kinds, or only some have couplings, or a node's scale is
+        unknown in one and known in another.
     """
-    for graph in graphs:
-        require_capable(graph, "joint graph")
     require_one_make(map(make_of, graphs))
     own = nodes or [np.arange(graph.num_nodes) for graph in graphs]
     kinds = np.full(num_nodes, Node.POSE if graphs[0].has_positions else Node.ROTATION)
@@ -45,6 +43,7 @@ def joined(
         kinds[points] = Node.POINT
     for graph, to in zip(graphs, own, strict=True):
         kinds[to[graph.is_other]] = graph.nodes[graph.is_other]
+    kinds[_unknown_scales(graphs, own, num_nodes)] = Node.SCALED
 
     def rows(name: str) -> Any:
         return np.concatenate([getattr(graph, name) for graph in graphs])
@@ -58,6 +57,7 @@ def joined(
         tau=rows("tau"),
         couplings=rows("couplings") if graphs[0].has_couplings else None,
         arms=joined_arms(graphs, graphs[0].d),
+        scales=rows("scales"),
         assumed=_flags([graph.assumed for graph in graphs], graphs),
         absolute=_flags([graph.absolute for graph in graphs], graphs),
         information=joined_information([graph.information for graph in graphs]),
@@ -76,6 +76,25 @@ def make_of(graph: Graph) -> str:
     """What it measures, such as ``poses in 3D``: only graphs of one make can be joined."""
     said = f"{'poses' if graph.has_positions else 'rotations'} in {graph.d}D"
     return f"{said} with couplings" if graph.has_couplings else said
+
+
+def _unknown_scales(
+    graphs: Sequence[Graph], nodes: Sequence[IntArray], num_nodes: int
+) -> BoolArray:
+    """(num_nodes,) which nodes have an unknown scale, as all graphs that measure them say."""
+    free, known = np.zeros((2, num_nodes), dtype=bool)
+    if not any(graph.has_scales for graph in graphs):
+        return free
+    for graph, to in zip(graphs, nodes, strict=True):
+        ends = np.unique(graph.pairs)
+        unknown = graph.free[ends]
+        free[to[ends[unknown]]] = True
+        known[to[ends[~unknown]]] = True
+    if (free & known).any():
+        node = int(np.argmax(free & known))
+        # Known steps from it are in metres, others in its own unit: one of both would be misread.
+        raise GraphError(f"node {node}: its scale is unknown to some measurements, known to others")
+    return free
 
 
 def _blocks(
