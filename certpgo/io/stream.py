@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO
 
-from certpgo.errors import FormatError, InputNotice, NoEdges
+from certpgo.errors import FormatError, InputError, InputNotice, NoEdges
 from certpgo.graph import Instance
 from certpgo.io.chunks import LONGEST_LINE, TOO_LONG
 from certpgo.io.format import format_of
@@ -50,6 +50,8 @@ def piped(
     ------
     FormatError
         As `certpgo.read`, with the line of the stream.
+    InputError
+        There are nodes of unknown scale.
     NoEdges
         The stream ended without any.
 
@@ -83,6 +85,10 @@ def piped(
                 if not lines[-1].endswith(b"\n"):
                     say(f"{name}:{number + 1}: the last line has no end, and may be cut off")
                 counts.update(part.counts)
+                if part.graph.has_scales:  # each piece has another node whose scale is the unit
+                    raise InputError(
+                        f"{name}: pieces have no common unit: a file of similarities has"
+                    )
                 yield part
                 found = True
     if not found:

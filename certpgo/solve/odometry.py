@@ -10,9 +10,10 @@ import numpy as np
 from certpgo.errors import GraphError
 from certpgo.graph import Estimate, Graph
 from certpgo.graph.concatenate import make_of, require_one_make
+from certpgo.graph.kinds import NODES, Node
 from certpgo.graph.labels import Label, called
 from certpgo.linalg import rotations as so
-from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
 #: Room for so many poses at first.
 FIRST = 64
@@ -24,19 +25,33 @@ class Track:
     Attributes
     ----------
     numbers : the number of each label, in the order in which they came
-    points : for each, whether it is a point rather than a pose
+    kinds : for each, what it is, see ``certpgo.graph.kinds.NODES``
     """
 
     def __init__(self, first: Graph) -> None:
         d, self._make = first.d, make_of(first)
         self.numbers: dict[Label, int] = {}
-        self.points: list[bool] = []
+        self.kinds: list[int] = []
+        self.num_scaled = 0  #: Nodes of unknown scale.
+        self._num_known = 0  # nodes that are neither such nor points
         self._rotations = np.tile(np.eye(d), (FIRST, 1, 1))
         self._translations = np.zeros((FIRST, d))
+        self._scales = np.ones(FIRST)
         self._projected = 0  # poses whose rotations are such to rounding
+
+    @property
+    def points(self) -> BoolArray | None:
+        """(n,) which nodes are points; None for none."""
+        points = np.array(self.kinds) == Node.POINT
+        return points if points.any() else None
 
     def __len__(self) -> int:
         return len(self.numbers)
+
+    @property
+    def mean_over(self) -> int:
+        """Over how many scales the mean is that is the unit; 0 if there is a known one, or none."""
+        return 0 if self._num_known else self.num_scaled
 
     @property
     def estimate(self) -> Estimate:
@@ -45,16 +60,19 @@ class Track:
         if self._projected < n:
             self._rotations[new] = so.project(self._rotations[new])
             self._projected = n
-        return Estimate.trusted(self._rotations[:n], self._translations[:n])
+        scales = self._scales[:n] if self.num_scaled else None
+        return Estimate.trusted(self._rotations[:n], self._translations[:n], scales=scales)
 
     @estimate.setter
     def estimate(self, better: Estimate) -> None:
         room = FIRST + 2 * len(self)
         self._rotations = np.tile(np.eye(better.d), (room, 1, 1))
-        self._translations = np.zeros((room, better.d))
+        self._translations, self._scales = np.zeros((room, better.d)), np.ones(room)
         self._rotations[: len(self)] = better.rotations
         if better.translations is not None:
             self._translations[: len(self)] = better.translations
+        if better.scales is not None:
+            self._scales[: len(self)] = better.scales
         self._projected = len(self)
 
     def extend(self, graph: Graph, labels: Sequence[Label]) -> IntArray:
@@ -65,14 +83,14 @@ class Track:
         GraphError
             As `steps`; then nothing changes.
         """
-        steps, points = self.steps(graph, labels), _points(graph)
+        steps, kinds = self.steps(graph, labels), graph.nodes.tolist()
         if not self.numbers:
             first = int(graph.edges[0, 0])
             self.numbers[labels[first]] = 0
-            self.points.append(first in points)
-        self.points += [there in points for _, there, _ in steps]
+            self._count(kinds[first])
         for here, there, edge in steps:
             self._append(graph, labels, here, there, edge)
+            self._count(kinds[there])
         return np.array([self.numbers.get(label, -1) for label in labels], dtype=np.intp)
 
     def steps(self, graph: Graph, labels: Sequence[Label]) -> list[tuple[int, int, int]]:
@@ -81,16 +99,18 @@ class Track:
         Raises
         ------
         GraphError
-            A node is not connected with those that are known, or is a pose here and a point there;
-            or the measurements are of another make.
+            A node is not connected with those that are known, or is of one kind here and another
+            there; or the measurements are of another make.
         """
         require_one_make([self._make, make_of(graph)])
         begin = self.numbers or {labels[int(graph.edges[0, 0])]: 0}
-        touched, points = sorted(set(graph.pairs.ravel().tolist())), _points(graph)
+        touched, kinds = sorted(set(graph.pairs.ravel().tolist())), graph.nodes.tolist()
         for node in touched:
             known = self.numbers.get(labels[node])
-            if known is not None and self.points[known] != (node in points):
-                raise GraphError(f"{called(labels[node])} is a pose and a point")
+            if known is not None and self.kinds[known] != kinds[node]:
+                both = sorted((self.kinds[known], kinds[node]))
+                said = " and a ".join(NODES[kind].format(s="") for kind in both)
+                raise GraphError(f"{called(labels[node])} is a {said}")
         steps = _steps(graph, labels, begin)
         reached = {node for _, node, _ in steps}
         for node in touched:
@@ -106,18 +126,32 @@ class Track:
         if n == len(self._rotations):
             self._rotations = _doubled(self._rotations)
             self._translations = _doubled(self._translations)
+            self._scales = np.concatenate([self._scales, np.ones_like(self._scales)])
         R, forward = graph.rotations[edge], graph.edges[edge, 0] == here
         self._rotations[n] = self._rotations[known] @ (R if forward else R.T)
+        if graph.has_scales:
+            self._scale(graph, there, edge, known)
         if graph.has_positions:
             t, back = graph.steps[edge], n if not forward else known
-            step = self._rotations[back] @ t
+            step = self._scales[back] * (self._rotations[back] @ t)
             self._translations[n] = self._translations[known] + (step if forward else -step)
         self.numbers[labels[there]] = n
 
+    def _scale(self, graph: Graph, there: int, edge: int, known: int) -> None:
+        """The scale of a new node, the last, in the unit of all, or of the first known one."""
+        n, kind, ratio = len(self), graph.nodes[there], graph.scales[edge]
+        scale = self._scales[known] * (ratio if graph.edges[edge, 1] == there else 1.0 / ratio)
+        if kind == Node.SCALED:
+            self._scales[n] = scale
+        elif kind == Node.POSE and self.mean_over:
+            self._scales, self._translations = self._scales.copy(), self._translations / scale
+            self._scales[:n] /= scale
 
-def _points(graph: Graph) -> set[int]:
-    """The nodes that are points."""
-    return set(np.flatnonzero(graph.is_point).tolist())
+    def _count(self, kind: int) -> None:
+        """Count the last node as one of this kind."""
+        self.kinds.append(kind)
+        self.num_scaled += int(kind == Node.SCALED)
+        self._num_known += int(kind not in (Node.SCALED, Node.POINT))
 
 
 def _steps(

@@ -9,6 +9,7 @@ What stays proven between certificates, in exact arithmetic:
   measurements are removed, the best bound holds that was proven before the first of them came.
 
 All sums are rounded outward. Hence the gap is at most what it was, plus the terms added since.
+But where no scale is known, a new node changes the mean that F is over, and no bound stays.
 """
 
 from __future__ import annotations
@@ -33,8 +34,7 @@ from certpgo.graph.labels import WORLD, Label, called
 from certpgo.graph.origins import Measured, in_frame, in_one_world
 from certpgo.graph.phrases import counted
 from certpgo.graph.scale import Scale
-from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
-from certpgo.objective.exact_fit import meets
+from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.optimize.initialization import Start
 from certpgo.solve.naming import instance_of, labels_of
 from certpgo.solve.odometry import Track
@@ -160,6 +160,7 @@ class Session(Speaking):
         known = part if part.has_positions else measurements
         before = self._numbers.count
         self._take(part, labels, self._numbers.following(part, known.is_measured))
+        self._terms = self._terms.after(part)
         self._places |= bool(places_world(part).any())
         self.pending += self._numbers.count - before
         if self.every is not None and self.pending >= self.every:
@@ -170,10 +171,12 @@ class Session(Speaking):
     def _take(self, graph: Graph, labels: Sequence[Label], numbers: Sequence[int]) -> None:
         """Keep measurements with these numbers, and compose the poses of new nodes."""
         track = self._track or Track(graph)
+        unit = track.mean_over
         self._new.append((graph, track.extend(graph, labels)))
-        self._track = track
+        if unit != track.mean_over:
+            self._bounds, self._optimum = [], -math.inf
+        self._track, self._found = track, None
         self._numbers.append(graph, numbers)
-        self._found = None
 
     def _in_world(self, graph: Graph, labels: Sequence[Label], origin: FloatArray | None) -> Graph:
         """New measurements with the world where those that came have it."""
@@ -277,7 +280,7 @@ class Session(Speaking):
 
     def _fits(self) -> bool:
         """Whether the estimate meets all measurements, so that its cost is rounding."""
-        self._fit = meets(self._all, self.estimate) if self._fit is None else self._fit
+        self._fit = self._terms.fits(self._all, self.estimate) if self._fit is None else self._fit
         return self._fit
 
     @property
@@ -293,7 +296,7 @@ class Session(Speaking):
     def suspicion(self) -> Suspicion | None:
         """Measurements that disagree with the rest, and the certified answer without them.
 
-        None if all terms of F are within the law of their weights, as `certpgo.Disagreement` says.
+        None if all terms of F are as `certpgo.Disagreement` expects, or if scales are unknown.
         """
         problem, proven = self._terms.problem(self._all, self._called), self.certificate
         return suspicion(problem, self.estimate, proven, self.edges, self.nodes, self.settings)
@@ -338,25 +341,22 @@ class Session(Speaking):
         if self._new:
             self._measure()
         if len(self._parts) > 1 or self._parts[0].num_nodes < n:
-            self._parts = [joined(self._parts, n, self._are_points)]
+            self._parts = [joined(self._parts, n, self._poses.points)]
         return self._parts[0]
 
     def _measure(self) -> None:
         """Add the terms of what came since to F of the estimate, which was extended by it."""
         parts, nodes = zip(*self._new, strict=True)
-        added = joined(parts, len(self._poses), self._are_points, nodes)
+        added = joined(parts, len(self._poses), self._poses.points, nodes)
+        self._scale += self._terms.scale(added)
+        self._parts, self._new = [*self._parts, added], []
+        if self._poses.num_scaled:  # the unit of all may be another
+            self._cost, self._fit = self._terms.upper(self._all, self.estimate), None
+            return
         ends = np.unique(added.pairs)
         part, here = added.subgraph(ends), self.estimate.subset(ends)
-        self._fit = self._fit and meets(part, here)
+        self._fit = self._fit and self._terms.fits(part, here)
         self._cost = difference_up(self._cost, -self._terms.upper(part, here))
-        self._scale += self._terms.scale(added)
-        self._parts.append(added)
-        self._new = []
-
-    @property
-    def _are_points(self) -> BoolArray | None:
-        points = self._poses.points
-        return np.array(points) if any(points) else None
 
     @property
     def _last(self) -> Graph:

@@ -95,7 +95,8 @@ def suspicion(
 ) -> Suspicion | None:
     """The measurements of a problem that disagree with the rest; None if there are none.
 
-    By their residuals, and where the optimum is not certified, by a robust fit in any case.
+    By their residuals, and where the optimum is not certified, by a robust fit in any case. Not
+    with nodes of unknown scale, whose residuals are in the unit of the map.
 
     Parameters
     ----------
@@ -104,6 +105,8 @@ def suspicion(
     names : of the nodes
     settings : of the search without them
     """
+    if problem.takes_scales:
+        return None
     found = disagreement(problem, estimate, refit=True)
     if found is None and certificate.verdict is not Verdict.CERTIFIED:
         found = _hidden(problem, estimate)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from certpgo.certify import certificate
 from certpgo.errors import GraphError, InputError, SpecError
 from certpgo.graph import Estimate, Graph, Instance
+from certpgo.graph.capabilities import FEATURES
 from certpgo.graph.dataset import graph_of
 from certpgo.graph.graph import require_connected
 from certpgo.graph.priors import require_determined
@@ -17,6 +18,7 @@ from certpgo.graph.scale import Scale
 from certpgo.objective.choose_cost import (
     CHORDAL,
     COSTS,
+    OF_SCALES,
     informed,
     own_cost,
     source_of,
@@ -24,6 +26,7 @@ from certpgo.objective.choose_cost import (
 )
 from certpgo.objective.edge_cost import EdgeCost
 from certpgo.objective.enclosure import enclosure
+from certpgo.objective.exact_fit import fits_exactly, meets
 from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.sum import Sum
 from certpgo.objective.terms import (
@@ -36,6 +39,9 @@ from certpgo.objective.terms import (
     with_rows,
 )
 
+#: What there is not beside nodes of unknown scale.
+NOT_SCALED = "distances", "own kinds", "matrix weights", "arms"
+
 
 @dataclass(frozen=True)
 class Terms:
@@ -44,9 +50,11 @@ class Terms:
     Attributes
     ----------
     cost : the name of one of `certpgo.objective.costs`
+    features : of the measurements so far, see `certpgo.graph.capabilities.FEATURES`
     """
 
     cost: str
+    features: frozenset[str] = frozenset()
 
     @classmethod
     def chosen(cls, cost: str | None, first: Graph | Instance | None = None) -> Terms:
@@ -69,8 +77,10 @@ class Terms:
         Raises
         ------
         InputError
-            They have no information matrices, or some that are not positive definite.
+            They have no information matrices, or some that are not positive definite; or there are
+            nodes of unknown scale, and what is not taken with them.
         """
+        self._refuse_with_scales(measured)
         if self.cost == CHORDAL:
             graph = graph_of(measured)
             _ = self._terms(graph)  # refuses what has none
@@ -87,10 +97,35 @@ class Terms:
             )
         return weighed_by(self.cost, graph.under(self.cost))
 
+    def after(self, graph: Graph) -> Terms:
+        """The same cost, when these measurements have come."""
+        found = {name for name, feature in FEATURES.items() if feature.is_in(graph)}
+        return self if found <= self.features else replace(self, features=self.features | found)
+
+    def _refuse_with_scales(self, measured: Graph | Instance) -> None:
+        """Refuse what is not taken with nodes of unknown scale by an InputError."""
+        found = self.after(graph_of(measured)).features
+        if "scales" not in found:
+            return
+        if self.cost != CHORDAL:
+            raise InputError(f"{source_of(measured)}{OF_SCALES}")
+        for name in NOT_SCALED:
+            if name in found:
+                said = f"nodes of unknown scale do not go with {FEATURES[name].called}"
+                raise InputError(f"{source_of(measured)}{said}")
+
     def upper(self, graph: Graph, estimate: Estimate) -> float:
         """The cost of an estimate, rounded up."""
         terms = self._terms(graph)
-        return (enclosure(graph, estimate) if terms is None else enclosure_of(terms, estimate))[1]
+        if terms is None:
+            return _enclosure(graph, estimate)[1]
+        return enclosure_of(terms, estimate)[1]
+
+    def fits(self, graph: Graph, estimate: Estimate) -> bool:
+        """Whether an estimate meets all measurements, so that its cost is rounding."""
+        if graph.has_scales:
+            return fits_exactly(Quadratic(graph, is_part=True), estimate)
+        return meets(graph, estimate)
 
     def problem(self, graph: Graph, named: Callable[[int], str]) -> Quadratic | Sum:
         """The problem of measurements, of nodes that are called so.
@@ -120,7 +155,8 @@ class Terms:
         # the first with most kinds of measurements
         most = max(graphs, key=lambda of: (len(of.blocks), not of.kappa.all()))
         if self._is_quadratic(most):
-            return certificate.CHORDAL
+            scaled = most.has_scales
+            return Quadratic(most, is_part=True).title if scaled else certificate.CHORDAL
         return title_of(self._of_edges(most), most.blocks)
 
     def _is_quadratic(self, graph: Graph) -> bool:
@@ -135,6 +171,13 @@ class Terms:
         if self._is_quadratic(graph):
             return None
         return terms_of(self._of_edges(graph), graph.blocks)
+
+
+def _enclosure(graph: Graph, estimate: Estimate) -> tuple[float, float]:
+    """Bounds on F, in the unit of these measurements where scales are unknown."""
+    if graph.has_scales:
+        return Quadratic(graph, is_part=True).enclosure(estimate)
+    return enclosure(graph, estimate)
 
 
 def chordal_problem(graph: Graph, named: Callable[[int], str]) -> Quadratic:

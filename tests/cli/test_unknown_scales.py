@@ -10,6 +10,7 @@ import certpgo as library
 from certpgo import InputError, Instance
 from certpgo.graph.held import with_held
 from certpgo.io.datasets.monocular import in_one_unit, random_maps
+from certpgo.io.stream import piped
 
 
 @pytest.fixture
@@ -116,7 +117,6 @@ def test_the_register_tells_them_from_poses(certpgo, essential, tmp_path):
         ("bounds", "{}"),
         ("sparsify", "{}", "--keep", "50%", "-o", "s.g2o"),
         ("suggest", "{}"),
-        ("follow", "{}"),
         ("convert", "{}", "c.pyfg"),
         ("certify", "{}", "{}", "--cost", "g2o"),
     ],
@@ -231,7 +231,6 @@ def test_functions_refuse_too():
         lambda: library.sparsify(instance, 0.5),
         lambda: library.suggest_loops(graph),
         lambda: library.certify(graph, truth, rejected=np.array([0])),
-        lambda: library.Session().add(graph),
         lambda: library.RobustSession().add(graph),
         lambda: library.merge([graph, graph], graph, offset=100),
         lambda: library.solve(instance).covariance(1),
@@ -251,3 +250,23 @@ def test_g2o_holds_no_map_without_any_known_scale(tmp_path):
     with pytest.raises(InputError, match=r"one known scale: \.npz"):
         library.write(tmp_path / "map.g2o", graph.with_unknown_scales(np.ones(8, dtype=bool)))
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("released", [(), ("--no-fixed",)])
+def test_they_are_followed_to_the_answer_of_solve(certpgo, essential, tmp_path, released):
+    out = tmp_path / "followed.g2o"
+    done = certpgo("follow", essential, "--every", "4", "--trace", "-o", out, *released)
+    assert done.code == 0, done.err
+    unit = "root mean square scale" if released else "poses of known scale"
+    last = done.out.splitlines()[-1]
+    assert f"CERTIFIED: F over similarities, in the unit of the {unit}" in last
+    solved = certpgo("solve", essential, "--json", *released).json
+    followed = certpgo("follow", essential, "--json", *released).json
+    assert followed["cost"] == pytest.approx(solved["cost"], rel=1e-9)
+    assert certpgo("certify", essential, out, *released).code == 0
+
+
+def test_pipes_of_them_are_refused(essential):
+    """Each piece would choose a unit of its own."""
+    with essential.open("rb") as pipe, pytest.raises(InputError, match="a file of similarities"):
+        list(piped(pipe, 4))
