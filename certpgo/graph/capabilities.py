@@ -64,7 +64,7 @@ _FULLY = "certpgo.solve and certify do"
 
 #: By the name that code and options have for it.
 OPERATIONS = {
-    "priors": Operation("priors do", ("scales", "matrix weights", "arms"), "add them before"),
+    "priors": Operation("priors do", ("matrix weights", "arms"), "add them before"),
     "directions": Operation("directions do", ("scales",)),
     "joint graph": Operation("a joint graph does", ()),
     "loop closures": Operation("a choice of loop closures does", ("scales",)),

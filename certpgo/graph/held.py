@@ -131,10 +131,16 @@ def _with_world(
 
 
 def _without_unit(instance: Instance, graph: Graph) -> Instance:
-    """The instance without the scale that is the unit; several that are known are measured."""
+    """The instance without the scale that is the unit; several that are known are measured.
+
+    So is that of a world.
+    """
     known = np.flatnonzero(~graph.free & ~graph.is_point)
     if len(known) > 1:
         said = f"{len(known)} scales are known, more than a unit: they are not released"
+        return replace(instance, notices=(*instance.notices, said))
+    if instance.world is not None:
+        said = "positions are measured in the unit of the world, which is not released"
         return replace(instance, notices=(*instance.notices, said))
     said = "no scale is held: the unit is the root mean square of all"
     free = graph.with_unknown_scales(~graph.is_point)

@@ -46,6 +46,9 @@ def with_priors(
     Where no position is measured, the world is put at the first node, by one more edge that is
     `Graph.assumed`, and no measurement.
 
+    The world's scale is known. Where no other is, its unit is that of the map from then on, and of
+    the cost.
+
     Parameters
     ----------
     graph : n poses, with isotropic weights
@@ -62,7 +65,8 @@ def with_priors(
     InputError
         A weight without a measurement or the reverse; matrix weights, couplings or arms; or
         positions that are far from the origin and near to one another, whose bounds would be lost
-        in rounding: subtract their mean first.
+        in rounding: subtract their mean first. Rotations of nodes of unknown scale, whose terms
+        would measure that, too; or no two different positions, where no scale is known.
 
     Examples
     --------
@@ -97,6 +101,8 @@ def with_priors(
         raise InputError(
             f"the positions lie around {origin.tolist()}, far from the origin: subtract that first"
         )
+    if graph.has_scales:
+        _require_scalable(graph, nodes, t, broadcast(kappa, k))
     added = int(world is None)
     place = np.full(k, graph.num_nodes if world is None else world)
     if np.any(tau):
@@ -105,6 +111,19 @@ def with_priors(
         graph.num_nodes + added, np.stack([place, nodes], axis=1), R, broadcast(kappa, k)
     )
     return _with_absolute(graph, priors, t, broadcast(tau, k))
+
+
+def _require_scalable(graph: Graph, nodes: IntArray, t: FloatArray, kappa: FloatArray) -> None:
+    """Refuse measurements from a world that do not go with unknown scales by an InputError."""
+    turned = graph.free[nodes] & (kappa > 0.0)
+    if turned.any():
+        raise InputError(
+            f"node {nodes[np.argmax(turned)]}: its rotation in the world has a term that measures "
+            "its scale, too, which is unknown: its position alone is taken (kappa = 0)"
+        )
+    if graph.in_mean_unit and (len(np.unique(nodes)) < 2 or not (t != t[0]).any()):
+        # Else the map could shrink to a point, at no cost.
+        raise InputError("no scale is known: it takes two nodes at different positions")
 
 
 def with_directions(
@@ -187,7 +206,10 @@ def _with_absolute(graph: Graph, rotation: Graph, t: FloatArray, tau: FloatArray
     n = rotation.num_nodes
     points = np.append(graph.is_point, np.zeros(n - graph.num_nodes, dtype=bool))
     known = np.ones(len(tau), dtype=bool)
-    priors = _stated_by(graph, PoseGraph(rotation, t, tau, None, points, None, known))
+    priors = PoseGraph(rotation, t, tau, None, points, None, known)
+    if graph.has_scales:
+        priors = priors.with_unknown_scales(np.append(graph.free, np.zeros(n, bool))[:n])
+    priors = _stated_by(graph, priors)
     whole = joined([graph, priors], n, points)
     return placing(whole, int(rotation.edges[0, 0])) if len(tau) else whole
 

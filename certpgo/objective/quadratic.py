@@ -17,7 +17,7 @@ from certpgo.errors import GraphError, InputError, kind_of, require
 from certpgo.graph import Estimate, Graph
 from certpgo.graph.edges import edge_name
 from certpgo.graph.graph import require_connected
-from certpgo.graph.priors import require_determined
+from certpgo.graph.priors import require_determined, rotations_are_apart
 from certpgo.graph.relaxed_point import Lift, Point, main_subspace, require_nodes, translations_of
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
@@ -385,10 +385,13 @@ class Quadratic(EdgeOperators):
         """Shares of the multipliers to give up at points of this rank, until there is a bound.
 
         Some are where rounding has no other compensation: at points of higher rank, whose kernel
-        need not meet the poses of known scale.
+        need not meet the poses of known scale, nor where positions alone join others to these.
         """
-        loose = self.takes_scales and rank > self.d and not self.kinds.in_mean_unit
-        return SHARES if loose else (0.0,)
+        if not self.takes_scales or self.kinds.in_mean_unit:
+            return (0.0,)
+        if rank > self.d:
+            return SHARES
+        return (0.0, *SHARES) if rotations_are_apart(self.graph) else (0.0,)
 
     @property
     def climbs(self) -> bool:

@@ -6,6 +6,7 @@ import numpy as np
 
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate, PoseGraph
+from certpgo.graph.edges import components_of
 from certpgo.graph.relaxed_point import Lift
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.blocks import add_to_diagonal, pinned, scatter_sum
@@ -86,13 +87,19 @@ def separate_start(problem: Quadratic) -> Estimate:
 
 
 def log_scales(problem: Quadratic) -> FloatArray:
-    """(n,) scales whose logarithms fit the measured ones best; 1 where they are known."""
+    """(n,) scales whose logarithms fit the measured ones best; 1 where they are known.
+
+    Of nodes that no measured scale relates to known ones, one has the scale 1.
+    """
     graph, n = problem.graph, problem.n
     i, j = graph.edges.T
     weights = graph.kappa
     known = np.flatnonzero(~graph.free)
     if problem.kinds.in_mean_unit:
         known = np.append(known, problem.root)
+    part = components_of(n, graph.edges[graph.measures_rotation])
+    _, firsts = np.unique(part, return_index=True)
+    known = np.append(known, firsts[~np.isin(part[firsts], part[known])])
     measured = weights * np.log(graph.scales)
     forces = scatter_sum(j, measured, n) - scatter_sum(i, measured, n)
     forces[known] = 0.0

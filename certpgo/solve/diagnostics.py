@@ -153,11 +153,12 @@ def kinds_in_words(instance: Instance) -> list[str]:
 def open_in_words(instance: Instance) -> str | None:
     """What the measurements leave open wherever the nodes are; None if nothing, or not joined.
 
-    They are linearized at random poses, at which as much is determined as anywhere.
+    They are linearized at random poses, at which as much is determined as anywhere. None, too,
+    where scales are unknown.
     """
     graph = instance.graph
     measured = instance.measurements
-    if not graph.has_positions or not measured.is_connected:
+    if not graph.has_positions or graph.has_scales or not measured.is_connected:
         return None
     if not measured.without(Kind.BETWEEN, Kind.PRIOR).counts:
         return None

@@ -225,7 +225,6 @@ def test_functions_refuse_too():
     instance = Instance("map", graph, np.arange(8), truth=truth)
     there = np.zeros((1, 3))
     for call in (
-        lambda: library.with_priors(graph, [1], translations=there, tau=1.0),
         lambda: library.with_directions(graph, [1], there + 1.0, kappa=1.0),
         lambda: library.solve_robustly(instance),
         lambda: library.sparsify(instance, 0.5),
@@ -270,3 +269,22 @@ def test_pipes_of_them_are_refused(essential):
     """Each piece would choose a unit of its own."""
     with essential.open("rb") as pipe, pytest.raises(InputError, match="a file of similarities"):
         list(piped(pipe, 4))
+
+
+def test_positions_in_a_world_are_the_unit_of_commands(certpgo, tmp_path):
+    graph, truth = random_maps(np.random.default_rng(0), 3, points=1)
+    graph = graph.with_unknown_scales(~graph.is_point)
+    graph = library.with_priors(graph, np.arange(5), translations=truth.translations[:5], tau=100.0)
+    path, out, proof = (tmp_path / name for name in ("map.npz", "out.npz", "map.cert"))
+    library.write(path, Instance("map", graph, np.arange(9), world=8))
+    assert "unknown of 7 nodes" in certpgo("info", path).out
+    solved = certpgo("solve", path, "-o", out, "--proof", proof)
+    assert solved.out.startswith("CERTIFIED")
+    assert "in the unit of the poses of known scale" in solved.out
+    assert certpgo("check", path, proof, "--exact").code == 0
+    assert certpgo("certify", path, out).code == 0
+    found = library.read_estimate(out)
+    assert found.translations[:5] == pytest.approx(truth.translations[:5], abs=0.2)
+    released = certpgo("solve", path, "--no-fixed")
+    assert "in the unit of the poses of known scale" in released.out
+    assert "the world, which is not released" in released.err
