@@ -38,11 +38,13 @@ class Operation:
     does : subject and verb of a sentence that goes on with "not take"
     lacks : names of the features that it does not take
     instead : what takes them, the end of a sentence
+    of_scales : why it does not take nodes of unknown scale
     """
 
     does: str
     lacks: tuple[str, ...]
     instead: str = ""
+    of_scales: str = ""
 
 
 FEATURES = {
@@ -61,27 +63,46 @@ FEATURES = {
 
 _BLOCKS = "distances", "own kinds"
 _FULLY = "certpgo.solve and certify do"
+#: Why nodes of unknown scale are not taken where measurements are judged by their noise.
+_NO_LAW = "one kappa weighs rotation and scale, so that weights state no law of noise"
+_OF_POSES = "its methods are of rotations and positions"
 
 #: By the name that code and options have for it.
 OPERATIONS = {
     "priors": Operation("priors do", ("matrix weights", "arms"), "add them before"),
-    "directions": Operation("directions do", ("scales",)),
-    "joint graph": Operation("a joint graph does", ()),
-    "loop closures": Operation("a choice of loop closures does", ("scales",)),
-    "merge": Operation("certpgo merge does", ("scales",)),
-    "session": Operation("a session does", ()),
-    "robust session": Operation("a robust session does", (*_BLOCKS, "scales"), "a session does"),
-    "follow": Operation("certpgo follow does", ()),
-    "robust fit": Operation("a robust fit does", ("scales",), _FULLY),
-    "rejections": Operation("a truncated cost does", ("scales", "matrix weights")),
-    "tables": Operation("this command does", (*_BLOCKS, "scales"), "certpgo solve and certify do"),
-    "isotropic method": Operation(
-        "this method does", (*_BLOCKS, "scales", "partial edges", "matrix weights", "arms")
+    "directions": Operation(
+        "directions do", ("scales",), of_scales="their terms would measure scales, too"
     ),
-    "method": Operation("--method does", (*_BLOCKS, "scales"), "certpgo solve does without"),
+    "joint graph": Operation("a joint graph does", ()),
+    "loop closures": Operation(
+        "a choice of loop closures does", ("scales",), of_scales="it is made by rotations alone"
+    ),
+    "merge": Operation("certpgo merge does", ("scales",), "a session does", _NO_LAW),
+    "session": Operation("a session does", ()),
+    "robust session": Operation(
+        "a robust session does", (*_BLOCKS, "scales"), "a session does", _NO_LAW
+    ),
+    "follow": Operation("certpgo follow does", ()),
+    "robust fit": Operation("a robust fit does", ("scales",), _FULLY, _NO_LAW),
+    "rejections": Operation(
+        "a truncated cost does",
+        ("scales", "matrix weights"),
+        of_scales="what is below a term grows with the scale of a node, beyond any price",
+    ),
+    "tables": Operation(
+        "this command does", (*_BLOCKS, "scales"), "certpgo solve and certify do", _OF_POSES
+    ),
+    "isotropic method": Operation(
+        "this method does",
+        (*_BLOCKS, "scales", "partial edges", "matrix weights", "arms"),
+        of_scales="it is of rotations and positions",
+    ),
+    "method": Operation(
+        "--method does", (*_BLOCKS, "scales"), "certpgo solve does without", _OF_POSES
+    ),
     "proof": Operation("--proof does", _BLOCKS),
-    "covariances": Operation("--covariances do", ("scales",)),
-    "robust": Operation("--robust does", ("scales",), _FULLY),
+    "covariances": Operation("--covariances do", ("scales",), of_scales=_NO_LAW),
+    "robust": Operation("--robust does", ("scales",), _FULLY, _NO_LAW),
 }
 
 
@@ -99,6 +120,7 @@ def lacking(graph: Any, operation: str) -> str:
     for name in row.lacks:
         if FEATURES[name].is_in(graph):
             said = f"{row.does} not take {FEATURES[name].called}"
+            said += f": {row.of_scales}" if name == "scales" and row.of_scales else ""
             return f"{said}; {row.instead}" if row.instead else said
     return ""
 

@@ -35,10 +35,10 @@ def pages() -> dict[str, str]:
 
 def _matrix() -> str:
     """A row for each operation, a column for each feature."""
-    rows = [["operation", *FEATURES, "instead"], ["---"] * (len(FEATURES) + 2)]
+    rows = [["operation", *FEATURES, "instead", "why no scales"], ["---"] * (len(FEATURES) + 3)]
     for name, operation in OPERATIONS.items():
         cells = ["no" if feature in operation.lacks else "yes" for feature in FEATURES]
-        rows.append([name, *cells, operation.instead])
+        rows.append([name, *cells, operation.instead, operation.of_scales])
     return "".join(f"| {' | '.join(row)} |\n" for row in rows)
 
 

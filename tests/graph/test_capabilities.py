@@ -72,6 +72,12 @@ def test_every_row_is_tried_or_an_option():
         assert lacking(plain(), operation) == ""
 
 
+def test_why_scales_are_not_taken_is_said():
+    for name, operation in OPERATIONS.items():
+        assert bool(operation.of_scales) is ("scales" in operation.lacks)
+        assert operation.of_scales in lacking(having("scales"), name)
+
+
 def test_operations_that_are_not_in_the_table_have_no_answer():
     with pytest.raises(SpecError, match="operation"):
         lacking(plain(), "flying")
