@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+from certpgo.errors import NumericalError
+
 #: CERTIFIED means gap <= rtol F + min(atol W, NEGLIGIBLE F), or that of an exact fit.
 RTOL, ATOL = 1e-5, 1e-12
 #: Share of the cost that W never makes up for: weights, such as that of a rigid mount, may make
@@ -22,6 +24,20 @@ SETTLED = 1e-6
 def allowed(cost: float, rtol: float, absolute: float) -> float:
     """Rtol F and an absolute part, of which no more counts than a small share of the cost."""
     return rtol * cost + min(absolute, NEGLIGIBLE * cost)
+
+
+def gap_of(cost: float, bound: float, *, rigorous: bool) -> float:
+    """What a bound leaves of a cost, rounded up.
+
+    Raises
+    ------
+    NumericalError
+        The bound is rigorous and above the cost: no verdict would be true.
+    """
+    gap = difference_up(cost, bound)
+    if rigorous and gap < 0.0:
+        raise NumericalError("a bound above the cost is a fault of this program: report it")
+    return gap
 
 
 def difference_up(high: float, low: float) -> float:

@@ -24,7 +24,7 @@ import numpy as np
 
 from certpgo.certify import Certificate, Tier, Verdict
 from certpgo.certify.certificate import tier_called
-from certpgo.certify.tolerances import allowed, difference_up
+from certpgo.certify.tolerances import allowed, difference_up, gap_of
 from certpgo.errors import GraphError, InputError, require
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.concatenate import joined, with_rows
@@ -268,7 +268,7 @@ class Session(Speaking):
         if self._new:
             self._measure()
         cost, lower = self._cost, self.lower_bound
-        gap = difference_up(cost, lower)
+        gap = gap_of(cost, lower, rigorous=self._tier is not Tier.SCREEN)
         tolerance = allowed(cost, self.settings.rtol, self.settings.atol * self._scale.total)
         tolerance = cost if gap > tolerance and self._fits() else tolerance
         verdict = Verdict.BOUNDED if lower > 0.0 else Verdict.UNDECIDED

@@ -288,7 +288,7 @@ def test_a_position_that_comes_first_does_not_change_the_cost(tmp_path):
 def test_measurements_without_what_the_cost_needs_are_refused(graph):
     session, instance = Session(), stated(np.random.default_rng(0))
     session.add(instance)
-    with pytest.raises(InputError, match="needs poses with information matrices"):
+    with pytest.raises(InputError, match="needs information: graph"):
         session.add(graph)
     bad = graph.with_edges([0]).subgraph([0, 1]).with_information(-np.eye(6)[None])
     one = Instance("bad", bad, [0, 1])
