@@ -157,8 +157,6 @@ class GraphData(Pairs):
             self.information.require_size(self.num_edges, self.d)
             if self.couplings is not None:
                 raise GraphError("edges have matrix weights or information matrices, not both")
-        if self.blocks and self.has_scales:
-            raise GraphError("distances are not for nodes of unknown scale")
         for block in self.blocks:
             require(block, Observations, "measurements of a kind")
             if block.num_nodes != self.num_nodes:

@@ -18,6 +18,7 @@ from certpgo.objective.costs import CHORDAL, COSTS
 from certpgo.objective.costs.chordal import ChordalCost
 from certpgo.objective.objective import Objective, Surrogate
 from certpgo.objective.quadratic import NO_SCALES, Quadratic
+from certpgo.objective.similarity_sum import SimilaritySum
 from certpgo.objective.sum import Sum
 from certpgo.objective.truncated_cost import TruncatedCost
 
@@ -130,12 +131,12 @@ def _under_f(measured: Graph | Instance) -> Certifiable:
         require_held(graph, named)
     elif named is not None and graph.is_partial:
         require_determined(graph, named)
-    if graph.has_scales or not graph.blocks:
+    if not graph.blocks:
         return Quadratic(graph)
     if graph.has_couplings:
         lacks = "are for isotropic weights, not for matrix weights or directions alone"
         raise InputError(f"{source_of(measured)}measured {graph.blocks[0].kind.plural} {lacks}")
-    return Sum(graph, ChordalCost)
+    return (SimilaritySum if graph.has_scales else Sum)(graph, ChordalCost)
 
 
 def _of_own_cost(posed: Certifiable, cost: str | None) -> Certifiable:
@@ -176,9 +177,14 @@ def require_poses_alone(posed: Graph | Instance) -> None:
 
 
 def require_scales(posed: Graph | Instance | Objective) -> None:
-    """Refuse what has no nodes of unknown scale by an InputError."""
-    if not _graph_of(posed).has_scales:
+    """Refuse, by an InputError, what has no nodes of unknown scale, or measurements besides."""
+    graph = posed.measured if isinstance(posed, Objective) else _graph_of(posed)
+    if not graph.has_scales:
         raise InputError(f"{source_of(posed)}no nodes of unknown scale")
+    if graph.blocks:
+        others = graph.blocks[0].kind.plural
+        said = "with nodes of unknown scale are for certpgo solve and certify"
+        raise InputError(f"{source_of(posed)}{others} {said}")
 
 
 def _graph_of(posed: object) -> Any:

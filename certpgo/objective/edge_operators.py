@@ -165,6 +165,15 @@ class EdgeOperators(Objective):
         """Blocks of the exact Riemannian Hessian of F/2; see `operators.hessian_diagonal`."""
         return self._sums.hessian(estimate.rotations, multipliers)
 
+    def hessian_blocks(
+        self, point: Point, basis: FloatArray, multipliers: FloatArray | None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Blocks of the Riemannian Hessian of F/2 at a point of any rank.
+
+        Of the Gauss-Newton matrix without multipliers; see `operators.lifted_hessian`.
+        """
+        return operators.lifted_hessian(self.form, basis, multipliers)
+
     def gauss_newton(self, estimate: Estimate) -> CSC:
         """The Gauss-Newton matrix of F/2, for residuals in the frames of the edges' first nodes.
 

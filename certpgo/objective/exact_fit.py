@@ -26,7 +26,8 @@ STORED = 2.0**-50
 
 def fits_exactly(problem: Objective, estimate: Estimate) -> bool:
     """Whether every residual of an estimate is rounding, whatever its weight."""
-    return meets(problem.form, problem.blocks(estimate))
+    edges = _meets_edges(problem.form, problem.blocks(estimate))
+    return edges and all(_meets(block, estimate) for block in problem.measured.blocks)
 
 
 def meets(graph: Graph, point: Point) -> bool:

@@ -31,8 +31,10 @@ from certpgo.objective import operators
 from certpgo.objective.edge_sums import EdgeSums
 from certpgo.objective.families.distances import FAINT, SHORTEST, Distances
 from certpgo.objective.lifting import COMPLEX, REAL
+from certpgo.objective.manifold_model import ManifoldModel
 from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.quadratic_model import ROUNDING, largest_step
+from certpgo.objective.scales import Scales
 from certpgo.objective.signed_weights import with_rows_of
 
 #: Distances of estimates below this share of the coordinates, which may be rounding, have no
@@ -58,8 +60,6 @@ class LiftedDistances(Brief):
     #: Whether translations are eliminated; whether there are descents at points of higher rank.
     eliminates: ClassVar[bool] = False
     climbs: ClassVar[bool] = True
-    #: The node that a way down does not move.
-    root: ClassVar[int] = 0
 
     @property
     def n(self) -> int:
@@ -87,16 +87,32 @@ class LiftedDistances(Brief):
         return (Scale.of(self.measured) + self.distances.scale).total
 
     @property
+    def root(self) -> int:
+        """The node that a way down does not move."""
+        return self.whole.root if self.whole.takes_scales else 0
+
+    @property
     def graph(self) -> Graph:
         """The measurements, then an edge for each distance with its weight as tau."""
         return self.whole.graph
+
+    @cached_property
+    def form(self) -> Graph:
+        """The measurements, as edges between `blocks` where scales are unknown."""
+        one = self.measured
+        return Scales(one, one.free, one.in_mean_unit).form if one.has_scales else one
+
+    @property
+    def chordal(self) -> Quadratic:
+        """The same as `whole`, whose nodes these are."""
+        return self.whole
 
     @cached_property
     def whole(self) -> Quadratic:
         """The problem in which each distance is an edge that measures zero, with its weight."""
         one = self.measured
         # Frames of other kinds may be reflected, which complex numbers are not.
-        real = self.d == 3 or one.has_matrix_weights or one.has_others
+        real = self.d == 3 or one.has_matrix_weights or one.has_others or one.has_scales
         lifting = REAL if real else COMPLEX
         return Quadratic(with_rows_of(one, [self.distances]), self.engine, lifting)
 
@@ -130,15 +146,15 @@ class LiftedDistances(Brief):
     def edge_costs(self, point: Point) -> FloatArray:
         """Terms of f: of the measurements, then of the distances."""
         of_ranges = self.ranges.weights * (self.ranges.distances - self.lengths(point)) ** 2
-        return np.concatenate([self._sums.terms(point), of_ranges])
+        return np.concatenate([self._sums.terms(self.blocks(point)), of_ranges])
 
     @cached_property
     def _sums(self) -> EdgeSums:
-        return EdgeSums(self.measured)
+        return EdgeSums(self.form)
 
     def gradient(self, point: Point) -> FloatArray:
         """Half the Euclidean gradient of f, (n, r, d + 1): translation column, then rotation."""
-        G, _ = self._sums.gradient(point)
+        G, _ = self._sums.gradient(self.blocks(point))
         i, j = self.ranges.edges.T
         direction, length = self._apart(point)
         pull = (self.ranges.weights * (length - self.ranges.distances))[:, None] * direction
@@ -146,20 +162,25 @@ class LiftedDistances(Brief):
         return G
 
     def blocks(self, point: Point) -> Lift:
-        """The point, of any rank."""
+        """The point, of any rank, with blocks s_i R_i where scales are unknown."""
+        if self.measured.has_scales:
+            return cast("Lift", self.whole.blocks(point))
         return Lift(point.rotations, point.translations)
 
     def multipliers(self, point: Point) -> FloatArray:
         """(n, d, d) multipliers of the rotations at a point of any rank."""
-        return self.whole.constrained(self.gradient(point)[:, :, -self.d :], point.rotations)
+        here = self.blocks(point)
+        return self.whole.constrained(self.gradient(here)[:, :, -self.d :], here.rotations)
 
     @property
     def matrix(self) -> CSC:
         """(N, N) with the size of a certificate matrix in each row."""
         return self.whole.matrix
 
-    def linearized(self, point: Point) -> LiftedModel:
+    def linearized(self, point: Point) -> LiftedModel | ManifoldModel:
         """The quadratic model of f at a point of any rank."""
+        if self.measured.has_scales:
+            return ManifoldModel(self, self.blocks(point))
         return LiftedModel(self, point)
 
     @cached_property
@@ -168,14 +189,20 @@ class LiftedDistances(Brief):
         return math.sqrt(float(np.mean(self.ranges.distances**2))) or 1.0
 
     def hessian(self, point: Point, basis: FloatArray, multipliers: FloatArray | None) -> CSC:
-        """The Riemannian Hessian of f/2; the Gauss-Newton matrix without multipliers.
+        """The Riemannian Hessian of f/2, of `hessian_blocks`."""
+        blocks = self.hessian_blocks(point, basis, multipliers)
+        return self.whole.pattern.assemble(*blocks, basis.shape[2])
+
+    def hessian_blocks(
+        self, point: Point, basis: FloatArray, multipliers: FloatArray | None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Blocks of the Riemannian Hessian of f/2; of the Gauss-Newton matrix without multipliers.
 
         Over translations, then the tangents of ``basis`` (n, q, r, d); see
         `operators.lifted_hessian`.
         """
         r, (i, j) = basis.shape[2], self.ranges.edges.T
-        lam = np.zeros((self.n, self.d, self.d)) if multipliers is None else multipliers
-        diagonal, upper = operators.lifted_hessian(self.measured, basis, lam)
+        diagonal, upper = operators.lifted_hessian(self.form, basis, multipliers)
         direction, length = self._apart(point)
         share = self.ranges.distances / length
         B = direction[:, :, None] * direction[:, None, :]
@@ -185,7 +212,7 @@ class LiftedDistances(Brief):
         between = np.zeros((len(B), *upper.shape[1:]))
         between[:, :r, :r] = -B
         diagonal[:, :r, :r] += scatter_sum(i, B, self.n) + scatter_sum(j, B, self.n)
-        return self.whole.pattern.assemble(diagonal, np.concatenate([upper, between]), r)
+        return diagonal, np.concatenate([upper, between])
 
     def layout(self, rank: int) -> Layout:
         """Of such matrices at points of that rank."""

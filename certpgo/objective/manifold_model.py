@@ -8,7 +8,6 @@ from typing import Any, Self
 
 import numpy as np
 
-from certpgo.graph import Graph
 from certpgo.graph.relaxed_point import Lift, translations_of
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.factor import Factor
@@ -24,15 +23,17 @@ class ManifoldModel:
 
     Parameters
     ----------
-    problem : a `certpgo.objective.quadratic.Quadratic`
+    problem : a `certpgo.objective.quadratic.Quadratic`, or what has its ``form`` and derivatives
+        besides terms of its own
     """
 
     def __init__(self, problem: Any, point: Lift) -> None:
-        self.problem, self.point = problem, problem.blocks(point)
+        self.problem, self.space, self.point = problem, problem.chordal, problem.blocks(point)
         self.rank = rank = self.point.rotations.shape[1]
-        self.moves = rank * problem.has_positions  # coordinates of translations
-        rows = self.moves + problem.kinds.tangent_dim(rank, problem.d) + problem.takes_scales
-        self.layout = problem.pattern.layout(rows, self.moves or None)
+        self.moves = rank * problem.chordal.has_positions  # coordinates of translations
+        space = self.space
+        rows = self.moves + space.kinds.tangent_dim(rank, space.d) + space.takes_scales
+        self.layout = space.pattern.layout(rows, self.moves or None)
         self.cost = float(self.edge_costs.sum())
 
     @cached_property
@@ -48,7 +49,7 @@ class ManifoldModel:
     @property
     def rounding(self) -> float:
         """A decrease of the cost that may be lost in rounding."""
-        return ROUNDING * self.cost
+        return ROUNDING * abs(self.cost)  # below zero with signed weights
 
     @cached_property
     def euclidean(self) -> FloatArray:
@@ -58,57 +59,55 @@ class ManifoldModel:
     @cached_property
     def multipliers(self) -> FloatArray:
         """(n, d, d) Lagrange multipliers."""
-        found = self.problem.constrained(
-            self.euclidean[:, :, -self.problem.d :], self.point.rotations
-        )
-        return np.asarray(found)
+        G = self.euclidean[:, :, -self.space.d :]
+        return np.asarray(self.space.constrained(G, self.point.rotations))
 
     @cached_property
     def _sizes(self) -> FloatArray:
         """(n,) scales of the blocks."""
-        return np.asarray(self.problem.sizes_of(self.point.rotations))
+        return np.asarray(self.space.sizes_of(self.point.rotations))
 
     @cached_property
     def _basis(self) -> FloatArray:
         """(n, q, r, d) tangents: turns by a radian, then growth by a factor of e."""
         A, s = self.point.rotations, self._sizes[:, None, None]
-        turns = math.sqrt(2.0) * self.problem.kinds.apply("tangents", A / s)
-        if not self.problem.takes_scales:
+        turns = math.sqrt(2.0) * self.space.kinds.apply("tangents", A / s)
+        if not self.space.takes_scales:
             return np.asarray(turns)
-        growth = np.where(self.problem.kinds.scaled[:, None, None], A, 0.0)
+        growth = np.where(self.space.kinds.scaled[:, None, None], A, 0.0)
         return np.concatenate([s[:, None] * turns, growth[:, None]], axis=1)
 
     @cached_property
     def gradient(self) -> FloatArray:
         """(N,) half the gradient of F."""
-        problem, d = self.problem, self.problem.d
+        space, d = self.space, self.space.d
         G = self.euclidean[:, :, -d:]
-        if problem.kinds.in_mean_unit:  # of F over the mean square of the scales
-            G, held = G.copy(), problem.held
+        if space.kinds.in_mean_unit:  # of F over the mean square of the scales
+            G, held = G.copy(), space.held
             G[held] -= self.cost / (d * len(held)) * self.point.rotations[held]
         parts = [np.einsum("nqrd,nrd->nq", self._basis, G)]
         if self.moves:
             parts.insert(0, self.euclidean[:, :, 0])
         return np.asarray(self.layout.pack(np.concatenate(parts, axis=1)))
 
-    def _hessian(self, measured: Graph, multipliers: FloatArray) -> CSC:
-        diagonal, upper = operators.lifted_hessian(measured, self._basis, multipliers)
+    def _hessian(self, multipliers: FloatArray | None) -> CSC:
+        diagonal, upper = self.problem.hessian_blocks(self.point, self._basis, multipliers)
         # Nodes with fewer tangents than others.
         node, k = np.nonzero(~self._basis.any(axis=(2, 3)))
         rows, first = self.moves + k, self.moves
         diagonal[node, rows, rows] = 1.0 + np.abs(diagonal[node, first, first])
-        assembled: CSC = self.problem.pattern.assemble(diagonal, upper, self.moves or None)
+        assembled: CSC = self.space.pattern.assemble(diagonal, upper, self.moves or None)
         return assembled
 
     @cached_property
     def gauss_newton(self) -> CSC:
         """The Gauss-Newton matrix of F/2."""
-        return self._hessian(self.problem.form, np.zeros((self.problem.n,) + (self.problem.d,) * 2))
+        return self._hessian(None)
 
     @cached_property
     def hessian(self) -> CSC:
         """The Riemannian Hessian of F/2."""
-        return self._hessian(self.problem.form, self.multipliers)
+        return self._hessian(self.multipliers)
 
     def scale(self, H: CSC) -> FloatArray:
         """(N,) the diagonal, positive, and one number for each position."""
@@ -125,29 +124,29 @@ class ManifoldModel:
 
     def stationarity(self, scale: FloatArray) -> float:
         """The largest gradient over ``scale``, radians and shares of scales and lengths."""
-        unpack, graph, length = self.layout.unpack, self.problem.graph, 1.0
+        unpack, form, length = self.layout.unpack, self.problem.form, 1.0
         if self.moves:
-            steps = operators.steps(self.problem.form, self.point)
-            moved = float(graph.tau @ np.einsum("ma,ma->m", steps, steps)) / float(graph.tau.sum())
+            steps, tau = operators.steps(form, self.point), np.abs(form.tau)
+            moved = float(tau @ np.einsum("ma,ma->m", steps, steps)) / float(tau.sum())
             length = math.sqrt(moved) or 1.0
         return largest_step(unpack(self.gradient), unpack(scale), self.moves, length)
 
     def factor(self, A: CSC) -> Factor | None:
         """The factor of a matrix with the same pattern."""
-        factor: Factor | None = self.problem.symbolic(A).factor(A)
+        factor: Factor | None = self.space.symbolic(A).factor(A)
         return factor
 
     def moved(self, x: FloatArray) -> Self:
         """The model after a step x (N,): the nearest admissible blocks, scales by exponentials."""
-        step, r, problem = self.layout.unpack(x), self.moves, self.problem
-        q = problem.kinds.tangent_dim(self.rank, problem.d)
+        step, r, space = self.layout.unpack(x), self.moves, self.space
+        q = space.kinds.tangent_dim(self.rank, space.d)
         with np.errstate(all="ignore"):  # a step beyond all reason has no finite cost
             A = self.point.rotations
             t = translations_of(self.point) + step[:, :r] if r else None
             turn = np.einsum("nq,nqrd->nrd", step[:, r : r + q], self._basis[:, :q])
-            Q = problem.kinds.apply("nearest", (A + turn) / self._sizes[:, None, None])
-            if not problem.takes_scales:
-                return type(self)(problem, Lift(Q, t))
-            growth = np.where(problem.kinds.scaled, np.clip(step[:, -1], -3.0, 3.0), 0.0)
+            Q = space.kinds.apply("nearest", (A + turn) / self._sizes[:, None, None])
+            if not space.takes_scales:
+                return type(self)(self.problem, Lift(Q, t))
+            growth = np.where(space.kinds.scaled, np.clip(step[:, -1], -3.0, 3.0), 0.0)
             grown = self._sizes * np.exp(growth)
-            return type(self)(problem, Lift(grown[:, None, None] * Q, t))
+            return type(self)(self.problem, Lift(grown[:, None, None] * Q, t))

@@ -286,11 +286,11 @@ def couplings(graph: Graph, R: FloatArray) -> FloatArray:
 
 
 def lifted_hessian(
-    graph: Graph, basis: FloatArray, multipliers: FloatArray
+    graph: Graph, basis: FloatArray, multipliers: FloatArray | None
 ) -> tuple[FloatArray, FloatArray]:
     """Blocks of the exact Hessian of F/2 at a point of rank r, over tangents sum_k w_k B_ik.
 
-    The restriction of M - blkdiag(0, Lam) in each of the r dimensions; with zero multipliers, the
+    The restriction of M - blkdiag(0, Lam) in each of the r dimensions; without multipliers, the
     Gauss-Newton matrix. At rank d and with B_ik = R_i hat(e_k) it is `hessian_diagonal`
     and `couplings`.
 
@@ -307,7 +307,7 @@ def lifted_hessian(
     n, q, r, d = basis.shape
     i, j = graph.edges.T
     flat = basis.reshape(n, q, r * d)
-    weights = spread(graph) - multipliers
+    weights = spread(graph) if multipliers is None else spread(graph) - multipliers
     carried = (basis[i] @ _carrier(graph)[:, None]).reshape(-1, q, r * d)
     there = np.swapaxes(flat[j], 1, 2)
     coupling = carried @ there

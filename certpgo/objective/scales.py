@@ -53,8 +53,8 @@ class Scales:
         general = RotationGraph(graph.num_nodes, graph.edges, graph.rotations, graph.kappa, N)
         K = kappa * one
         general.__dict__["polar"] = P, K, graph.scales[:, None, None] ** 2 * K
-        flags = graph.is_point, graph.assumed, graph.absolute
-        return PoseGraph(general, graph.translations, graph.tau, None, *flags)
+        moved = graph.translations, graph.tau, None, graph.is_point, graph.assumed, graph.absolute
+        return PoseGraph(general, *moved, is_signed=graph.is_signed)
 
     def sizes(self, A: FloatArray) -> FloatArray:
         """(n,) scales of blocks (n, r, d): 1 where they are known."""
@@ -147,7 +147,7 @@ class Scales:
         """
         graph = self.graph
         n, d, (i, j) = graph.num_nodes, graph.d, graph.edges.T
-        kappa, tau, s = graph.kappa, graph.tau, graph.scales
+        kappa, tau, s = graph.kappa, np.abs(graph.tau), graph.scales
         t = np.abs(graph.translations)
         diagonal = np.zeros((n, d + 1, d + 1))
         diagonal[:, 0, 0] = operators.degrees(graph.edges, tau, n)

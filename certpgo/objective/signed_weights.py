@@ -32,6 +32,7 @@ def with_rows_of(graph: Graph, terms: Sequence[Term]) -> Graph:
         tau=np.concatenate([graph.tau, *(term.scale.move for term in terms)]),
         couplings=padded(graph.couplings),
         arms=joined_arms([graph, *terms], graph.d),
+        scales=np.pad(graph.scales, (0, k), constant_values=1.0),
         assumed=padded(graph.assumed),
         absolute=padded(graph.absolute),
         is_signed=True,

@@ -25,6 +25,7 @@ from certpgo.objective.edge_cost import EdgeCost
 from certpgo.objective.edge_equations import EdgeEquations
 from certpgo.objective.families.distances import Distances
 from certpgo.objective.lifted_distances import LiftedDistances, LiftedModel
+from certpgo.objective.manifold_model import ManifoldModel
 from certpgo.objective.marginalized import isotropic_below
 from certpgo.objective.minorants import Minorants
 from certpgo.objective.normal_equations import NormalEquations
@@ -183,15 +184,20 @@ class Sum(Objective):
         graph, found, kept = self.graph, minorants, minorants.exist
         if not kept.all() and not (kept.any() and graph.with_edges(kept).is_connected):
             raise NumericalError("measurements with minorants do not connect the graph")
-        signed = bool(self.measured.blocks)
-        if (frozen := kept & ~self.lifted if self.measured.blocks else kept).all():
-            general, constant = found.summed(graph, is_signed=signed)
-            return Surrogate(self.chordal.of_same_edges(general), constant, minorants)
-        general, constant = found.subset(frozen).summed(graph.with_edges(frozen), is_signed=signed)
-        if (ranges := self.measured.ranges) is None or not len(self._distances):
+        frozen = kept & ~self.lifted if self.measured.blocks else kept
+        general, constant = self._summed(found, frozen)
+        ranges = self.measured.ranges
+        if frozen.all() or ranges is None or not len(self._distances):
             return Surrogate(self.chordal.of_same_edges(general), constant, minorants)
         below = LiftedDistances(general.with_blocks(ranges), self.engine)
         return Surrogate(below, constant, minorants)
+
+    def _summed(self, found: Minorants, chosen: BoolArray) -> tuple[Graph, float]:
+        """A graph and a constant that add up to the chosen minorants (m,)."""
+        graph, signed = self.graph, bool(self.measured.blocks)
+        if not chosen.all():
+            graph, found = graph.with_edges(chosen), found.subset(chosen)
+        return found.summed(graph, is_signed=signed)
 
     def relaxed(self) -> Self | None:
         """With relative poses of a lower cost, see `EdgeCost.relaxed`, and all else as it is."""
@@ -322,7 +328,7 @@ class Sum(Objective):
                 lengths[rows] = np.linalg.norm(e, axis=1) * term.in_metres
         return lengths
 
-    def linearized(self, estimate: Estimate) -> NormalEquations | LiftedModel:
+    def linearized(self, estimate: Estimate) -> NormalEquations | LiftedModel | ManifoldModel:
         """The model that descents take steps by: with exact Hessians where the cost lifts."""
         if self.lifted_form is not None:
             return self.lifted_form.linearized(estimate)

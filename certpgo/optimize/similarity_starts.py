@@ -10,26 +10,27 @@ from certpgo.graph.edges import components_of
 from certpgo.graph.relaxed_point import Lift
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.blocks import add_to_diagonal, pinned, scatter_sum
+from certpgo.objective.objective import Objective
 from certpgo.objective.operators import laplacian
 from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.initialization import Start, start_of
 
 
-def nearest_start(problem: Quadratic) -> Start:
+def nearest_start(problem: Objective) -> Start:
     """The nearest to a minimum."""
-    return Start(linear_start(problem), "linear relaxation")
+    return Start(linear_start(problem.isotropic), "linear relaxation")
 
 
-def least_shrunk_start(problem: Quadratic) -> Start:
+def least_shrunk_start(problem: Objective) -> Start:
     """See `separate_start`."""
-    return Start(separate_start(problem), "scales, then poses")
+    return Start(separate_start(problem.isotropic), "scales, then poses")
 
 
 #: How starts are computed, the nearest to a minimum first.
 STARTS = (nearest_start, least_shrunk_start)
 
 
-def first_start(problem: Quadratic) -> Start:
+def first_start(problem: Objective) -> Start:
     """The first of them that can be computed.
 
     Raises

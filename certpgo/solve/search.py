@@ -74,7 +74,7 @@ def plan_of(problem: Certifiable) -> Plan:
     if problem.is_lifted:
         return DISTANCES
     if problem.takes_scales:
-        return SIMILARITIES
+        return SIMILARITIES if problem.is_chordal else SIMILARITY_SUMS
     return CHORDAL if problem.is_chordal else SURROGATES
 
 
@@ -334,13 +334,17 @@ SURROGATES = Plan(
     descended=False,
     settled=frozenset({Status.CONVERGED}),
 )
-#: F with unknown scales.
-SIMILARITIES = replace(
+#: F with unknown scales, and other measurements besides.
+SIMILARITY_SUMS = replace(
     SURROGATES,
     starts=(_nearest_start, _least_shrunk_start),
+    tries_own_start=True,
+    outliers=None,
+)
+#: F with unknown scales.
+SIMILARITIES = replace(
+    SIMILARITY_SUMS,
     finish=finish_similarities,
     obstacle=endings.obstacle_of_similarities,
     climbs="staircase",
-    tries_own_start=True,
-    outliers=None,
 )
