@@ -10,5 +10,6 @@ From a number in a file to the matrix of a certificate:
    ``certify.dual`` factorizes it.
 
 Distances are bounded at points of any rank: ``lifted_distances.LiftedDistances.tangents`` are edges
-of signed weights, by ``families.distances.Distances.tangent_weights``.
+of signed weights, by ``families.distances.Distances.tangent_weights``. Where scales are unknown,
+``similarity_sum.SimilaritySum`` has what is measured besides edges.
 """

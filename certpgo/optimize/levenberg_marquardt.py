@@ -114,7 +114,7 @@ class DampedSteps:
             self._factor = None
         if gain.ratio is not None and gain.ratio > GOOD_GAIN:
             self._damping = self._damping / 10.0 if self._damping > LEAST_DAMPING else 0.0
-        self._exact = self._exact or here.cost - there.cost < SLOW * here.cost
+        self._exact = self._exact or here.cost - there.cost < SLOW * abs(here.cost)
 
     def rejected(self, here: QuadraticModel, proposal: Proposal) -> bool:
         """Raise the damping, unless an old factor may be the reason."""

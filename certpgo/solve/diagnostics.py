@@ -153,8 +153,8 @@ def kinds_in_words(instance: Instance) -> list[str]:
 def open_in_words(instance: Instance) -> str | None:
     """What the measurements leave open wherever the nodes are; None if nothing, or not joined.
 
-    They are linearized at random poses, at which as much is determined as anywhere. None, too,
-    where scales are unknown.
+    None, too, where scales are unknown. They are linearized at random poses, at which as much is
+    determined as anywhere.
     """
     graph = instance.graph
     measured = instance.measurements

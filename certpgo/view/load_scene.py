@@ -273,7 +273,7 @@ def start(instance: Instance) -> tuple[str, Estimate]:
             "not connected and has no initial values"
         )
     if instance.graph.has_scales:
-        return "start", first_start(Quadratic(instance.graph)).estimate
+        return "start", first_start(Quadratic(instance.graph.with_blocks())).estimate
     graph = instance.graph
     problem = Quadratic(graph.with_blocks() if graph.has_positions else graph)
     if graph.is_partial:

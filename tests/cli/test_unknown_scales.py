@@ -220,6 +220,25 @@ def test_numbers_of_similarities_are_information(certpgo, essential):
         assert (done.code, f"not as {kind}" in done.err) == (1, True)
 
 
+def test_commands_take_distances_with_scales(certpgo, tmp_path):
+    """Between nodes of unknown scale, beside points: what describes, solves, judges and draws."""
+    graph, truth = random_maps(np.random.default_rng(1), 3, 8, 16, points=2, turn=0.05)
+    t = truth.translations
+    apart = np.linalg.norm(t[[7, 6]] - t[[1, 2]], axis=1)
+    mixed = graph.with_ranges(library.Ranges(graph.num_nodes, [[1, 7], [2, 6]], apart, np.ones(2)))
+    path, answer = tmp_path / "map.npz", tmp_path / "answer.npz"
+    library.write(path, Instance("map", mixed, np.arange(graph.num_nodes)))
+    assert certpgo("info", path).code == 0
+    solved = certpgo("solve", path, "--out", answer, "--html", tmp_path / "page.html")
+    assert solved.code == 0
+    assert solved.out.startswith("CERTIFIED")
+    assert certpgo("certify", path, answer).code == 0
+    for refused in (("--scales-within", "2"), ("--robust",), ("--no-fixed",), ("--cost", "g2o")):
+        done = certpgo("solve", path, *refused)
+        assert done.code == 1
+        assert len(done.err.strip().splitlines()) <= 2  # a note, and the reason
+
+
 def test_functions_refuse_too():
     graph, truth = random_maps(np.random.default_rng(0), 3)
     instance = Instance("map", graph, np.arange(8), truth=truth)
@@ -233,7 +252,7 @@ def test_functions_refuse_too():
         lambda: library.RobustSession().add(graph),
         lambda: library.merge([graph, graph], graph, offset=100),
         lambda: library.solve(instance).covariance(1),
-        lambda: library.solve(
+        lambda: library.reweigh(
             replace(
                 instance,
                 graph=instance.graph.with_ranges(library.Ranges(8, [[0, 1]], [1.0], [1.0])),

@@ -12,14 +12,15 @@ from strategies import dimensions, rng_of, seeds
 import certpgo
 from certpgo import (
     Estimate,
-    GraphError,
     InputError,
     fit_logarithms,
+    reweigh,
 )
 from certpgo.graph import RotationGraph, SimilarityGraph
 from certpgo.graph.ranges import Ranges
 from certpgo.io.datasets.monocular import random_maps
 from certpgo.linalg import rotations as so
+from certpgo.objective.choose_cost import objective_of
 from certpgo.objective.logarithms import LogarithmCost, logarithmic_mean
 from certpgo.objective.quadratic import Quadratic
 
@@ -136,10 +137,11 @@ def test_an_instance_keeps_its_ids():
 def test_distances_are_refused_not_dropped():
     graph, _ = maps(0, 3)
     ranges = Ranges(8, [[0, 1]], np.ones(1), np.ones(1))
-    with pytest.raises(GraphError, match="distances are not for nodes of unknown scale"):
-        graph.with_ranges(ranges)
-    with pytest.raises(GraphError, match="distances are not for nodes of unknown scale"):
-        replace(graph, blocks=(ranges,))
+    mixed = graph.with_ranges(ranges)
+    for posed in (mixed, objective_of(mixed)):
+        for fit in (fit_logarithms, reweigh):
+            with pytest.raises(InputError, match="distances with nodes of unknown scale are for"):
+                fit(posed)
 
 
 def test_other_graphs_and_factors_are_refused():

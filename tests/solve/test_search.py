@@ -32,12 +32,17 @@ def ranged():
     return poses().with_blocks(Ranges(6, np.array([[0, 3], [1, 4]]), np.ones(2), np.ones(2)))
 
 
+def scaled_and_ranged():
+    return ranged().with_unknown_scales(np.arange(6) > 0)
+
+
 KINDS = [
     ("CHORDAL", poses, "chordal"),
     ("CHORDAL", lambda: poses().rotations_alone, "chordal"),
     ("SURROGATES", informed, "g2o"),
     ("SIMILARITIES", scaled, "chordal"),
     ("DISTANCES", ranged, "chordal"),
+    ("SIMILARITY_SUMS", scaled_and_ranged, "chordal"),
 ]
 of_each_kind = pytest.mark.parametrize(("plan", "graph", "cost"), KINDS)
 
@@ -50,7 +55,7 @@ def test_each_kind_of_cost_has_a_plan(plan, graph, cost):
 def test_plans_are_data_and_the_search_has_no_subclass():
     assert Search.__subclasses__() == []
     rows = [plan for plan in vars(plans).values() if isinstance(plan, plans.Plan)]
-    assert len(rows) == 4
+    assert len(rows) == 5
     for field in fields(plans.Plan):  # what does not differ is no part of a plan
         assert len({getattr(row, field.name) for row in rows}) > 1
 

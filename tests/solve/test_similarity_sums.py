@@ -244,10 +244,11 @@ def test_what_is_not_for_similarities_says_so():
         lambda: certpgo.Session().add(graph),
         lambda: certpgo.certify(graph, truth, rejected=[0]),
         lambda: problem.edge_enclosures(truth),
+        lambda: certpgo.to_gtsam(problem, truth),
         lambda: problem.gauss_newton(truth),
         lambda: answer.covariance(0),
     ):
-        with pytest.raises(InputError, match=r"scale|similarities|proof"):
+        with pytest.raises(InputError, match=r"scale|similarities|proof|takes relative poses"):
             ask()
 
 
