@@ -11,6 +11,7 @@ from typing import Any
 from certpgo.certify.bounds import Bounds
 from certpgo.certify.dual import Support
 from certpgo.certify.obstacle import NOTHING, LimitedBy, Obstacle
+from certpgo.certify.regions import Region, Regions
 from certpgo.certify.tolerances import FLOOR, PROOF_GAIN, allowed
 from certpgo.certify.wording import Statement
 from certpgo.errors import SpecError
@@ -24,7 +25,9 @@ from certpgo.objective.quadratic import CHORDAL
 __all__ = ["CHORDAL", "Certificate", "Tier", "Verdict"]
 
 #: Fields that are no numbers or words.
-_ARRAYS = frozenset({"multipliers", "refined", "better", "bounds", "support", "obstacle"})
+_ARRAYS = frozenset(
+    {"multipliers", "refined", "better", "bounds", "support", "obstacle", "regions"}
+)
 
 
 class Verdict(StrEnum):
@@ -142,6 +145,7 @@ class Certificate(Statement):
         these constraints, see `certpgo.graph.held`
     rejected : of how many measurements the cost is truncated, each at its price, if they are
         rejected; the optimum is then also over all choices of which to take back
+    regions : what the bound says of where optima are, see `distance`; None if it says nothing
 
     Examples
     --------
@@ -191,6 +195,7 @@ class Certificate(Statement):
     obstacle: Obstacle = NOTHING
     rejected: int = 0
     broken: bool = False
+    regions: Regions | None = None
 
     def __repr__(self) -> str:
         cost = f"{cost_shown(self.cost_upper)}, gap {gap_shown(self.gap)}"
@@ -220,6 +225,35 @@ class Certificate(Statement):
     def limited_by(self) -> LimitedBy:
         """What keeps the gap open."""
         return self.obstacle.kind
+
+    @property
+    def distance(self) -> Region | None:
+        """How far the estimate can be from every optimum, in metres and degrees.
+
+        Computed when it is first asked for. It is seen from the pose whose measurements weigh most,
+        see `distance_from`; None if nothing can be proven, at the screening tier, and for rejected
+        measurements, distances and scales.
+
+        Examples
+        --------
+        >>> from certpgo import Quadratic, certify
+        >>> from certpgo.io.datasets.synthetic import winding_cycle
+        >>> instance, _ = winding_cycle(6, 0.3, 0)
+        >>> certificate = certify(Quadratic(instance.graph), instance.truth)
+        >>> bool(certificate.distance.degrees.max() < 0.001)
+        True
+        """
+        return self.distance_from(None)
+
+    def distance_from(self, reference: int | None) -> Region | None:
+        """The same seen from another pose.
+
+        Raises
+        ------
+        InputError
+            There is no such pose.
+        """
+        return None if self.regions is None else self.regions.around(reference)
 
     @property
     def relative_gap(self) -> float:

@@ -129,7 +129,7 @@ def dual_bound(
     given_up : the share of the multipliers that is left out, for a certificate matrix that exceeds
         a positive semidefinite one by this share of M
     """
-    attempts = _Attempts(problem, point, rounding, enough, sharp, floor, given_up)
+    attempts = Attempts(problem, point, rounding, enough, sharp, floor, given_up)
     anchored = None
     if isinstance(point, Estimate) and attempts.loses_to_rounding():
         anchored = attempts.anchored(point)
@@ -139,7 +139,7 @@ def dual_bound(
     return max(found, key=lambda bound: bound.value, default=None)
 
 
-class _Attempts:
+class Attempts:
     """Factorizations of one certificate matrix under different shifts."""
 
     def __init__(

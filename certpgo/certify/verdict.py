@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 
 from certpgo.certify.bounds import Bounds
-from certpgo.certify.certificate import Certificate, Verdict
+from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.dual import DualBound
 from certpgo.certify.local_minimum import Climbed, LocalMinimum
 from certpgo.certify.normalized import NormalizedProblem
 from certpgo.certify.obstacle import LimitedBy, Obstacle
+from certpgo.certify.regions import Regions
 from certpgo.certify.tolerances import NEGLIGIBLE, gap_of
 from certpgo.certify.units import in_units
 from certpgo.graph import Estimate
@@ -77,6 +78,7 @@ def verdict(
     closed = basin_is_global or found in (Verdict.CERTIFIED, Verdict.REFUTED)
     limit = _limit(normalized, closed, best.bound, min(own.cost, cost))
     bound, rejected = best.bound, problem.rejected
+    known = [one.cost for one in (own, other) if one is not None]
     judged = Certificate(
         verdict=found,
         tier=normalized.tier,
@@ -105,6 +107,7 @@ def verdict(
         support=bound.support if bound and not len(rejected) else None,
         obstacle=Obstacle(limit, stopped=normalized.stop.cut),
         rejected=len(rejected),
+        regions=_regions(normalized, best.bound, own, cost, min(known)) if finite else None,
     )
     if other is not None and other.climbed is not None:
         obstacle = of_relaxation(judged, other.climbed, normalized.stop.cut)
@@ -112,6 +115,27 @@ def verdict(
     elif found in (Verdict.BOUNDED, Verdict.UNDECIDED):
         judged = replace(judged, obstacle=_of_measurements(normalized, judged, best))
     return in_units(normalized.unit, _capped(judged, problem.cap))
+
+
+def _regions(
+    normalized: NormalizedProblem[Any],
+    bound: DualBound | None,
+    own: LocalMinimum,
+    cost: float,
+    known: float,
+) -> Regions | None:
+    """What a bound says of where optima are, if it is one on poses, or on points, alone."""
+    problem = normalized.problem
+    if bound is None or not normalized.rigorous or len(problem.rejected) or problem.takes_scales:
+        return None
+    if problem.is_lifted or problem.measured.ranges is not None:
+        return None
+    # Multipliers of surrogates at the proof tier are rounded.
+    if bound.support is not None and normalized.tier is Tier.PROOF:
+        return None
+    if bound.support is None and not problem.is_chordal:
+        return None
+    return Regions(problem, bound, cost, known, own.point)
 
 
 def loses_to_rounding(

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from certpgo.errors import NumericalError
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
+from certpgo.linalg.ball_arithmetic import U
+from certpgo.linalg.blocks import Layout, with_entries
 
 
 def selected_inverse(L: CSC) -> CSC:
     """The lower triangle of (L L^T)^-1 on the pattern of L, closed under fill.
-
-    Takahashi's recursion from the last column to the first (Takahashi, Fagan, Chen 1973), in dense
-    blocks of columns with one pattern: with pivots p and rows r below them,
-    Z_rp = -Z_rr L_rp L_pp^-1, where Z_rr is known.
 
     Parameters
     ----------
@@ -23,14 +24,74 @@ def selected_inverse(L: CSC) -> CSC:
     -------
     (N, N) CSC, lower triangular
     """
-    starts, rows, above = _supernodes(L)
-    waiting = np.bincount(above[above >= 0], minlength=len(above))  # children that need Z
-    known: dict[int, FloatArray] = {}
     columns: list[tuple[FloatArray, IntArray]] = []
+    for front, k, Z in _fronts_of_inverse(L):
+        columns += [(Z[c:, c], front[c:]) for c in range(k - 1, -1, -1)]
+    columns.reverse()
+    indptr = np.cumsum([0, *(len(values) for values, _ in columns)])
+    values, indices = (np.concatenate(parts) for parts in zip(*columns, strict=True))
+    return CSC((values, indices, indptr), shape=L.shape)
+
+
+def diagonal_blocks(L: CSC, rows: IntArray, layout: Layout, *, above: bool = False) -> FloatArray:
+    """(n, b, b) the nodes' diagonal blocks of A^-1; zero for rows that points do not have.
+
+    Parameters
+    ----------
+    L, rows : the factor and its permutation p, with A[p][:, p] = L L^T
+    layout : of A, which stores the nodes' whole blocks
+    above : whether each is to be an upper bound on the block, despite rounding: the difference is
+        positive semidefinite
+
+    Raises
+    ------
+    NumericalError
+        L is too ill-conditioned for an upper bound.
+    """
+    at = np.rint(layout.unpack(np.argsort(rows).astype(np.float64) + 1.0)).astype(np.intp) - 1
+    known = at >= 0  # but for rows that points do not have
+    first = np.where(known, at, layout.size).min(axis=1)
+    nodes = np.argsort(first, kind="stable")
+    firsts, blocks, unit = first[nodes], np.zeros((*at.shape, at.shape[1])), None
+    if above:
+        # Rows of L of length about one: rounding is bounded by norms.
+        lengths = np.sqrt(np.bincount(L.indices, L.data**2, minlength=layout.size))
+        unit = np.exp2(-np.round(np.log2(lengths)))
+        L = with_entries(L, L.data * unit[L.indices])
+    for front, k, Z in _fronts_of_inverse(L, above=above):
+        own = nodes[slice(*np.searchsorted(firsts, [front[0], front[0] + k]))]
+        rows_of = np.where(known[own], at[own], front[0])
+        within = np.minimum(np.searchsorted(front, rows_of), len(front) - 1)
+        if (front[within] != rows_of).any():
+            raise NumericalError("a factor without the nodes' whole blocks")
+        one, other = within[:, :, None], within[:, None, :]
+        both = known[own][:, :, None] & known[own][:, None, :]
+        entries = Z[np.maximum(one, other), np.minimum(one, other)]
+        if unit is not None:
+            entries = entries * unit[rows_of][:, :, None] * unit[rows_of][:, None, :]
+        blocks[own] = np.where(both, entries, 0.0)
+    return blocks
+
+
+def _fronts_of_inverse(
+    L: CSC, *, above: bool = False
+) -> Iterator[tuple[IntArray, int, FloatArray]]:
+    """Runs of k columns with one pattern, from the last to the first, with the inverse's block.
+
+    Takahashi's recursion from the last column to the first (Takahashi, Fagan, Chen 1973), in dense
+    blocks: with pivots p and rows r below them, Z_rp = -Z_rr L_rp L_pp^-1, where Z_rr is known.
+
+    The block is J Z_rr J^T + (L_pp L_pp^T)^-1 with J = [-L_pp^-T L_rp^T; I]. So an upper bound on
+    Z_rr, of which the difference is >= 0, gives one on the block, to which the rounding of this
+    step is added: it does not grow, as differences are carried on by J alone.
+    """
+    starts, rows, above_of = _supernodes(L)
+    waiting = np.bincount(above_of[above_of >= 0], minlength=len(above_of))  # children that need Z
+    known: dict[int, FloatArray] = {}
     for s in range(len(rows) - 1, -1, -1):
         front, k = _front(starts, rows, s), int(starts[s + 1] - starts[s])
         Z = np.empty((len(front),) * 2)
-        if (parent := int(above[s])) >= 0:
+        if (parent := int(above_of[s])) >= 0:
             place = np.searchsorted(_front(starts, rows, parent), rows[s])
             Z[k:, k:] = known[parent][place[:, None], place]
             waiting[parent] -= 1
@@ -42,13 +103,32 @@ def selected_inverse(L: CSC) -> CSC:
         Z[k:, :k] = -Z[k:, k:] @ carried
         Z[:k, k:] = Z[k:, :k].T
         Z[:k, :k] = inverse.T @ inverse - carried.T @ Z[k:, :k]
+        if above:
+            _round_up(Z, P, inverse, carried)
         if waiting[s]:
             known[s] = Z
-        columns += [(Z[c:, c], front[c:]) for c in range(k - 1, -1, -1)]
-    columns.reverse()
-    indptr = np.cumsum([0, *(len(values) for values, _ in columns)])
-    values, indices = (np.concatenate(parts) for parts in zip(*columns, strict=True))
-    return CSC((values, indices, indptr), shape=L.shape)
+        yield front, k, Z
+
+
+def _round_up(Z: FloatArray, P: FloatArray, inverse: FloatArray, carried: FloatArray) -> None:
+    """Add the rounding of a step to the diagonal of its block, in place.
+
+    Norms are Frobenius'; a product of matrices with inner dimension q is off by at most (q + 2) U
+    times the product of their norms.
+    """
+    (m, k), of_rest = P.shape, np.linalg.norm
+    x, q, c = float(of_rest(inverse)), float(of_rest(P[k:])), float(of_rest(carried))
+    w = float(of_rest(Z[k:, k:]))
+    unit = (m + 8.0) * U
+    # L_pp^-1 = (I - E)^-1 X for the computed X, E = I - X L_pp.
+    e = float(of_rest(np.eye(k) - inverse @ P[:k])) + unit * (x * float(of_rest(P[:k])) + 1.0)
+    if not e < 0.5:
+        raise NumericalError("a factor is too ill-conditioned for bounds on its inverse")
+    off = 2.0 * e * x
+    off_carried = q * off + unit * q * x
+    missed = off * (2.0 * x + off) + off_carried * w * (1.0 + 2.0 * c + off_carried)
+    Z[:k, :k] = 0.5 * (Z[:k, :k] + Z[:k, :k].T)
+    Z[np.diag_indices(m)] += 1.01 * (missed + 4.0 * unit * (x * x + w * (1.0 + c) ** 2))
 
 
 def _supernodes(L: CSC) -> tuple[IntArray, list[IntArray], IntArray]:

@@ -16,7 +16,7 @@ from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.blocks import Layout, pinned
 from certpgo.linalg.factor import Factor, Symbolic
-from certpgo.linalg.selected_inverse import selected_inverse
+from certpgo.linalg.selected_inverse import diagonal_blocks
 from certpgo.objective.operators import lever
 
 #: Variances, times the information of their own entry, beyond which rounding decides them.
@@ -139,16 +139,8 @@ class Marginals:
     @cached_property
     def covariances(self) -> FloatArray:
         """(n, b, b) covariances of all nodes; zero for the rotations that points do not have."""
-        L, rows = self._factor.lower()
-        layout, place = self._layout, np.argsort(rows)
-        known = layout.unpack(np.ones(layout.size)) > 0.0
-        place = np.rint(layout.unpack(place.astype(np.float64))).astype(np.intp)
-        first, second = place[:, :, None], place[:, None, :]
-        lower, upper = np.maximum(first, second), np.minimum(first, second)
-        both = known[:, :, None] & known[:, None, :]
-        found = selected_inverse(L)[lower[both], upper[both]]
-        blocks = np.zeros(both.shape)
-        blocks[both] = np.asarray(found).ravel()
+        layout = self._layout
+        blocks = diagonal_blocks(*self._factor.lower(), layout)
         self._require_determined(layout.pack(np.einsum("naa->na", blocks)), np.arange(layout.size))
         blocks = np.swapaxes(self._frames, 1, 2) @ blocks @ self._frames
         blocks[[self.anchor, *self.held]] = 0.0

@@ -26,7 +26,7 @@ from certpgo.optimize.riemannian_newton import newton
 
 
 def anchored(problem, point, enough=-np.inf):
-    return dual._Attempts(problem, point, True, enough, True).anchored(point)
+    return dual.Attempts(problem, point, True, enough, True).anchored(point)
 
 
 def with_fixes(rng, n, d, far, noise=0.1):

@@ -156,7 +156,7 @@ def test_every_source_of_rounding_is_taken_off(source, poses, monkeypatch):
 def test_a_demand_that_grows_with_every_factor_proves_nothing(monkeypatch):
     problem, point = optimum(7, 3, poses=True)
     demands = (np.full(problem.matrix.shape[0], 2.0**k) for k in range(-40, 1000))
-    monkeypatch.setattr(dual._Attempts, "rounding_of", lambda *args: next(demands))
+    monkeypatch.setattr(dual.Attempts, "rounding_of", lambda *args: next(demands))
     assert dual_bound(problem, point) is None
 
 

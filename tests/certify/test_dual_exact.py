@@ -30,7 +30,7 @@ def optimum(seed, d, poses, n=6):
 
 
 def attempts(problem, point):
-    return dual._Attempts(problem, point, True, -np.inf, True)
+    return dual.Attempts(problem, point, True, -np.inf, True)
 
 
 # --- What rounding demands

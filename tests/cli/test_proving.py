@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from certpgo.certify.dual import _Attempts
+from certpgo.certify.dual import Attempts
 from certpgo.io import write
 from certpgo.io.datasets import synthetic
 
@@ -210,7 +210,7 @@ def test_lines_may_end_in_crlf(certpgo, square, tmp_path):
 
 def test_a_proof_and_its_verdict_say_one_thing(certpgo, tmp_path, monkeypatch):
     """Costs of 1e-10 of the weights: too little for shifts, but not for a proof."""
-    monkeypatch.setattr(_Attempts, "loses_to_rounding", lambda self: False)
+    monkeypatch.setattr(Attempts, "loses_to_rounding", lambda self: False)
     graph, proof = tmp_path / "corridor.g2o", tmp_path / "corridor.cert"
     write(graph, synthetic.corridor(400, np.random.default_rng(0)))
     done = certpgo("solve", graph, "--json")

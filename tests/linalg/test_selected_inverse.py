@@ -5,10 +5,11 @@ import pytest
 from hypothesis import given, settings
 from strategies import dimensions, pose_graph, rng_of, seeds
 
+from certpgo.errors import NumericalError
 from certpgo.linalg.arrays import CSC
-from certpgo.linalg.blocks import add_to_diagonal
+from certpgo.linalg.blocks import BlockPattern, add_to_diagonal
 from certpgo.linalg.factor import analyze, engines
-from certpgo.linalg.selected_inverse import selected_inverse
+from certpgo.linalg.selected_inverse import diagonal_blocks, selected_inverse
 from certpgo.objective.quadratic import Quadratic
 
 
@@ -64,3 +65,29 @@ def test_zeros_of_the_factor_are_not_those_of_the_inverse(engine):
     L, p = analysis.blocks(np.full(2, 2)).factor(A).lower()
     Z = np.linalg.inv(dense)[np.ix_(p, p)]
     np.testing.assert_allclose(selected_inverse(L).toarray(), np.tril(Z), rtol=1e-12, atol=1e-15)
+
+
+@given(seeds, dimensions)
+@settings(max_examples=15)
+def test_blocks_are_those_of_the_inverse_or_above(seed, d):
+    rng = rng_of(seed)
+    problem = Quadratic(pose_graph(rng, int(rng.integers(2, 30)), d)[0])
+    A = add_to_diagonal(problem.matrix, np.full(problem.n * (d + 1), 0.1))
+    pattern = problem.pattern
+    for engine in engines():
+        analysis = analyze(pattern.indptr, pattern.indices, order=problem.order, engine=engine)
+        L, p = analysis.blocks(np.full(problem.n, d + 1)).factor(A).lower()
+        layout, Z = pattern.layout(d + 1), np.linalg.inv(A.toarray())
+        nodes = np.arange(problem.n)
+        exact = Z.reshape(problem.n, d + 1, problem.n, d + 1)[nodes, :, nodes]
+        found, above = (diagonal_blocks(L, p, layout, above=up) for up in (False, True))
+        np.testing.assert_allclose(found, exact, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(above, exact, rtol=1e-6, atol=1e-9)
+        assert (np.linalg.eigvalsh(above - exact) > 0.0).all()
+
+
+def test_factors_too_ill_conditioned_have_no_bounds():
+    L = np.tril(np.ones((60, 60))) * np.logspace(0, -30, 60) + np.diag(np.full(60, 1e-20))
+    pattern = BlockPattern(1, np.zeros((0, 2), dtype=int))
+    with pytest.raises(NumericalError, match="ill-conditioned"):
+        diagonal_blocks(CSC(L), np.arange(60), pattern.layout(60), above=True)

@@ -14,7 +14,7 @@ from strategies import dimensions, pose_graph, random_edges, rng_of, rotation_gr
 
 from certpgo import SolveSettings, certify, solve
 from certpgo.certify import Tier, Verdict
-from certpgo.certify.dual import _Attempts
+from certpgo.certify.dual import Attempts
 from certpgo.certify.normalized import NormalizedProblem
 from certpgo.errors import GraphError, InputError, NumericalError, SpecError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
@@ -502,7 +502,7 @@ def test_a_deadline_before_the_last_bound_stops_the_search(clock):
 @pytest.fixture
 def shifts_alone(monkeypatch):
     """Bounds lose to rounding, as those of lifts do."""
-    monkeypatch.setattr(_Attempts, "loses_to_rounding", lambda self: False)
+    monkeypatch.setattr(Attempts, "loses_to_rounding", lambda self: False)
 
 
 @pytest.mark.usefixtures("shifts_alone")
