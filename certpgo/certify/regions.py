@@ -9,7 +9,7 @@ position and by an angle theta with
     |u|^2 <= rho^2 G_tt,      8 sin^2(theta / 2) <= rho^2 2 g1 g2 / (g1 + g2),
 
 g1 >= g2 the two largest eigenvalues of G_RR. Neither estimate need be stationary. See
-docs/concepts/certificates.md.
+docs/how-to/how_far_can_i_be_off.md.
 
 Rounding: A - C is factorized, with a diagonal C above what rounding may be off by. So A is at least
 the product of the computed factors, exactly, and G at most its inverse's block; that is computed

@@ -10,9 +10,11 @@ import typer
 
 from certpgo.cli import _known
 from certpgo.cli._show import facts, paragraph
+from certpgo.errors import InputError
 
 if TYPE_CHECKING:
     from certpgo.certify import Certificate
+    from certpgo.certify.regions import Region
     from certpgo.graph import Instance
     from certpgo.linalg.arrays import IntArray
     from certpgo.solve.assessment import Assessment
@@ -82,6 +84,44 @@ def show(
             *(("" if k else "next", step) for k, step in enumerate(steps)),
         ]
     )
+
+
+def pose_called(name: int | None, part: Instance) -> int | None:
+    """The pose with an id; None if there is none."""
+    found = [k for k in part.poses.tolist() if part.ids[k] == name]
+    return found[0] if found else None
+
+
+def require_pose(name: int | None, parts: Sequence[Instance]) -> None:
+    """Refuse an id of no pose."""
+    if name is not None and all(pose_called(name, part) is None for part in parts):
+        raise InputError(f"--reference: node {name} is none of the poses")
+
+
+def distance(region: Region | None, part: Instance) -> Iterable[tuple[str, str]]:
+    """How far the estimate can be from every optimum, rounded up; nothing where that is far."""
+    from certpgo.graph.phrases import rounded_up
+
+    if region is None or not region.largest[1] < 180.0:
+        return
+    metres, degrees = region.largest
+    moved = "" if metres is None else f"{rounded_up(metres, 3)} m and "
+    most, seen = part.named(region.node), part.named(region.reference)
+    within = f"within {moved}{rounded_up(degrees, 3)} degrees of every optimum"
+    yield "proven distance", f"{within}  (most at {most}; seen from {seen})"
+
+
+def distance_as_json(region: Region | None, part: Instance) -> dict[str, Any]:
+    """The same; null where there is no limit. Of nodes by their ids, or null for the world."""
+    metres, degrees = (None, None) if region is None else region.largest
+    nodes = [] if region is None else [region.node, region.reference]
+    node, seen = [None if k == part.world else int(part.ids[k]) for k in nodes] or (None, None)
+    return {
+        "distance_m": metres,
+        "distance_deg": None if degrees is None or degrees >= 180.0 else degrees,
+        "distance_node": node,
+        "distance_reference": seen,
+    }
 
 
 def warnings(fit: Fit | None, rejected: int = 0, kept: int = 0) -> list[str]:

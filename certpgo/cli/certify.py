@@ -40,6 +40,7 @@ from certpgo.cli._truth import OF_TRUTH, KnownPoses, TruthFile, TruthOffset
 from certpgo.errors import InputError
 
 if TYPE_CHECKING:
+    from certpgo.certify.regions import Region
     from certpgo.graph import Estimate, Instance
     from certpgo.io.datasets.source import Source
     from certpgo.io.matching import Matching
@@ -56,6 +57,7 @@ RULES = (
         "best|proof|html",
         "csv",
     ),
+    Rule("--reference is for a single estimate: not with --csv", "reference", "csv"),
     Rule("--quantile needs --rejected", "quantile", without="rejected"),
     Rule("--html is for the cost of all measurements: not with --rejected", "html", "rejected"),
     chordal_only("rejected", "proof"),
@@ -131,6 +133,16 @@ def command(
             help="Additional tolerance, relative to the total weight W, up to 0.001 of the cost.",
         ),
     ] = 1e-12,
+    reference: Annotated[
+        int | None,
+        typer.Option(
+            "--reference",
+            metavar="NODE",
+            rich_help_panel=JUDGING,
+            show_default="the pose whose measurements weigh most",
+            help="Pose, by its id, from which the distance to every optimum is seen.",
+        ),
+    ] = None,
     truth: TruthFile = None,
     truth_offset: TruthOffset = 0.0,
     timestamps: Timestamps = None,
@@ -184,6 +196,7 @@ def command(
     parts = judged(whole)
     found = {"several": len(parts) > 1, "part": whole is not instance}
     refuse(OF_PARTS, best=best, proof=proof, html=html, **found)
+    _verdict.require_pose(reference, [part.instance for part in parts])
     given = [restricted_to(part.instance, estimate, whole) for part in parts]
     parts = [
         replace(part, instance=timed_by(point, part.instance))
@@ -198,9 +211,8 @@ def command(
             found = part.assessed(point, writing)
             disagreement = None if part.judge.ended_by else _disagreement(part.problem, found)
         title = "" if part.instance.name == instance.name else part.instance.name
-        return _Assessed(
-            found.certificate, part, point, found, disagreement, accuracy, asked, title
-        )
+        kept = found.certificate, part, point, found, disagreement, accuracy
+        return _Assessed(*kept, asked, title, reference)
 
     return emit(map(assessed, parts, given, truths), [outputs] * len(parts))
 
@@ -216,12 +228,21 @@ class _Assessed(Result):
     accuracy: TrajectoryErrors | None
     asked: Asked
     title: str
+    reference: int | None
 
     needs_the_end: ClassVar = ("proof", "html")
 
     @property
     def standing(self) -> str:
         return "what is proven by then stands" if self.part.judge.interrupted else ""
+
+    @property
+    def region(self) -> Region | None:
+        """Where all optima are; None where nothing is known of them."""
+        certificate = self.found.certificate
+        if certificate.verdict == "UNDECIDED":
+            return None
+        return certificate.distance_from(_verdict.pose_called(self.reference, self.part.instance))
 
     def write(self, outputs: Outputs) -> None:
         outputs.write(self.found.best, instance=self.part.instance)
@@ -244,14 +265,17 @@ class _Assessed(Result):
             instance,
             found,
             self.disagreement,
-            more=[] if self.accuracy is None else accuracy(self.accuracy),
+            more=[
+                *_verdict.distance(self.region, instance),
+                *([] if self.accuracy is None else accuracy(self.accuracy)),
+            ],
             cost=self.asked.cost,
             steps=steps,
             fit=found.fit,
         )
 
     def report(self, outputs: Outputs) -> dict[str, Any]:
-        return _verdict.as_json(
+        judged = _verdict.as_json(
             self.part.instance,
             self.found.certificate,
             self.found.cost,
@@ -261,6 +285,7 @@ class _Assessed(Result):
             fit=self.found.fit,
             under=self.asked.cost,
         )
+        return {**judged, **_verdict.distance_as_json(self.region, self.part.instance)}
 
     def notices(self, outputs: Outputs) -> Iterator[str]:
         yield from _verdict.warnings(self.found.fit)
