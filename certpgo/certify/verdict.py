@@ -128,7 +128,7 @@ def _regions(
     problem = normalized.problem
     if bound is None or not normalized.rigorous or len(problem.rejected) or problem.takes_scales:
         return None
-    if problem.is_lifted or problem.measured.ranges is not None:
+    if problem.is_lifted or problem.measured.ranges is not None or problem.graph.has_others:
         return None
     # Multipliers of surrogates at the proof tier are rounded.
     if bound.support is not None and normalized.tier is Tier.PROOF:
