@@ -1,9 +1,10 @@
 """Graphs with full information, GPS, landmarks and distances, and their costs in NumPy."""
 
 import numpy as np
+from features import added
 from scipy.spatial.transform import Rotation
 
-from certpgo import Estimate, Ranges
+from certpgo import Estimate, Ranges, SimilarityGraph
 from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.graph.information import Information
 from certpgo.linalg import rotations as so
@@ -49,6 +50,60 @@ def mixture(rng, d, n=14, landmarks=4, fixes=5, distances=12):
     measured_lengths = np.abs(length + 0.1 * rng.normal(size=distances))
     ranges = Ranges(N + 1, pairs, measured_lengths, rng.uniform(20.0, 60.0, distances))
     return graph.with_ranges(ranges), Estimate(R, t)
+
+
+def scaled_mixture(rng, d, n=8, *, noise=0.03, known=(), distances=6, fixes=4, heights=4, points=1):
+    """A monocular map with loops, GPS from a world, distances of any nodes, heights in the world.
+
+    The world is the last node, and the points are before it.
+    """
+    q, N = so.tangent_dim(d), n + points + 1
+    world = N - 1
+    R = so.exp(0.6 * rng.normal(size=(N, q)))
+    t = 2.0 * np.cumsum(rng.normal(size=(N, d)), axis=0) / np.sqrt(n)
+    R[world], t[world] = np.eye(d), 0.0
+    s = np.exp(0.5 * rng.normal(size=N))
+    free = np.arange(N) < n
+    free[list(known)] = False
+    s[~free] = 1.0
+    steps = [(k, k + 1) for k in range(n - 1)]
+    loops = [tuple(rng.choice(n, 2, replace=False)) for _ in range(n)]
+    seen = [(int(i), n + k) for k in range(points) for i in rng.choice(n, 3, replace=False)]
+    gps = [(world, int(k)) for k in rng.choice(n, fixes, replace=False)]
+    edges = np.array(steps + loops + seen + gps)
+    (i, j), m, whole = edges.T, len(edges), len(steps) + len(loops)
+    turned = np.arange(m) < whole
+    back = np.swapaxes(R[i], 1, 2)
+    measured = back @ R[j] @ so.exp(noise * rng.normal(size=(m, q)))
+    measured[~turned] = np.eye(d)
+    scales = np.where(turned, s[j] / s[i] * np.exp(noise * rng.normal(size=m)), 1.0)
+    moved = (back @ (t[j] - t[i])[:, :, None])[:, :, 0] / s[i, None]
+    moved = moved + noise * rng.normal(size=(m, d))
+    is_point = (np.arange(N) >= n) & (np.arange(N) < world)
+    graph = SimilarityGraph(
+        RotationGraph(N, edges, measured, np.where(turned, 30.0, 0.0)),
+        moved,
+        rng.uniform(20.0, 60.0, m),
+        points=is_point,
+        absolute=i == world,
+        scales=scales,
+        free=free,
+    )
+    blocks = []
+    if distances:
+        pairs = np.array([rng.choice(N, 2, replace=False) for _ in range(distances)])
+        length = np.linalg.norm(t[pairs[:, 1]] - t[pairs[:, 0]], axis=1)
+        length = np.abs(length + noise * rng.normal(size=distances))
+        blocks.append(Ranges(N, pairs, length, rng.uniform(20.0, 60.0, distances)))
+    if heights:
+        above = rng.choice(N - 1, heights, replace=False)
+        normals = rng.normal(size=(heights, d))
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        high = (normals * t[above]).sum(axis=1) + noise * rng.normal(size=heights)
+        pairs = np.stack([np.full(heights, world), above], axis=1)
+        weights = rng.uniform(20.0, 60.0, heights)
+        blocks.append(added.Heights(N, pairs, normals, high, weights))
+    return graph.with_blocks(*blocks), Estimate(R, t, scales=s)
 
 
 def independent(graph, cost, x):

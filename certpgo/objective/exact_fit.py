@@ -27,12 +27,17 @@ STORED = 2.0**-50
 def fits_exactly(problem: Objective, estimate: Estimate) -> bool:
     """Whether every residual of an estimate is rounding, whatever its weight."""
     edges = _meets_edges(problem.form, problem.blocks(estimate))
-    return edges and all(_meets(block, estimate) for block in problem.measured.blocks)
+    return edges and meets_blocks(problem.measured, estimate)
 
 
 def meets(graph: Graph, point: Point) -> bool:
     """Whether every residual of a graph's measurements is rounding."""
-    return _meets_edges(graph, point) and all(_meets(block, point) for block in graph.blocks)
+    return _meets_edges(graph, point) and meets_blocks(graph, point)
+
+
+def meets_blocks(graph: Graph, point: Point) -> bool:
+    """The same of all but its edges."""
+    return all(_meets(block, point) for block in graph.blocks)
 
 
 def _meets_edges(graph: Graph, point: Point) -> bool:

@@ -30,6 +30,12 @@ from certpgo.objective.sum import Sum
 from certpgo.objective.term import Term
 from certpgo.objective.terms import Placed, enclosure_of, gathered
 
+#: Where no scale is known.
+NO_UNIT = (
+    "no pose has a known scale, which the unit of other measurements takes: one does, such as the "
+    "world of positions"
+)
+IN_KNOWN_UNIT = ", over similarities in the unit of the poses of known scale"
 #: Where terms are asked whether they need a frame.
 V, W = np.array([0.9, -0.7, 0.4]), np.array([0.3, 0.8, -0.5])
 
@@ -50,11 +56,7 @@ class SimilaritySum(Sum):
 
     def __post_init__(self) -> None:
         if self.measured.in_mean_unit:
-            found = self.measured.blocks[0].kind.plural
-            raise InputError(
-                f"no pose has a known scale, which the unit of measured {found} takes: one does, "
-                "such as the world of positions"
-            )
+            raise InputError(NO_UNIT)
         for _, term in self._others:
             refuse(self._unfit(term))
         super().__post_init__()
@@ -81,7 +83,7 @@ class SimilaritySum(Sum):
     @property
     def title(self) -> str:
         """What the cost is."""
-        return f"{super().title}, over similarities in the unit of the poses of known scale"
+        return f"{super().title}{IN_KNOWN_UNIT}"
 
     @property
     def _m(self) -> int:

@@ -152,7 +152,7 @@ class Session(Speaking):
         labels = labels_of(measurements, nodes)
         if self._track is None:
             self._terms = Terms.chosen(self._asked, measurements)
-        part = self._terms.part(measurements)
+        part = self._terms.part(measurements, self._track)
         if WORLD in labels:
             origin = measurements.origin if isinstance(measurements, Instance) else None
             part = self._in_world(part, labels, origin)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -13,7 +14,9 @@ from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.capabilities import FEATURES
 from certpgo.graph.dataset import graph_of
 from certpgo.graph.graph import require_connected
+from certpgo.graph.kinds import Node
 from certpgo.graph.priors import require_determined
+from certpgo.graph.ranges import Ranges
 from certpgo.graph.scale import Scale
 from certpgo.objective.choose_cost import (
     CHORDAL,
@@ -26,9 +29,11 @@ from certpgo.objective.choose_cost import (
 )
 from certpgo.objective.edge_cost import EdgeCost
 from certpgo.objective.enclosure import enclosure
-from certpgo.objective.exact_fit import fits_exactly, meets
+from certpgo.objective.exact_fit import fits_exactly, meets, meets_blocks
 from certpgo.objective.quadratic import Quadratic
+from certpgo.objective.similarity_sum import IN_KNOWN_UNIT, NO_UNIT, SimilaritySum
 from certpgo.objective.sum import Sum
+from certpgo.objective.term import term_of
 from certpgo.objective.terms import (
     Placed,
     edges_under,
@@ -38,9 +43,10 @@ from certpgo.objective.terms import (
     title_of,
     with_rows,
 )
+from certpgo.solve.odometry import Track
 
 #: What there is not beside nodes of unknown scale.
-NOT_SCALED = "distances", "own kinds", "matrix weights", "arms"
+NOT_SCALED = "matrix weights", "arms"
 
 
 @dataclass(frozen=True)
@@ -71,8 +77,12 @@ class Terms:
             raise SpecError.unknown("cost", cost, list(COSTS))
         return cls(cost)
 
-    def part(self, measured: Graph | Instance) -> Graph:
+    def part(self, measured: Graph | Instance, track: Track | None = None) -> Graph:
         """The measurements, if they have what the cost needs.
+
+        Parameters
+        ----------
+        track : the nodes of those before
 
         Raises
         ------
@@ -80,7 +90,7 @@ class Terms:
             They have no information matrices, or some that are not positive definite; or there are
             nodes of unknown scale, and what is not taken with them.
         """
-        self._refuse_with_scales(measured)
+        self._refuse_with_scales(measured, track)
         if self.cost == CHORDAL:
             graph = graph_of(measured)
             _ = self._terms(graph)  # refuses what has none
@@ -102,30 +112,42 @@ class Terms:
         found = {name for name, feature in FEATURES.items() if feature.is_in(graph)}
         return self if found <= self.features else replace(self, features=self.features | found)
 
-    def _refuse_with_scales(self, measured: Graph | Instance) -> None:
+    def _refuse_with_scales(self, measured: Graph | Instance, track: Track | None) -> None:
         """Refuse what is not taken with nodes of unknown scale by an InputError."""
-        found = self.after(graph_of(measured)).features
+        graph, source = graph_of(measured), source_of(measured)
+        found = self.after(graph).features
         if "scales" not in found:
             return
         if self.cost != CHORDAL:
-            raise InputError(f"{source_of(measured)}{OF_SCALES}")
+            raise InputError(f"{source}{OF_SCALES}")
+        if found & {"distances", "own kinds"} and not _has_unit(graph, track):
+            raise InputError(f"{source}{NO_UNIT}")
+        for block in graph.blocks:
+            if not isinstance(block, Ranges) and graph.free[block.edges[:, 0]].any():
+                named = term_of(block).plural
+                raise InputError(f"{source}{named} are measured in a frame of unknown scale")
         for name in NOT_SCALED:
             if name in found:
                 said = f"nodes of unknown scale do not go with {FEATURES[name].called}"
-                raise InputError(f"{source_of(measured)}{said}")
+                raise InputError(f"{source}{said}")
 
     def upper(self, graph: Graph, estimate: Estimate) -> float:
         """The cost of an estimate, rounded up."""
         terms = self._terms(graph)
         if terms is None:
             return _enclosure(graph, estimate)[1]
-        return enclosure_of(terms, estimate)[1]
+        if not graph.has_scales:
+            return enclosure_of(terms, estimate)[1]
+        own, m = _enclosure(graph.with_blocks(), estimate)[1], graph.num_edges
+        others = [Placed(rows - m, term) for rows, term in terms if rows[0] >= m]
+        return math.nextafter(own + enclosure_of(others, estimate)[1], math.inf)
 
     def fits(self, graph: Graph, estimate: Estimate) -> bool:
         """Whether an estimate meets all measurements, so that its cost is rounding."""
-        if graph.has_scales:
-            return fits_exactly(Quadratic(graph, is_part=True), estimate)
-        return meets(graph, estimate)
+        if not graph.has_scales:
+            return meets(graph, estimate)
+        of_edges = Quadratic(graph.with_blocks(), is_part=True)
+        return fits_exactly(of_edges, estimate) and meets_blocks(graph, estimate)
 
     def problem(self, graph: Graph, named: Callable[[int], str]) -> Quadratic | Sum:
         """The problem of measurements, of nodes that are called so.
@@ -141,7 +163,7 @@ class Terms:
             needed = "needs relative poses, not positions alone, which cost='chordal' takes"
             raise GraphError(f"cost={self.cost!r} {needed}")
         _require_determined(with_rows(graph), named)
-        return Sum(graph, COSTS[self.cost])
+        return (SimilaritySum if graph.has_scales else Sum)(graph, COSTS[self.cost])
 
     def scale(self, graph: Graph) -> Scale:
         """What W is made of."""
@@ -154,10 +176,11 @@ class Terms:
             return certificate.CHORDAL
         # the first with most kinds of measurements
         most = max(graphs, key=lambda of: (len(of.blocks), not of.kappa.all()))
-        if self._is_quadratic(most):
-            scaled = most.has_scales
-            return Quadratic(most, is_part=True).title if scaled else certificate.CHORDAL
-        return title_of(self._of_edges(most), most.blocks)
+        if not self._is_quadratic(most):
+            title = title_of(self._of_edges(most), most.blocks)
+            return f"{title}{IN_KNOWN_UNIT}" if "scales" in self.features else title
+        scaled = next((graph for graph in graphs if graph.has_scales), None)
+        return certificate.CHORDAL if scaled is None else Quadratic(scaled, is_part=True).title
 
     def _is_quadratic(self, graph: Graph) -> bool:
         """Whether the cost of measurements is F, of poses alone."""
@@ -171,6 +194,13 @@ class Terms:
         if self._is_quadratic(graph):
             return None
         return terms_of(self._of_edges(graph), graph.blocks)
+
+
+def _has_unit(graph: Graph, track: Track | None) -> bool:
+    """Whether some pose has a known scale, of these measurements or of those before."""
+    kinds = graph.nodes[np.unique(graph.pairs)]
+    known = bool(np.isin(kinds, (Node.SCALED, Node.POINT), invert=True).any())
+    return known or (track is not None and not track.mean_over)
 
 
 def _enclosure(graph: Graph, estimate: Estimate) -> tuple[float, float]:

@@ -1,9 +1,12 @@
 """Sessions with nodes of unknown scale stand where the whole graph does, in its unit."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mixtures import scaled_mixture
 from strategies import dimensions, rng_of, seeds
 
 import certpgo
@@ -153,16 +156,14 @@ def test_a_node_is_of_one_kind():
 def test_what_does_not_go_with_scales_leaves_the_session_as_it_was():
     graph, _ = random_maps(np.random.default_rng(0), 3)
     plain = in_one_unit(graph).subgraph([0, 1])
-    distant = plain.with_ranges(Ranges(2, [[0, 1]], [1.0], [1.0]))
-    session = Session(every=None)
-    session.add(distant, ["a", 0])
-    with pytest.raises(InputError, match="do not go with distances"):
-        session.add(graph)
     session = Session(every=None)
     session.add(graph)
     before = session.standing
-    with pytest.raises(InputError, match="do not go with distances"):
-        session.add(distant, [0, "a"])
+    mixed, _ = scaled_mixture(np.random.default_rng(0), 3)
+    (heights,) = (block for block in mixed.blocks if not isinstance(block, Ranges))
+    seen = replace(heights, edges=[[0, 1]] * heights.num_edges)
+    with pytest.raises(InputError, match="heights are measured in a frame of unknown scale"):
+        Session().add(mixed.with_blocks(seen))
     with pytest.raises(InputError, match="do not go with arms"):
         session.add(
             certpgo.graph.PoseGraph(
@@ -189,3 +190,40 @@ def test_the_instance_of_a_session_keeps_scales():
     assert Quadratic(instance.graph).enclosure(estimate)[1] == pytest.approx(
         session.standing.cost, rel=1e-12
     )
+
+
+@given(seeds, dimensions)
+@settings(max_examples=8)
+def test_distances_and_own_kinds_come_with_scales(seed, d):
+    """Of a world, in whose unit they are; then some go again."""
+    rng = rng_of(seed)
+    graph, truth = scaled_mixture(rng, d)
+    m = graph.num_edges
+    part = np.sort(rng.choice(np.arange(m), m // 2, replace=False))
+    first = np.union1d(part, np.arange(m)[: graph.num_nodes])
+    session = Session(every=None)
+    session.add(graph.with_blocks())
+    session.add(graph.with_edges(first[:1]).with_blocks(*graph.blocks), range(graph.num_nodes))
+    whole = graph.with_edges(np.r_[np.arange(m), first[0]])
+    session.refresh()
+    batch = certpgo.solve(whole)
+    standing = session.standing
+    assert standing.objective == batch.certificate.objective
+    assert standing.cost == pytest.approx(batch.cost, rel=1e-8)
+    assert standing.lower_bound <= batch.certificate.cost_upper
+    assert batch.certificate.lower_bound <= standing.cost
+    assert standing.lower_bound <= certpgo.certify(whole, truth, refine=False).cost_upper
+    session.remove(session.edges[-2:])
+    removed = session.refresh()
+    assert removed.cost <= standing.cost * (1.0 + 1e-9)
+
+
+def test_without_a_known_scale_there_is_no_unit_for_distances():
+    graph = random_graph(np.random.default_rng(0), 3, ())
+    session = Session(every=None)
+    session.add(graph)
+    distances = Ranges(graph.num_nodes, [[0, 3]], [1.0], [1.0])
+    before = session.standing
+    with pytest.raises(InputError, match="no pose has a known scale"):
+        session.add(graph.with_edges([0]).with_blocks(distances), range(graph.num_nodes))
+    assert session.standing == before

@@ -5,72 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from features import added
+from mixtures import scaled_mixture
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import certpgo
-from certpgo import Estimate, Ranges, SimilarityGraph
+from certpgo import Estimate, Ranges
 from certpgo.errors import InputError
-from certpgo.graph import RotationGraph
 from certpgo.graph.relaxed_point import lifted
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import objective_of
 
 CERTIFIED = "CERTIFIED"
-
-
-def mixture(rng, d, n=8, *, noise=0.03, known=(), distances=6, fixes=4, heights=4, points=1):
-    """A monocular map with loops, GPS from a world, distances of any nodes, heights in the world.
-
-    The world is the last node, and the points are before it.
-    """
-    q, N = so.tangent_dim(d), n + points + 1
-    world = N - 1
-    R = so.exp(0.6 * rng.normal(size=(N, q)))
-    t = 2.0 * np.cumsum(rng.normal(size=(N, d)), axis=0) / np.sqrt(n)
-    R[world], t[world] = np.eye(d), 0.0
-    s = np.exp(0.5 * rng.normal(size=N))
-    free = np.arange(N) < n
-    free[list(known)] = False
-    s[~free] = 1.0
-    steps = [(k, k + 1) for k in range(n - 1)]
-    loops = [tuple(rng.choice(n, 2, replace=False)) for _ in range(n)]
-    seen = [(int(i), n + k) for k in range(points) for i in rng.choice(n, 3, replace=False)]
-    gps = [(world, int(k)) for k in rng.choice(n, fixes, replace=False)]
-    edges = np.array(steps + loops + seen + gps)
-    (i, j), m, whole = edges.T, len(edges), len(steps) + len(loops)
-    turned = np.arange(m) < whole
-    back = np.swapaxes(R[i], 1, 2)
-    measured = back @ R[j] @ so.exp(noise * rng.normal(size=(m, q)))
-    measured[~turned] = np.eye(d)
-    scales = np.where(turned, s[j] / s[i] * np.exp(noise * rng.normal(size=m)), 1.0)
-    moved = (back @ (t[j] - t[i])[:, :, None])[:, :, 0] / s[i, None]
-    moved = moved + noise * rng.normal(size=(m, d))
-    is_point = (np.arange(N) >= n) & (np.arange(N) < world)
-    graph = SimilarityGraph(
-        RotationGraph(N, edges, measured, np.where(turned, 30.0, 0.0)),
-        moved,
-        rng.uniform(20.0, 60.0, m),
-        points=is_point,
-        absolute=i == world,
-        scales=scales,
-        free=free,
-    )
-    blocks = []
-    if distances:
-        pairs = np.array([rng.choice(N, 2, replace=False) for _ in range(distances)])
-        length = np.linalg.norm(t[pairs[:, 1]] - t[pairs[:, 0]], axis=1)
-        length = np.abs(length + noise * rng.normal(size=distances))
-        blocks.append(Ranges(N, pairs, length, rng.uniform(20.0, 60.0, distances)))
-    if heights:
-        above = rng.choice(N - 1, heights, replace=False)
-        normals = rng.normal(size=(heights, d))
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        high = (normals * t[above]).sum(axis=1) + noise * rng.normal(size=heights)
-        pairs = np.stack([np.full(heights, world), above], axis=1)
-        weights = rng.uniform(20.0, 60.0, heights)
-        blocks.append(added.Heights(N, pairs, normals, high, weights))
-    return graph.with_blocks(*blocks), Estimate(R, t, scales=s)
 
 
 def independent(graph, x):
@@ -112,7 +58,7 @@ def cost_of(graph, estimate):
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("seed", range(3))
 def test_the_answer_is_that_of_an_independent_descent(d, seed):
-    graph, truth = mixture(np.random.default_rng([d, seed]), d)
+    graph, truth = scaled_mixture(np.random.default_rng([d, seed]), d)
     answer = certpgo.solve(graph)
     assert answer.verdict == CERTIFIED
     assert answer.cost == pytest.approx(cost_of(graph, answer.estimate), rel=1e-9)
@@ -131,7 +77,9 @@ def test_no_map_costs_less_than_the_bound(seed):
     """Under noise that leaves gaps: random maps, near the truth and far, and where they lead."""
     rng = np.random.default_rng([9, seed])
     d, known = 2 + seed % 2, (0,) * (seed % 3 > 0)
-    graph, truth = mixture(rng, d, n=5, noise=0.6, known=known, distances=4, heights=seed % 4)
+    graph, truth = scaled_mixture(
+        rng, d, n=5, noise=0.6, known=known, distances=4, heights=seed % 4
+    )
     answer = certpgo.solve(graph)
     bound = answer.certificate.lower_bound
     assert bound <= answer.certificate.cost_upper
@@ -147,7 +95,7 @@ def test_no_map_costs_less_than_the_bound(seed):
 @pytest.mark.parametrize("d", [2, 3])
 def test_costs_and_derivatives_are_those_of_the_formulas(d):
     rng = np.random.default_rng(d)
-    graph, truth = mixture(rng, d, noise=0.2)
+    graph, truth = scaled_mixture(rng, d, noise=0.2)
     n, problem = graph.num_nodes, objective_of(graph)
     moved = Estimate(
         truth.rotations @ so.exp(0.2 * rng.normal(size=(n, so.tangent_dim(d)))),
@@ -169,7 +117,7 @@ def test_costs_and_derivatives_are_those_of_the_formulas(d):
 def test_distances_have_costs_and_derivatives_at_any_rank(d):
     """The surrogate of what lifts not, at a point of rank d + 1, against differences."""
     rng = np.random.default_rng(d)
-    graph, truth = mixture(rng, d, noise=0.2)
+    graph, truth = scaled_mixture(rng, d, noise=0.2)
     problem = objective_of(graph).surrogate(truth).problem
     start = problem.linearized(lifted(problem.blocks(truth), d + 1))
     here = start.moved(0.3 * rng.normal(size=start.layout.size))
@@ -183,7 +131,7 @@ def test_distances_have_costs_and_derivatives_at_any_rank(d):
 @pytest.mark.parametrize("d", [2, 3])
 def test_a_surrogate_touches_the_cost_and_is_nowhere_above(d):
     rng = np.random.default_rng([4, d])
-    graph, truth = mixture(rng, d, noise=0.3)
+    graph, truth = scaled_mixture(rng, d, noise=0.3)
     problem = objective_of(graph)
     (below, constant), *_ = problem.surrogate(truth).at(problem.blocks(truth))
     cost = problem.cost(truth)
@@ -199,15 +147,15 @@ def test_a_surrogate_touches_the_cost_and_is_nowhere_above(d):
 
 
 def test_scales_without_a_unit_take_no_distances():
-    graph, _ = mixture(np.random.default_rng(0), 3)
-    with pytest.raises(InputError, match="no pose has a known scale, which the unit of measured"):
+    graph, _ = scaled_mixture(np.random.default_rng(0), 3)
+    with pytest.raises(InputError, match="no pose has a known scale, which the unit of other"):
         certpgo.solve(graph.with_unknown_scales(~graph.is_point))
 
 
 @pytest.mark.parametrize("first", [0, 8])
 def test_frames_of_unknown_scale_are_refused(first):
     """Heights above planes through such a node, or through a point."""
-    graph, _ = mixture(np.random.default_rng(0), 3)
+    graph, _ = scaled_mixture(np.random.default_rng(0), 3)
     ranges, heights = graph.blocks
     pairs = np.stack([np.full(4, first), np.arange(1, 5)], axis=1)
     moved = graph.with_blocks(ranges, replace(heights, edges=pairs))
@@ -217,7 +165,7 @@ def test_frames_of_unknown_scale_are_refused(first):
 
 @pytest.mark.parametrize("attribute", ["arms", "N", "a"])
 def test_what_is_not_of_positions_alone_is_refused(attribute, monkeypatch):
-    graph, _ = mixture(np.random.default_rng(0), 3, distances=0)
+    graph, _ = scaled_mixture(np.random.default_rng(0), 3, distances=0)
     if attribute == "arms":
         monkeypatch.setattr(added.Height, "arms", np.ones((4, 3)))
     else:
@@ -233,7 +181,7 @@ def test_what_is_not_of_positions_alone_is_refused(attribute, monkeypatch):
 
 
 def test_what_is_not_for_similarities_says_so():
-    graph, truth = mixture(np.random.default_rng(0), 3)
+    graph, truth = scaled_mixture(np.random.default_rng(0), 3)
     problem, answer = objective_of(graph), certpgo.solve(graph)
     for ask in (
         lambda: certpgo.solve(graph, tier="proof"),
@@ -241,7 +189,6 @@ def test_what_is_not_for_similarities_says_so():
         lambda: certpgo.reweigh(graph),
         lambda: certpgo.fit_logarithms(problem),
         lambda: certpgo.solve_robustly(graph),
-        lambda: certpgo.Session().add(graph),
         lambda: certpgo.certify(graph, truth, rejected=[0]),
         lambda: problem.edge_enclosures(truth),
         lambda: certpgo.to_gtsam(problem, truth),
@@ -255,7 +202,7 @@ def test_what_is_not_for_similarities_says_so():
 def test_a_node_may_have_distances_alone():
     """Four distances place a point that no edge sees."""
     rng = np.random.default_rng(3)
-    graph, truth = mixture(rng, 3, distances=0, heights=0)
+    graph, truth = scaled_mixture(rng, 3, distances=0, heights=0)
     point, others = 8, np.array([0, 2, 4, 6, 9])
     apart = np.linalg.norm(truth.translations[others] - truth.translations[point], axis=1)
     pairs = np.stack([others, np.full(5, point)], axis=1)
@@ -268,7 +215,7 @@ def test_a_node_may_have_distances_alone():
 
 
 def test_files_keep_them(tmp_path):
-    graph, _ = mixture(np.random.default_rng(1), 3, heights=0)
+    graph, _ = scaled_mixture(np.random.default_rng(1), 3, heights=0)
     path = tmp_path / "map.npz"
     certpgo.write(path, certpgo.Instance("map", graph, np.arange(graph.num_nodes)))
     assert certpgo.solve(path).cost == pytest.approx(certpgo.solve(graph).cost, rel=1e-9)
