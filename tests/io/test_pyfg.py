@@ -388,10 +388,12 @@ def test_what_cannot_be_written(pyfg, tmp_path, file):
         read(file(bad)).graph, np.array([0, 1]), np.tile(np.eye(2), (2, 1, 1)), kappa=np.ones(2)
     )
     anchored = certpgo.Instance("a", compass, np.arange(3), world=2)
-    with pytest.raises(InputError, match="no measurements of an attitude alone"):
-        io.write(out, anchored)
+    for known in (anchored, compass):  # a graph knows its world as well
+        with pytest.raises(InputError, match="no measurements of an attitude alone"):
+            io.write(out, known)
+    unknown = certpgo.Instance("a", compass, np.arange(3))
     with pytest.raises(InputError, match=r"only .npz files hold edges that measure only"):
-        io.write(out, compass)
+        io.write(out, unknown)
     with pytest.raises(InputError, match="the estimate has rotations only"):
         io.write(out, certpgo.Estimate(np.eye(2)[None]))
 
