@@ -21,22 +21,24 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
+from numbers import Integral
 from typing import Any
 
 import numpy as np
 
+from certpgo.certify.assembly_errors import assembly_errors
 from certpgo.certify.dual import AMPLE, CONFIRMATIONS, Attempts, DualBound
 from certpgo.certify.tolerances import difference_up
-from certpgo.errors import InputError, NumericalError
+from certpgo.errors import InputError, NumericalError, require
 from certpgo.graph import Estimate
 from certpgo.graph.display import Brief
-from certpgo.linalg.arrays import FloatArray
+from certpgo.linalg.arrays import CSC, FloatArray, IntArray, frozen_floats
 from certpgo.linalg.ball_arithmetic import U
+from certpgo.linalg.rounding_bound import OTHERS
 from certpgo.linalg.selected_inverse import diagonal_blocks
 from certpgo.objective.quadratic import Quadratic
 
-#: What is taken off the diagonal, over what rounding was; at least twice that, as the factor that
-#: is kept may round otherwise than the one whose rounding is bounded.
+#: What is taken off the diagonal, over what rounding was, and the least of it.
 COVER, LEAST = 2.5, 2.0
 #: Rounding of the last few operations.
 UP = 1.0 + 64.0 * U
@@ -104,6 +106,8 @@ class Regions(Brief):
         InputError
             There is no such pose.
         """
+        if reference is not None:
+            require(reference, Integral, "the number of a node")
         chosen = self.problem.chordal.anchor if reference is None else int(reference)
         if chosen not in self.problem.chordal.poses:
             raise InputError(f"node {chosen} is none of the poses")
@@ -141,8 +145,8 @@ class Regions(Brief):
         d, square = self.form.d, UP * self.rho * self.rho
         metres = None
         if self.form.has_positions:
-            metres = UP * np.sqrt(square * G[:, 0, 0])
-        return Region(reference, metres, _degrees(square, G[:, -d:, -d:]))
+            metres = frozen_floats(UP * np.sqrt(square * G[:, 0, 0]))
+        return Region(reference, metres, frozen_floats(_degrees(square, G[:, -d:, -d:])))
 
 
 def _inverse_blocks(
@@ -161,10 +165,27 @@ def _inverse_blocks(
             if factor is None:
                 return None
             L, rows = factor.lower()
-            layout = form.pattern.layout_of(form.matrix)
-            return diagonal_blocks(L, rows, layout, above=True)
+            # The factor that is kept may round otherwise than the one before.
+            rounding = np.maximum(rounding, _rounding_of(L, rows, attempts, multipliers, pin))
+            if (rounding <= demand).all():
+                layout = form.pattern.layout_of(form.matrix)
+                return diagonal_blocks(L, rows, layout, above=True)
         demand = np.maximum(demand, COVER * rounding)
     return None
+
+
+def _rounding_of(
+    L: CSC, rows: IntArray, attempts: Attempts, multipliers: FloatArray, pin: IntArray
+) -> FloatArray:
+    """(N,) what a factor and the assembly of its matrix are off by, as `Attempts.rounding_of`."""
+    w, size = attempts.weights, abs(L)
+    terms = np.bincount(L.indices, minlength=len(w)) + OTHERS
+    sums = np.empty(len(w))
+    sums[rows] = U * terms * (size @ (size.T @ w[rows]))
+    radii = assembly_errors(attempts.problem, multipliers, w, attempts.is_rotation)
+    delta = 1.001 * (sums + radii) / w
+    delta[pin] = 0.0
+    return np.asarray(delta)
 
 
 def _degrees(square: float, G: FloatArray) -> FloatArray:

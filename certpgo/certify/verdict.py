@@ -78,7 +78,6 @@ def verdict(
     closed = basin_is_global or found in (Verdict.CERTIFIED, Verdict.REFUTED)
     limit = _limit(normalized, closed, best.bound, min(own.cost, cost))
     bound, rejected = best.bound, problem.rejected
-    known = [one.cost for one in (own, other) if one is not None]
     judged = Certificate(
         verdict=found,
         tier=normalized.tier,
@@ -107,7 +106,7 @@ def verdict(
         support=bound.support if bound and not len(rejected) else None,
         obstacle=Obstacle(limit, stopped=normalized.stop.cut),
         rejected=len(rejected),
-        regions=_regions(normalized, best.bound, own, cost, min(known)) if finite else None,
+        regions=_regions(normalized, best.bound, estimate, cost, own, other) if finite else None,
     )
     if other is not None and other.climbed is not None:
         obstacle = of_relaxation(judged, other.climbed, normalized.stop.cut)
@@ -120,9 +119,10 @@ def verdict(
 def _regions(
     normalized: NormalizedProblem[Any],
     bound: DualBound | None,
-    own: LocalMinimum,
+    estimate: Estimate,
     cost: float,
-    known: float,
+    own: LocalMinimum,
+    other: LocalMinimum | None,
 ) -> Regions | None:
     """What a bound says of where optima are, if it is one on poses, or on points, alone."""
     problem = normalized.problem
@@ -135,7 +135,12 @@ def _regions(
         return None
     if bound.support is None and not problem.is_chordal:
         return None
-    return Regions(problem, bound, cost, known, own.point)
+    known = [(one.point, one.cost) for one in (own, other) if one is not None]
+    if normalized.tier is Tier.PROOF:
+        # Its costs are of the checker's numbers, the bound's matrix of those that are stored.
+        cost = max(cost, problem.enclosure(estimate)[1])
+        known = [(point, max(of, problem.enclosure(point)[1])) for point, of in known]
+    return Regions(problem, bound, cost, min(of for _, of in known), own.point)
 
 
 def loses_to_rounding(

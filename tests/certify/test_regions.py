@@ -289,3 +289,17 @@ def test_it_costs_nothing_before_it_is_asked_for(seed, kind):
     assert set(vars(regions)) == {"problem", "bound", "cost", "known", "point", "_found"}
     first = regions.around()
     assert regions.around() is first
+
+
+def test_costs_at_the_proof_tier_are_those_of_the_stored_numbers_too():
+    graph = pose_graph(rng_of(1), 8, 3, noise=0.2)[0]
+    problem = Quadratic(graph)
+    judged = certpgo.certify(problem, certpgo.solve(problem).estimate, tier="proof")
+    normalized = judged.regions.problem
+    upper = normalized.enclosure(judged.refined)[1]
+    assert judged.regions.known >= upper
+    assert judged.distance.metres.max() < 0.1
+    with pytest.raises(ValueError, match="read-only"):
+        judged.distance.metres[0] = 0.0
+    with pytest.raises(InputError, match="the number of a node"):
+        judged.distance_from(1.7)
