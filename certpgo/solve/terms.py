@@ -90,7 +90,8 @@ class Terms:
             They have no information matrices, or some that are not positive definite; or there are
             nodes of unknown scale, and what is not taken with them.
         """
-        self._refuse_with_scales(measured, track)
+        if said := self._unscaled(graph_of(measured), track):
+            raise InputError(f"{source_of(measured)}{said}")
         if self.cost == CHORDAL:
             graph = graph_of(measured)
             _ = self._terms(graph)  # refuses what has none
@@ -112,24 +113,20 @@ class Terms:
         found = {name for name, feature in FEATURES.items() if feature.is_in(graph)}
         return self if found <= self.features else replace(self, features=self.features | found)
 
-    def _refuse_with_scales(self, measured: Graph | Instance, track: Track | None) -> None:
-        """Refuse what is not taken with nodes of unknown scale by an InputError."""
-        graph, source = graph_of(measured), source_of(measured)
+    def _unscaled(self, graph: Graph, track: Track | None) -> str:
+        """What does not go with nodes of unknown scale, in a sentence; or empty."""
         found = self.after(graph).features
         if "scales" not in found:
-            return
+            return ""
         if self.cost != CHORDAL:
-            raise InputError(f"{source}{OF_SCALES}")
+            return OF_SCALES
         if found & {"distances", "own kinds"} and not _has_unit(graph, track):
-            raise InputError(f"{source}{NO_UNIT}")
+            return NO_UNIT
         for block in graph.blocks:
             if not isinstance(block, Ranges) and graph.free[block.edges[:, 0]].any():
-                named = term_of(block).plural
-                raise InputError(f"{source}{named} are measured in a frame of unknown scale")
-        for name in NOT_SCALED:
-            if name in found:
-                said = f"nodes of unknown scale do not go with {FEATURES[name].called}"
-                raise InputError(f"{source}{said}")
+                return f"{term_of(block).plural} are measured in a frame of unknown scale"
+        others = [FEATURES[name].called for name in NOT_SCALED if name in found]
+        return f"nodes of unknown scale do not go with {others[0]}" if others else ""
 
     def upper(self, graph: Graph, estimate: Estimate) -> float:
         """The cost of an estimate, rounded up."""
