@@ -158,8 +158,13 @@ def test_written_and_read_again(file, tmp_path):
     attitude = certpgo.with_priors(
         space.graph.with_edges(np.arange(2)), [0, 1], np.tile(np.eye(3), (2, 1, 1)), kappa=1.0
     )
+    io.write(tmp_path / "attitude.g2o", attitude)  # a graph knows its world
+    found = io.read(tmp_path / "attitude.g2o", quiet=True).graph
+    np.testing.assert_allclose(found.kappa, attitude.kappa, rtol=1e-15)
+    np.testing.assert_array_equal(found.tau, attitude.tau)
+    unknown = certpgo.Instance("a", attitude, np.arange(attitude.num_nodes))
     with pytest.raises(InputError, match="measure only"):
-        io.write(tmp_path / "attitude.g2o", attitude)
+        io.write(tmp_path / "attitude.g2o", unknown)
 
 
 def test_estimates_are_in_the_world(file, tmp_path):
