@@ -331,8 +331,14 @@ class Attempts:
         if found is None:
             return None
         self.nonzeros = found.nonzeros
+        return self.compensation(found.sums, multipliers, pin)
+
+    def compensation(
+        self, sums: FloatArray, multipliers: FloatArray, pin: IntArray | None
+    ) -> FloatArray:
+        """(N,) of a factorization's rounding, with these row sums, and of the assembly's."""
         radii = assembly_errors(self.problem, multipliers, self.weights, self.is_rotation)
-        delta = 1.001 * (found.sums + radii) / self.weights  # rounding of the products
+        delta = 1.001 * (sums + radii) / self.weights  # rounding of the products
         if pin is not None:
             delta[pin] = 0.0  # pinned: its diagonal entry can be arbitrarily large
         return np.asarray(delta)

@@ -26,15 +26,14 @@ from typing import Any
 
 import numpy as np
 
-from certpgo.certify.assembly_errors import assembly_errors
 from certpgo.certify.dual import AMPLE, CONFIRMATIONS, Attempts, DualBound
 from certpgo.certify.tolerances import difference_up
 from certpgo.errors import InputError, NumericalError, require
 from certpgo.graph import Estimate
 from certpgo.graph.display import Brief
-from certpgo.linalg.arrays import CSC, FloatArray, IntArray, frozen_floats
+from certpgo.linalg.arrays import FloatArray, frozen_floats
 from certpgo.linalg.ball_arithmetic import U
-from certpgo.linalg.rounding_bound import OTHERS
+from certpgo.linalg.rounding_bound import rounding_of_factor
 from certpgo.linalg.selected_inverse import diagonal_blocks
 from certpgo.objective.quadratic import Quadratic
 
@@ -166,26 +165,13 @@ def _inverse_blocks(
                 return None
             L, rows = factor.lower()
             # The factor that is kept may round otherwise than the one before.
-            rounding = np.maximum(rounding, _rounding_of(L, rows, attempts, multipliers, pin))
+            sums, _ = rounding_of_factor(L, rows, attempts.weights)
+            rounding = np.maximum(rounding, attempts.compensation(sums, multipliers, pin))
             if (rounding <= demand).all():
                 layout = form.pattern.layout_of(form.matrix)
                 return diagonal_blocks(L, rows, layout, above=True)
         demand = np.maximum(demand, COVER * rounding)
     return None
-
-
-def _rounding_of(
-    L: CSC, rows: IntArray, attempts: Attempts, multipliers: FloatArray, pin: IntArray
-) -> FloatArray:
-    """(N,) what a factor and the assembly of its matrix are off by, as `Attempts.rounding_of`."""
-    w, size = attempts.weights, abs(L)
-    terms = np.bincount(L.indices, minlength=len(w)) + OTHERS
-    sums = np.empty(len(w))
-    sums[rows] = U * terms * (size @ (size.T @ w[rows]))
-    radii = assembly_errors(attempts.problem, multipliers, w, attempts.is_rotation)
-    delta = 1.001 * (sums + radii) / w
-    delta[pin] = 0.0
-    return np.asarray(delta)
 
 
 def _degrees(square: float, G: FloatArray) -> FloatArray:

@@ -7,13 +7,13 @@ from numbers import Integral
 
 import numpy as np
 
-from certpgo.errors import GraphError, InputError, require
-from certpgo.graph.edges import polar_factors
+from certpgo.errors import InputError, require
+from certpgo.graph.edges import flags_of_nodes, polar_factors
 from certpgo.graph.graph import Graph
 from certpgo.graph.information import Information
 from certpgo.graph.kinds import Node
 from certpgo.graph.observations import Observations
-from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_flags
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
 #: By default all measured scales are 1.
 NONE = np.ones(0)
@@ -107,7 +107,7 @@ def PoseGraph(  # noqa: N802
     (4, (4, 2))
     """
     _require_rotations(rotation)
-    given = None if points is None else _flags_of_nodes("points", points, rotation.num_nodes)
+    given = None if points is None else flags_of_nodes("points", points, rotation.num_nodes)
     nodes = np.full(rotation.num_nodes, Node.POSE)
     if given is not None:
         nodes[given] = Node.POINT
@@ -186,10 +186,3 @@ def _require_rotations(rotation: Graph) -> None:
     require(rotation, Graph, "a RotationGraph of the relative rotations")
     if rotation.has_positions:
         raise InputError("a RotationGraph of the relative rotations expected, not one of poses")
-
-
-def _flags_of_nodes(name: str, flags: BoolArray, n: int) -> BoolArray:
-    given = frozen_flags(flags)
-    if given.shape != (n,):
-        raise GraphError(f"{name} must be {n} flags, one per node")
-    return given

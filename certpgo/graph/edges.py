@@ -100,6 +100,14 @@ def check_flags(name: str, flags: BoolArray | None, m: int) -> BoolArray | None:
     return given if given.any() else None
 
 
+def flags_of_nodes(name: str, flags: BoolArray, n: int) -> BoolArray:
+    """(n,) flags of nodes; a GraphError if they are more or fewer."""
+    given = frozen_flags(flags)
+    if given.shape != (n,):
+        raise GraphError(f"{name} must be {n} flags, one per node")
+    return given
+
+
 def symmetric(A: FloatArray) -> FloatArray:
     """The symmetric parts of matrices (m, d, d)."""
     return np.asarray(0.5 * A + 0.5 * np.swapaxes(A, 1, 2))  # whose sum may be beyond doubles

@@ -23,6 +23,7 @@ from certpgo.graph.edges import (
     check_weights,
     chosen_nodes,
     components_of,
+    flags_of_nodes,
     induced,
     simple_edges,
 )
@@ -224,9 +225,7 @@ class Graph(Speaking, GraphData):
         GraphError
             There are more or fewer flags, or one is of a point.
         """
-        free = np.asarray(free, dtype=bool)
-        if free.shape != (self.num_nodes,):
-            raise GraphError(f"free must be {self.num_nodes} flags, one per node")
+        free = flags_of_nodes("free", free, self.num_nodes)
         if (free & self.is_point).any():
             node = int(np.argmax(free & self.is_point))
             raise GraphError(f"node {node}: a point has no scale")

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from certpgo.linalg.arrays import CSC, FloatArray
+from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import U
 
 #: Relative agreement of a Cholesky factor's squared row norms with the diagonal.
@@ -48,6 +48,23 @@ def least_of_both(absolute: FloatArray, terms: FloatArray) -> FloatArray:
     """
     by_row, by_mean = absolute.T
     return np.asarray(U * np.minimum(terms * by_row, np.sqrt(terms) * by_mean))
+
+
+def rounding_of_factor(L: CSC, rows: IntArray, w: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """What a factor is off by, as `RoundingBound.sums`, and L's squared row norms, in A's order.
+
+    Parameters
+    ----------
+    L, rows : the factor and its permutation p, with A[p][:, p] = L L^T
+    w : (N,) weights of the columns
+    """
+    terms, squares = np.empty(len(w)), np.empty(len(w))
+    terms[rows] = np.bincount(L.indices, minlength=len(w)) + OTHERS
+    squares[rows] = np.bincount(L.indices, L.data**2, minlength=len(w))
+    size, both = abs(L), weights_of_both(w, terms)
+    absolute = np.empty_like(both)
+    absolute[rows] = size @ (size.T @ both[rows])
+    return least_of_both(absolute, terms), squares
 
 
 def is_cholesky(squares: FloatArray, A: CSC) -> bool:

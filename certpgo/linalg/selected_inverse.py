@@ -13,26 +13,6 @@ from certpgo.linalg.ball_arithmetic import U
 from certpgo.linalg.blocks import Layout, with_entries
 
 
-def selected_inverse(L: CSC) -> CSC:
-    """The lower triangle of (L L^T)^-1 on the pattern of L, closed under fill.
-
-    Parameters
-    ----------
-    L : (N, N) lower triangular with positive diagonal, sorted indices
-
-    Returns
-    -------
-    (N, N) CSC, lower triangular
-    """
-    columns: list[tuple[FloatArray, IntArray]] = []
-    for front, k, Z in _fronts_of_inverse(L):
-        columns += [(Z[c:, c], front[c:]) for c in range(k - 1, -1, -1)]
-    columns.reverse()
-    indptr = np.cumsum([0, *(len(values) for values, _ in columns)])
-    values, indices = (np.concatenate(parts) for parts in zip(*columns, strict=True))
-    return CSC((values, indices, indptr), shape=L.shape)
-
-
 def diagonal_blocks(L: CSC, rows: IntArray, layout: Layout, *, above: bool = False) -> FloatArray:
     """(n, b, b) the nodes' diagonal blocks of A^-1; zero for rows that points do not have.
 
@@ -58,7 +38,7 @@ def diagonal_blocks(L: CSC, rows: IntArray, layout: Layout, *, above: bool = Fal
         lengths = np.sqrt(np.bincount(L.indices, L.data**2, minlength=layout.size))
         unit = np.exp2(-np.round(np.log2(lengths)))
         L = with_entries(L, L.data * unit[L.indices])
-    for front, k, Z in _fronts_of_inverse(L, above=above):
+    for front, k, Z in fronts_of_inverse(L, above=above):
         own = nodes[slice(*np.searchsorted(firsts, [front[0], front[0] + k]))]
         rows_of = np.where(known[own], at[own], front[0])
         within = np.minimum(np.searchsorted(front, rows_of), len(front) - 1)
@@ -73,9 +53,7 @@ def diagonal_blocks(L: CSC, rows: IntArray, layout: Layout, *, above: bool = Fal
     return blocks
 
 
-def _fronts_of_inverse(
-    L: CSC, *, above: bool = False
-) -> Iterator[tuple[IntArray, int, FloatArray]]:
+def fronts_of_inverse(L: CSC, *, above: bool = False) -> Iterator[tuple[IntArray, int, FloatArray]]:
     """Runs of k columns with one pattern, from the last to the first, with the inverse's block.
 
     Takahashi's recursion from the last column to the first (Takahashi, Fagan, Chen 1973), in dense

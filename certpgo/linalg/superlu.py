@@ -11,13 +11,7 @@ from scipy.sparse.linalg import splu
 
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.residual import measured_residual
-from certpgo.linalg.rounding_bound import (
-    OTHERS,
-    RoundingBound,
-    is_cholesky,
-    least_of_both,
-    weights_of_both,
-)
+from certpgo.linalg.rounding_bound import RoundingBound, is_cholesky, rounding_of_factor
 
 #: Nonzeros of a factor of SuperLU up to which its residual is measured.
 MEASURABLE = 20e6
@@ -128,15 +122,9 @@ class SuperLU:
         if factor is None:
             return None
         L, p = factor.nonzeros
-        terms, squares = np.empty(len(w)), np.empty(len(w))
-        terms[p] = np.bincount(L.indices, minlength=len(w)) + OTHERS
-        squares[p] = np.bincount(L.indices, L.data**2, minlength=len(w))
+        sums, squares = rounding_of_factor(L, p, w)
         if not is_cholesky(squares, A):
             return None
-        size, both = abs(L), weights_of_both(w, terms)
-        absolute = np.empty_like(both)
-        absolute[p] = size @ (size.T @ both[p])
-        sums = least_of_both(absolute, terms)
         sums[p] += factor.excess(w[p])
         return RoundingBound(sums, int(L.nnz))
 

@@ -141,8 +141,7 @@ class Quadratic(EdgeOperators):
         """The rotations alone; shares pattern and ordering unless there are points."""
         if not self.has_positions:
             return self
-        alone = self.graph.rotations_alone
-        rotations = Quadratic(alone, self.engine, is_part=True)
+        rotations = Quadratic(self.graph.rotations_alone, self.engine, is_part=True)
         return rotations if self.graph.is_point.any() else self._shared(rotations)
 
     @property
@@ -150,12 +149,9 @@ class Quadratic(EdgeOperators):
         """Why there are no proofs of the cost; empty if there are."""
         if self.graph.has_others:
             return "the proof tier knows no nodes of other kinds than the graph's own"
-        if not self.graph.has_matrix_weights:
-            return ""
-        return (
-            "the proof tier is for isotropic weights, not for edges with matrix weights, "
-            "couplings or arms"
-        )
+        others = "edges with matrix weights, couplings or arms"
+        said = f"the proof tier is for isotropic weights, not for {others}"
+        return said if self.graph.has_matrix_weights else ""
 
     def check(self, estimate: Estimate) -> None:
         """Refuse an estimate of another graph, or one whose known scales are others."""
@@ -242,17 +238,21 @@ class Quadratic(EdgeOperators):
 
     def nearest_estimates(self, point: Point) -> Iterator[Estimate]:
         """The projections to the main subspace of a point: of either handedness, of scales."""
-        among, Y = cast("Lift", point).subset(self.poses), point.rotations
-        basis = main_subspace(among)
-        bases = self.lifting.frames(basis)
-        if not self.takes_scales:
-            reflected = so.is_mostly_reflected(np.swapaxes(basis.T @ among.rotations, 1, 2))
-            yield self.complete(self.kinds.apply("rounded", bases[int(reflected)].T @ Y))
+        if self.takes_scales:
+            yield from map(self.with_optimal_translations, self.projections(point))
             return
-        s = self.sizes_of(Y)
-        for B in bases:
-            R, t = self.kinds.apply("rounded", B.T @ Y), translations_of(point) @ B
-            yield self.with_optimal_translations(self.as_estimate(R, t, s))
+        among = cast("Lift", point).subset(self.poses)
+        basis = main_subspace(among)
+        reflected = so.is_mostly_reflected(np.swapaxes(basis.T @ among.rotations, 1, 2))
+        B = self.lifting.frames(basis)[int(reflected)]
+        yield self.complete(self.kinds.apply("rounded", B.T @ point.rotations))
+
+    def projections(self, point: Point) -> Iterator[Estimate]:
+        """The same of blocks with scales, and of the point's translations."""
+        s = self.sizes_of(point.rotations)
+        for B in self.lifting.frames(main_subspace(cast("Lift", point).subset(self.poses))):
+            R = self.kinds.apply("rounded", B.T @ point.rotations)
+            yield self.as_estimate(R, translations_of(point) @ B, s)
 
     # --- The cost ---------------------------------------------------------------------------------
 

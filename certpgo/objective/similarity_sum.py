@@ -9,6 +9,7 @@ nowhere else.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
@@ -17,7 +18,7 @@ import numpy as np
 
 from certpgo.errors import GraphError, InputError, refuse
 from certpgo.graph import Estimate, Graph
-from certpgo.graph.relaxed_point import Lift, Point, main_subspace, translations_of
+from certpgo.graph.relaxed_point import Lift, Point, translations_of
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.edge_equations import EdgeEquations
@@ -189,14 +190,9 @@ class SimilaritySum(Sum):
         """The nearest estimate to the end of a descent."""
         return self.chordal.estimate_of(point)
 
-    def nearest_estimates(self, point: Lift) -> tuple[Estimate, ...]:  # type: ignore[override]
+    def nearest_estimates(self, point: Point) -> Iterator[Estimate]:
         """The projections to the main subspace of a point, of either handedness."""
-        space, Y = self.chordal, point.rotations
-        bases = space.lifting.frames(main_subspace(point.subset(space.poses)))
-        sizes, t = space.sizes_of(Y), translations_of(point)
-        turns = [space.kinds.apply("rounded", B.T @ Y) for B in bases]
-        moved = [t @ B for B in bases]
-        return tuple(space.as_estimate(*at, sizes) for at in zip(turns, moved, strict=True))
+        yield from self.chordal.projections(point)
 
     # --- Bounds -----------------------------------------------------------------------------------
 

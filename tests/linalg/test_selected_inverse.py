@@ -9,20 +9,35 @@ from certpgo.errors import NumericalError
 from certpgo.linalg.arrays import CSC
 from certpgo.linalg.blocks import BlockPattern, add_to_diagonal
 from certpgo.linalg.factor import analyze, engines
-from certpgo.linalg.selected_inverse import diagonal_blocks, selected_inverse
+from certpgo.linalg.selected_inverse import diagonal_blocks, fronts_of_inverse
 from certpgo.objective.quadratic import Quadratic
+
+
+def selected_inverse(L):
+    """The lower triangle of (L L^T)^-1 on the pattern of L, closed under fill."""
+    columns = []
+    for front, k, Z in fronts_of_inverse(L):
+        columns += [(Z[c:, c], front[c:]) for c in range(k - 1, -1, -1)]
+    columns.reverse()
+    indptr = np.cumsum([0, *(len(values) for values, _ in columns)])
+    values, indices = (np.concatenate(parts) for parts in zip(*columns, strict=True))
+    return CSC((values, indices, indptr), shape=L.shape)
+
+
+def factors(rng, d):
+    """A problem, a definite matrix of its pattern, and its factors by each engine."""
+    problem = Quadratic(pose_graph(rng, int(rng.integers(2, 30)), d)[0])
+    A = add_to_diagonal(problem.matrix, np.full(problem.n * (d + 1), 0.1))
+    pattern, order = problem.pattern, problem.order
+    for engine in engines():
+        analysis = analyze(pattern.indptr, pattern.indices, order=order, engine=engine)
+        yield problem, A, *analysis.blocks(np.full(problem.n, d + 1)).factor(A).lower()
 
 
 @given(seeds, dimensions)
 @settings(max_examples=15)
 def test_entries_are_those_of_the_inverse(seed, d):
-    rng = rng_of(seed)
-    problem = Quadratic(pose_graph(rng, int(rng.integers(2, 30)), d)[0])
-    A = add_to_diagonal(problem.matrix, np.full(problem.n * (d + 1), 0.1))
-    pattern = problem.pattern
-    for engine in engines():
-        analysis = analyze(pattern.indptr, pattern.indices, order=problem.order, engine=engine)
-        L, p = analysis.blocks(np.full(problem.n, d + 1)).factor(A).lower()
+    for _, A, L, p in factors(rng_of(seed), d):
         found, Z = selected_inverse(L), np.linalg.inv(A.toarray())[np.ix_(p, p)]
         kept = L.toarray() != 0.0
         assert (found.toarray()[np.triu(np.ones_like(kept), 1) > 0] == 0.0).all()
@@ -70,14 +85,8 @@ def test_zeros_of_the_factor_are_not_those_of_the_inverse(engine):
 @given(seeds, dimensions)
 @settings(max_examples=15)
 def test_blocks_are_those_of_the_inverse_or_above(seed, d):
-    rng = rng_of(seed)
-    problem = Quadratic(pose_graph(rng, int(rng.integers(2, 30)), d)[0])
-    A = add_to_diagonal(problem.matrix, np.full(problem.n * (d + 1), 0.1))
-    pattern = problem.pattern
-    for engine in engines():
-        analysis = analyze(pattern.indptr, pattern.indices, order=problem.order, engine=engine)
-        L, p = analysis.blocks(np.full(problem.n, d + 1)).factor(A).lower()
-        layout, Z = pattern.layout(d + 1), np.linalg.inv(A.toarray())
+    for problem, A, L, p in factors(rng_of(seed), d):
+        layout, Z = problem.pattern.layout(d + 1), np.linalg.inv(A.toarray())
         nodes = np.arange(problem.n)
         exact = Z.reshape(problem.n, d + 1, problem.n, d + 1)[nodes, :, nodes]
         found, above = (diagonal_blocks(L, p, layout, above=up) for up in (False, True))
