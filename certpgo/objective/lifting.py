@@ -57,6 +57,15 @@ def _of_each_handedness(basis: FloatArray) -> tuple[FloatArray, ...]:
     return basis, basis * np.r_[-1.0, np.ones(basis.shape[1] - 1)]
 
 
+def _rows(t: FloatArray) -> FloatArray:
+    return t[:, None]
+
+
+def _rising_row(rows: FloatArray, d: int) -> Lift:
+    """Rows are the first coordinates of [t, R] in one dimension."""
+    return Lift(rows[:, None, -d:], rows[:, :1])
+
+
 def _data_matrix_of_pairs(pattern: BlockPattern, graph: Any, sums: operators.NodeSums) -> CSC:
     """M, (N, N), with four rows for poses and two for points."""
     n, (i, _), half = graph.num_nodes, graph.edges.T, 0.5 * graph.tau
@@ -96,6 +105,10 @@ def _complex_tangents(Y: FloatArray) -> FloatArray:
     return np.asarray(np.stack([v, quarter_turn(v)], axis=3) / np.sqrt(2.0))
 
 
+def _complex_dim(r: int, d: int) -> int:
+    return r - 1
+
+
 def _of_complex_line(basis: FloatArray) -> tuple[FloatArray, ...]:
     """The frame [b, Jb] of the complex line of the first vector b of a basis."""
     first = basis[:, 0]
@@ -114,9 +127,9 @@ REAL = Lifting(
     1,
     POSE,
     operators.data_matrix,
-    lambda t: t[:, None],
+    _rows,
     _of_each_handedness,
-    lambda rows, d: Lift(rows[:, None, -d:], rows[:, :1]),
+    _rising_row,
 )
 #: In the plane, for edges without arms and matrix weights: lifted rotations stay proper.
 COMPLEX = Lifting(
@@ -124,7 +137,7 @@ COMPLEX = Lifting(
     Manifold(
         "poses over complex numbers",
         _complex_tangents,
-        lambda r, d: r - 1,
+        _complex_dim,
         POSE.nearest,
         POSE.rounded,
         _complex_multipliers,

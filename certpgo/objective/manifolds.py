@@ -34,7 +34,7 @@ def same(blocks: FloatArray) -> FloatArray:
     return blocks
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Manifold:
     """How the blocks of the nodes of one kind move, and what their multipliers prove.
 
@@ -111,6 +111,18 @@ def _stiefel_dim(r: int, d: int) -> int:
     return r * d - d * (d + 1) // 2
 
 
+def _no_tangents(Y: FloatArray) -> FloatArray:
+    return np.zeros((len(Y), 0, *Y.shape[1:]))
+
+
+def _no_dim(r: int, d: int) -> int:
+    return 0
+
+
+def _identities(blocks: FloatArray) -> FloatArray:
+    return np.broadcast_to(np.eye(blocks.shape[-1]), blocks.shape)
+
+
 #: Rotations: frames of St(r, d), of poses as of nodes that have a rotation alone.
 POSE = Manifold(
     "poses",
@@ -126,10 +138,10 @@ POSE = Manifold(
 #: Positions alone: what is stored as their blocks stays as it is.
 POINT = Manifold(
     "points",
-    lambda Y: np.zeros((len(Y), 0, *Y.shape[1:])),
-    lambda r, d: 0,
+    _no_tangents,
+    _no_dim,
     same,
-    lambda blocks: np.broadcast_to(np.eye(blocks.shape[-1]), blocks.shape),
+    _identities,
     np.zeros_like,
     same,
     None,
