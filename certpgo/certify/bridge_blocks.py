@@ -97,6 +97,7 @@ def sum_of_bounds(
     return DualBound(
         value=math.nextafter(math.fsum(bound.value for bound in bounds), -math.inf),
         multipliers=multipliers,
+        form=problem,
         shift=max(bound.shift for bound in bounds),
         factorizations=sum(bound.factorizations for bound in bounds),
         nonzeros=max(bound.nonzeros for bound in bounds),

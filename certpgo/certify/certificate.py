@@ -11,7 +11,8 @@ from typing import Any
 from certpgo.certify.bounds import Bounds
 from certpgo.certify.dual import Support
 from certpgo.certify.obstacle import NOTHING, LimitedBy, Obstacle
-from certpgo.certify.regions import Region, Regions
+from certpgo.certify.region import ProvenDistance, Region
+from certpgo.certify.regions import Regions
 from certpgo.certify.tolerances import FLOOR, PROOF_GAIN, allowed
 from certpgo.certify.wording import Statement
 from certpgo.errors import SpecError
@@ -227,12 +228,12 @@ class Certificate(Statement):
         return self.obstacle.kind
 
     @property
-    def distance(self) -> Region | None:
+    def distance(self) -> ProvenDistance | None:
         """How far the estimate can be from every optimum, in metres and degrees.
 
         Computed when it is first asked for. It is seen from the pose whose measurements weigh most,
-        see `distance_from`; None if nothing can be proven, at the screening tier, and for rejected
-        measurements, distances and scales.
+        see `distance_from`; None if nothing can be proven, as at the screening tier, and for maps
+        without any known scale.
 
         Examples
         --------
@@ -245,15 +246,37 @@ class Certificate(Statement):
         """
         return self.distance_from(None)
 
-    def distance_from(self, reference: int | None) -> Region | None:
+    def distance_from(self, reference: int | None) -> ProvenDistance | None:
         """The same seen from another pose.
 
         Raises
         ------
         InputError
-            There is no such pose.
+            There is no such pose, or its scale is unknown.
         """
-        return None if self.regions is None else self.regions.around(reference)
+        return None if self.regions is None else self.regions.distance(reference)
+
+    def region(
+        self, node: int, reference: int | None = None, *, excess: float = 0.0
+    ) -> Region | None:
+        """Where a node is, seen from a pose, in every estimate of low cost; see `Region`.
+
+        None if nothing can be proven, as for `distance`, or if no estimate costs as little.
+
+        Parameters
+        ----------
+        reference : by default that of `distance`
+        excess : over the cost of the estimate, of which all are inside, in units of the cost
+
+        Raises
+        ------
+        InputError
+            There is no such node or pose, or it is the node itself, or its scale is unknown; or the
+            excess is not finite.
+        """
+        if self.regions is None:
+            return None
+        return self.regions.region(node, reference, excess)
 
     @property
     def relative_gap(self) -> float:

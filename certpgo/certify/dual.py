@@ -81,6 +81,7 @@ class DualBound(Brief):
     value : F* >= value
     multipliers : (n, d, d) Lam' with S = M - blkdiag(0, Lam') positive semidefinite; zero for
         points
+    form : the problem whose matrix M is; its cost plus a constant is nowhere above the bounded cost
     shift : the largest amount taken off a diagonal entry of Lam
     factorizations : number of numeric factorizations
     nonzeros : nonzeros of the factor that proves it; 0 if rounding was not bounded
@@ -94,6 +95,7 @@ class DualBound(Brief):
 
     value: float
     multipliers: FloatArray
+    form: Quadratic
     shift: float
     factorizations: int
     nonzeros: int
@@ -360,6 +362,7 @@ class Attempts:
         return DualBound(
             value,
             proven,
+            self.problem,
             float(taken.max()),
             self.factorizations,
             self.nonzeros,

@@ -162,7 +162,9 @@ def proven_surrogate(
     diagonal = np.einsum("naa->na", found[0])
     centre = np.repeat(-problem.graph.kappa, 2 * problem.d)
     total = math.fsum(np.concatenate([diagonal.ravel(), constants, centre]))
+    # The exact ones are no larger.
     multipliers = recentred(problem, graph, found[0], -1.0)
+    multipliers += _rounding_of_centres(problem, graph, found[0])[:, None, None] * np.eye(problem.d)
     taken = np.einsum("naa->na", problem.multipliers(point) - multipliers)
     value, shift = math.nextafter(total, -math.inf), float(taken.max())
     return replace(bound, value=value, multipliers=multipliers, shift=shift)
@@ -182,6 +184,19 @@ def recentred(
     return np.asarray(
         multipliers + sign * (gained - scatter_sum(i, K_left, n) - scatter_sum(j, K, n))
     )
+
+
+def _rounding_of_centres(
+    problem: Quadratic, taken: checker.Graph, multipliers: FloatArray
+) -> FloatArray:
+    """(n,) bounds on the norms of what `recentred` rounds."""
+    graph, n, d = problem.rotation.graph, problem.n, problem.d
+    if not graph.is_general:
+        return np.zeros(n)
+    weights = d * taken.kappa + np.trace(graph.polar[1], axis1=1, axis2=2)
+    sizes = operators.degrees(graph.edges, weights, n) + np.abs(multipliers).sum(axis=(1, 2))
+    terms = np.bincount(graph.edges.ravel(), minlength=n) + 8.0
+    return np.asarray(2.0 * d * checker.U * terms * sizes)
 
 
 class _Prover:

@@ -124,23 +124,19 @@ def _regions(
     own: LocalMinimum,
     other: LocalMinimum | None,
 ) -> Regions | None:
-    """What a bound says of where optima are, if it is one on poses, or on points, alone."""
-    problem = normalized.problem
-    if bound is None or not normalized.rigorous or len(problem.rejected) or problem.takes_scales:
+    """What a bound says of where estimates are, if there is a unit to say it in."""
+    if bound is None or not normalized.rigorous or bound.form.kinds.in_mean_unit:
         return None
-    if problem.is_lifted or problem.measured.ranges is not None or problem.graph.has_others:
-        return None
-    # Multipliers of surrogates at the proof tier are rounded.
-    if bound.support is not None and normalized.tier is Tier.PROOF:
-        return None
-    if bound.support is None and not problem.is_chordal:
-        return None
+    problem, is_proof = normalized.problem, normalized.tier is Tier.PROOF
     known = [(one.point, one.cost) for one in (own, other) if one is not None]
-    if normalized.tier is Tier.PROOF:
+    if is_proof:
         # Its costs are of the checker's numbers, the bound's matrix of those that are stored.
         cost = max(cost, problem.enclosure(estimate)[1])
         known = [(point, max(of, problem.enclosure(point)[1])) for point, of in known]
-    return Regions(problem, bound, cost, min(of for _, of in known), own.point)
+    least = min(cost, *(of for _, of in known))
+    chordal = problem.chordal
+    anchor = chordal.root if problem.takes_scales else chordal.anchor
+    return Regions(bound, estimate, cost, least, own.point, anchor, normalized.unit, is_proof)
 
 
 def loses_to_rounding(

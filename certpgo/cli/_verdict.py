@@ -14,7 +14,7 @@ from certpgo.errors import InputError
 
 if TYPE_CHECKING:
     from certpgo.certify import Certificate
-    from certpgo.certify.regions import Region
+    from certpgo.certify.region import ProvenDistance
     from certpgo.graph import Instance
     from certpgo.linalg.arrays import IntArray
     from certpgo.solve.assessment import Assessment
@@ -98,7 +98,7 @@ def require_pose(name: int | None, parts: Sequence[Instance]) -> None:
         raise InputError(f"--reference: node {name} is none of the poses")
 
 
-def distance(region: Region | None, part: Instance) -> Iterable[tuple[str, str]]:
+def distance(region: ProvenDistance | None, part: Instance) -> Iterable[tuple[str, str]]:
     """How far the estimate can be from every optimum, rounded up; nothing where that is far."""
     from certpgo.graph.phrases import rounded_up
 
@@ -111,7 +111,7 @@ def distance(region: Region | None, part: Instance) -> Iterable[tuple[str, str]]
     yield "proven distance", f"{within}  (most at {most}; seen from {seen})"
 
 
-def distance_as_json(region: Region | None, part: Instance) -> dict[str, Any]:
+def distance_as_json(region: ProvenDistance | None, part: Instance) -> dict[str, Any]:
     """The same; null where there is no limit. Of nodes by their ids, or null for the world."""
     metres, degrees = (None, None) if region is None else region.largest
     nodes = [] if region is None else [region.node, region.reference]

@@ -40,7 +40,7 @@ from certpgo.cli._truth import OF_TRUTH, KnownPoses, TruthFile, TruthOffset
 from certpgo.errors import InputError
 
 if TYPE_CHECKING:
-    from certpgo.certify.regions import Region
+    from certpgo.certify.region import ProvenDistance
     from certpgo.graph import Estimate, Instance
     from certpgo.io.datasets.source import Source
     from certpgo.io.matching import Matching
@@ -237,7 +237,7 @@ class _Assessed(Result):
         return "what is proven by then stands" if self.part.judge.interrupted else ""
 
     @property
-    def region(self) -> Region | None:
+    def region(self) -> ProvenDistance | None:
         """Where all optima are; None where nothing is known of them."""
         certificate = self.found.certificate
         if certificate.verdict == "UNDECIDED":

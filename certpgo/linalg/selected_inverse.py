@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dtrtri
 
 from certpgo.errors import NumericalError
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
@@ -76,7 +77,7 @@ def fronts_of_inverse(L: CSC, *, above: bool = False) -> Iterator[tuple[IntArray
             if not waiting[parent]:
                 del known[parent]
         P = _panel(L, front, k)
-        inverse = solve_triangular(P[:k], np.eye(k), lower=True)
+        inverse = np.asarray(dtrtri(P[:k], lower=1)[0])
         carried = P[k:] @ inverse
         Z[k:, :k] = -Z[k:, k:] @ carried
         Z[:k, k:] = Z[k:, :k].T
@@ -94,12 +95,11 @@ def _round_up(Z: FloatArray, P: FloatArray, inverse: FloatArray, carried: FloatA
     Norms are Frobenius'; a product of matrices with inner dimension q is off by at most (q + 2) U
     times the product of their norms.
     """
-    (m, k), of_rest = P.shape, np.linalg.norm
-    x, q, c = float(of_rest(inverse)), float(of_rest(P[k:])), float(of_rest(carried))
-    w = float(of_rest(Z[k:, k:]))
+    m, k = P.shape
+    x, q, c, w = map(_norm, (inverse, P[k:], carried, Z[k:, k:]))
     unit = (m + 8.0) * U
     # L_pp^-1 = (I - E)^-1 X for the computed X, E = I - X L_pp.
-    e = float(of_rest(np.eye(k) - inverse @ P[:k])) + unit * (x * float(of_rest(P[:k])) + 1.0)
+    e = _norm(np.eye(k) - inverse @ P[:k]) + unit * (x * _norm(P[:k]) + 1.0)
     if not e < 0.5:
         raise NumericalError("a factor is too ill-conditioned for bounds on its inverse")
     off = 2.0 * e * x
@@ -107,6 +107,10 @@ def _round_up(Z: FloatArray, P: FloatArray, inverse: FloatArray, carried: FloatA
     missed = off * (2.0 * x + off) + off_carried * w * (1.0 + 2.0 * c + off_carried)
     Z[:k, :k] = 0.5 * (Z[:k, :k] + Z[:k, :k].T)
     Z[np.diag_indices(m)] += 1.01 * (missed + 4.0 * unit * (x * x + w * (1.0 + c) ** 2))
+
+
+def _norm(A: FloatArray) -> float:
+    return math.sqrt(np.vdot(A, A))
 
 
 def _supernodes(L: CSC) -> tuple[IntArray, list[IntArray], IntArray]:

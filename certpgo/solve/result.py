@@ -9,6 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from certpgo.certify import Certificate, Verdict
+from certpgo.certify.region import ProvenDistance, Region
+from certpgo.errors import InputError
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.display import Speaking, Text
 from certpgo.graph.phrases import cost_shown, counted
@@ -21,6 +23,7 @@ from certpgo.optimize.unobservable import Undetermined, undetermined
 from certpgo.solve.accuracy_wording import fixed
 from certpgo.solve.assessment import CostlyEdge, costly_edges
 from certpgo.solve.fit import Fit, fit_of
+from certpgo.solve.likelihood import LEVEL, excess_of_truth, excesses
 from certpgo.solve.outliers import Disagreement
 from certpgo.solve.rejection import Rejection, headline
 from certpgo.solve.settings import SolveSettings
@@ -207,6 +210,72 @@ class CertifiedSolution(Speaking):
         if anchor is None:
             anchor = int(self.problem.tangent_layout.whole[0])
         return Marginals(self.problem, self.estimate, anchor, held)
+
+    def region(
+        self,
+        node: int,
+        reference: int | None = None,
+        *,
+        level: float | None = None,
+        excess: float | None = None,
+        exact: bool = False,
+    ) -> Region | None:
+        """Where a node is, seen from a pose, in every estimate of low cost; see `Region`.
+
+        By default in all that a likelihood-ratio test at 95 % does not exclude, far ones as near
+        ones: without linearization, but the level is that of small noise. None if nothing can be
+        proven.
+
+        Parameters
+        ----------
+        reference : by default that of ``certificate.distance``
+        level : probability of the region under the stated noise, 0.95 by default
+        excess : instead, the cost of estimates that are inside over the cost of this one
+        exact : whether the level is exact: the region holds the true poses with at least this
+            probability, however large the noise is. It is larger
+
+        Raises
+        ------
+        InputError
+            There is no such node or pose, or its scale is unknown; both a level and an excess are
+            given, or a level over similarities.
+        NumericalError
+            No estimate costs as little as the true poses do at an exact level.
+        """
+        most = self._excesses(level, excess, exact)
+        more = float(most[node]) if node in range(len(most)) else 0.0  # refused there
+        return self.certificate.region(node, reference, excess=more)
+
+    def regions(
+        self,
+        reference: int | None = None,
+        *,
+        level: float | None = None,
+        excess: float | None = None,
+        exact: bool = False,
+    ) -> ProvenDistance | None:
+        """The balls and angles of the `region` of each node.
+
+        Raises
+        ------
+        InputError, NumericalError
+            As for `region`.
+        """
+        found, most = self.certificate.regions, self._excesses(level, excess, exact)
+        return None if found is None else found.distance(reference, most)
+
+    def _excesses(self, level: float | None, excess: float | None, exact: bool) -> FloatArray:
+        """(n,) what estimates in the region of each node may cost more."""
+        n, known = self.problem.n, self.certificate
+        if excess is not None:
+            if level is not None or exact:
+                raise InputError("a region is of a level or of an excess, not of both")
+            return np.full(n, float(excess))
+        level = LEVEL if level is None else level
+        if not exact:
+            return excesses(self.problem, level)
+        more = excess_of_truth(self.problem, level, known.cost_upper, known.lower_bound)
+        return np.full(n, more)
 
     def covariance(self, node: int) -> FloatArray:
         """(b, b) covariance of a node relative to the first pose, see `certpgo.Marginals`."""

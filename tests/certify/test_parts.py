@@ -141,7 +141,7 @@ def test_bounds_of_parts_add_up():
     problem = Quadratic(joined(0, 5.0))
     found = parts(problem)
     bounds = [
-        DualBound(value, np.full((12, 3, 3), value), shift, 1, nonzeros)
+        DualBound(value, np.full((12, 3, 3), value), problem, shift, 1, nonzeros)
         for value, shift, nonzeros in ((0.25, 1e-9, 10), (0.5, 1e-7, 7))
     ]
     summed = sum_of_bounds(problem, found, lambda part: bounds[found.index(part)])

@@ -1,32 +1,64 @@
 """How far estimates can be from every optimum: no other estimate is ever outside."""
 
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mixtures import mixture, scaled_mixture
 from strategies import definite, dimensions, point_graph, pose_graph, rng_of, rotation_graph, seeds
 
 import certpgo
 from certpgo import InputError
 from certpgo.certify.dual import Attempts
-from certpgo.certify.regions import Regions, _inverse_blocks
 from certpgo.graph import Estimate
+from certpgo.graph.kinds import Node
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import factor
 from certpgo.linalg import rotations as so
 from certpgo.linalg.blocks import pinned
-from certpgo.objective.choose_cost import COSTS
+from certpgo.objective.choose_cost import COSTS, objective_of
 from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.sum import Sum
+from certpgo.objective.truncated_cost import TruncatedCost
 
 KINDS = ("rotations", "poses", "points", "fixes", "g2o", "gtsam", "priors g2o")
+#: Distances with F alone, and what all else is measured with.
+MORE = (
+    "distances chordal",
+    "mixture chordal",
+    "mixture g2o",
+    "mixture gtsam",
+    "rejected poses",
+    "rejected g2o",
+    "rejected rotations",
+    "scales",
+    "scales distances",
+)
 
 
 def problem_of(kind, rng, d, noise=0.1):
     """A small problem and an estimate near its optimum."""
     n = int(rng.integers(4, 8))
+    of, _, name = kind.partition(" ")
+    if of == "rejected":
+        return rejected(*problem_of(name, rng, d, noise), rng)
+    if of == "distances":
+        graph, R, t = pose_graph(rng, n, d, noise=noise)
+        pairs = np.array([rng.choice(n, 2, replace=False) for _ in range(n)])
+        length = np.linalg.norm(t[pairs[:, 1]] - t[pairs[:, 0]], axis=1)
+        length = np.abs(length + noise * rng.standard_normal(n))
+        ranges = certpgo.Ranges(n, pairs, length, np.full(n, 5.0))
+        return objective_of(graph.with_ranges(ranges), name), Estimate(R, t)
+    if of == "mixture":
+        graph, truth = mixture(rng, d, 6, 2, 2, 5)
+        return objective_of(graph, name), truth
+    if of == "scales":
+        few = {} if name else {"distances": 0, "heights": 0}
+        graph, truth = scaled_mixture(rng, d, 5, noise=0.3 * noise, known=(0,), **few)
+        return objective_of(graph), truth
     if kind == "rotations":
         graph, R = rotation_graph(rng, n, d, noise=noise)
         return Quadratic(graph), Estimate(R)
@@ -55,6 +87,22 @@ def problem_of(kind, rng, d, noise=0.1):
     return Sum(fixed.with_information(information), COSTS["g2o"]), truth
 
 
+def rejected(problem, truth, rng):
+    """The truncated cost of some measurements, of which one is far off."""
+    m = problem.graph.num_edges
+    prices = np.full(m, np.inf)
+    costs = problem.edge_costs(truth)
+    for e in rng.permutation(m)[:3]:
+        trial = prices.copy()
+        trial[e] = costs[e] * 10.0 ** rng.uniform(-1.0, 1.0)
+        try:
+            _ = TruncatedCost(problem, trial)
+        except certpgo.GraphError:
+            continue
+        prices = trial
+    return TruncatedCost(problem, prices), truth
+
+
 def moved(rng, x, size):
     """The estimate with every pose moved by as much, and all of them elsewhere in the world."""
     n, d, _ = x.rotations.shape
@@ -63,7 +111,10 @@ def moved(rng, x, size):
     if x.translations is None:
         return Estimate(Q @ R)
     t = x.translations + size * rng.standard_normal((n, d))
-    return Estimate(Q @ R, t @ Q.T + rng.standard_normal(d))
+    s = x.scales
+    if s is not None:
+        s = np.where(s == 1.0, 1.0, s * np.exp(min(size, 2.0) * rng.standard_normal(n)))
+    return Estimate(Q @ R, t @ Q.T + rng.standard_normal(d), scales=s)
 
 
 def apart(x, other, i):
@@ -78,41 +129,53 @@ def apart(x, other, i):
     return np.linalg.norm(u, axis=1), degrees
 
 
-def between(certificate, x, other):
+def among(problem, certificate, x, other):
     """The regions of two estimates, whatever their costs."""
     known = certificate.regions
-    costs = [known.problem.enclosure(point)[1] for point in (x, other)]
-    return Regions(known.problem, known.bound, max(costs), min(costs), known.point)
+    costs = [problem.enclosure(point)[1] / known.unit for point in (x, other)]
+    return replace(known, estimate=x, cost=max(costs), known=min(costs))
 
 
-def shares(certificate, x, other, reference):
-    """The largest shares of the limits, of distances and angles; none is above one."""
-    found = between(certificate, x, other).around(reference)
-    is_point = ~np.isin(np.arange(len(x.rotations)), certificate.regions.problem.chordal.poses)
+def shares(problem, certificate, x, other, reference):
+    """The largest shares of the limits, of distances, angles and scales; none is above one."""
+    nodes, tiny = problem.graph.nodes, 1e-300
+    known = among(problem, certificate, x, other)
+    found = known.distance(reference)
     metres, degrees = apart(x, other, reference)
-    degrees[is_point] = 0.0
-    tiny = 1e-300
+    degrees[nodes == Node.POINT] = 0.0
     angles = np.where(found.degrees < 180.0, degrees / np.maximum(found.degrees, tiny), 0.0)
     lengths = np.zeros(1) if metres is None else metres / np.maximum(found.metres, tiny)
     others = np.arange(len(angles)) != reference
     assert (found.metres is None) == (metres is None)
-    return (lengths if metres is None else lengths[others]).max(), angles[others].max()
+    sizes = np.zeros(1)
+    if x.scales is not None:
+        scaled = others & (nodes == Node.SCALED)
+        sizes = np.abs(x.scales - other.scales)[scaled] / found.scales[scaled]
+    of_centre, of_other = (problem.enclosure(one)[1] for one in (x, other))
+    excess = (1.0 + 1e-12) * of_other - of_centre
+    for node in np.flatnonzero(others)[::3]:
+        region = replace(known, cost=of_centre / known.unit).region(int(node), reference, excess)
+        assert region.holds(other)
+    return (lengths if metres is None else lengths[others]).max(), angles[others].max(), sizes.max()
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [*KINDS, *MORE])
 @given(seeds, dimensions)
-@settings(max_examples=8)
+@settings(max_examples=5)
 def test_no_other_estimate_is_outside(kind, seed, d):
     """Near ones, far ones, and any; from every pose."""
     rng = rng_of(seed)
     problem, truth = problem_of(kind, rng, d)
     x = moved(rng, truth, 10.0 ** rng.uniform(-6.0, 0.0))
     certificate = certpgo.certify(problem, x)
-    for reference in problem.chordal.poses[::2].tolist():
+    rigid = np.isin(problem.graph.nodes, (Node.POSE, Node.ROTATION))
+    for reference in np.flatnonzero(rigid)[::2].tolist():
+        if certificate.distance_from(reference) is None:
+            continue
         for size in (1e-6, 1e-3, 0.1, 1.0, 30.0):
             other = moved(rng, certificate.best, size)
-            assert max(shares(certificate, x, other, reference)) <= 1.0
-            assert max(shares(certificate, certificate.best, other, reference)) <= 1.0
+            assert max(shares(problem, certificate, x, other, reference)) <= 1.0
+            assert max(shares(problem, certificate, certificate.best, other, reference)) <= 1.0
         # The optimum itself, without knowing it.
         found, poses = certificate.distance_from(reference), problem.chordal.poses
         metres, degrees = apart(x, certificate.best, reference)
@@ -145,10 +208,10 @@ def test_an_adversary_stays_within_the_limit(kind, d):
             # Exactly as it was, the frame is the same.
             t[reference], R[reference] = best.translations[reference], best.rotations[reference]
             other = Estimate(R, t)
-            share = max(shares(certificate, best, other, reference))
+            share = max(shares(problem, certificate, best, other, reference))
             for _ in range(4):
                 trial = Estimate(*near(rng, other, 0.1 * size))
-                nearer = max(shares(certificate, best, trial, reference))
+                nearer = max(shares(problem, certificate, best, trial, reference))
                 other, share = (trial, nearer) if nearer > share else (other, share)
             assert share <= 1.0
             nearest = max(nearest, share)
@@ -198,7 +261,7 @@ def test_blocks_are_above_those_in_fractions(engine, kind, d, monkeypatch):
     certificate = certpgo.certify(problem, truth)
     known, reference = certificate.regions, problem.anchor
     form, multipliers = known.form, known.bound.multipliers
-    found = _inverse_blocks(form, known.point, multipliers, reference)
+    found = known._inverse(reference, multipliers)
     layout = form.pattern.layout_of(form.matrix)
     rows = layout.first_row(reference) + np.arange(layout.sizes[reference])
     A = pinned(form.certificate_matrix(multipliers), rows).toarray()
@@ -225,7 +288,7 @@ def test_a_certified_estimate_far_from_the_optimum(dataset):
     layout, node = regions.form.pattern.layout_of(A), answer.certificate.distance_from(0).node
     row = layout.first_row(node)
     bend = attempts.symbolic.factor(A).solve(np.eye(1, A.shape[0], row).ravel())
-    share = np.sqrt(0.97e-5 * regions.problem.cost(best) / bend[row])
+    share = np.sqrt(0.97e-5 * regions.known / bend[row])
     step = share * layout.unpack(bend)
     R = so.project(best.rotations + v[:, None] * step[:, None, 1:])
     bent = regions.form.complete(R)
@@ -261,8 +324,17 @@ def test_nothing_is_said_where_nothing_is_proven(dataset):
     problem, truth = problem_of("poses", rng_of(1), 2)
     screened = certpgo.certify(problem, truth, tier="screen")
     assert screened.distance is None
-    rejecting = certpgo.certify(problem, truth, rejected=np.array([0]))
-    assert rejecting.distance is None
+    assert screened.region(1, 0) is None
+    steps = problem.graph
+    ones = np.ones(steps.num_edges)
+    free = certpgo.SimilarityGraph(
+        steps.rotations_alone,
+        steps.translations,
+        steps.tau,
+        scales=ones,
+        free=np.ones(problem.n) > 0,
+    )
+    assert certpgo.solve(free).certificate.distance is None
     instance, _ = winding_cycle(6, 0.3, 0)
     proven = certpgo.certify(Quadratic(instance.graph), instance.truth, tier="proof")
     assert proven.distance.metres is None
@@ -286,18 +358,20 @@ def test_it_costs_nothing_before_it_is_asked_for(seed, kind):
     problem, truth = problem_of(kind, rng_of(seed), 2)
     regions = certpgo.certify(problem, truth).regions
     assert not regions._found
-    assert set(vars(regions)) == {"problem", "bound", "cost", "known", "point", "_found"}
-    first = regions.around()
-    assert regions.around() is first
+    regions.distance()
+    [first] = regions._found.values()
+    regions.distance()
+    regions.region(0 if regions.anchor else 1)
+    assert regions._found[regions.anchor] is first
 
 
 def test_costs_at_the_proof_tier_are_those_of_the_stored_numbers_too():
     graph = pose_graph(rng_of(1), 8, 3, noise=0.2)[0]
     problem = Quadratic(graph)
-    judged = certpgo.certify(problem, certpgo.solve(problem).estimate, tier="proof")
-    normalized = judged.regions.problem
-    upper = normalized.enclosure(judged.refined)[1]
-    assert judged.regions.known >= upper
+    given = certpgo.solve(problem).estimate
+    judged = certpgo.certify(problem, given, tier="proof")
+    upper = min(problem.enclosure(one)[1] for one in (given, judged.refined))
+    assert judged.regions.unit * judged.regions.known >= upper
     assert judged.distance.metres.max() < 0.1
     with pytest.raises(ValueError, match="read-only"):
         judged.distance.metres[0] = 0.0

@@ -91,7 +91,7 @@ def basin(case, point, *, cost=None, value=None, settled=True):
     """A basin of this cost and bound, as if descent and a factorization had found them."""
     bound = None
     if value is not None:
-        bound = DualBound(value, np.zeros((case.problem.n, 3, 3)), 0.0, 1, 1)
+        bound = DualBound(value, np.zeros((case.problem.n, 3, 3)), case.problem, 0.0, 1, 1)
     return LocalMinimum(point, case.cost_upper(point) if cost is None else cost, settled, bound)
 
 

@@ -1,0 +1,117 @@
+"""Where nodes are, in metres and degrees: what `certpgo.certify.regions` proves, as data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from certpgo.graph import Estimate
+from certpgo.graph.display import Brief
+from certpgo.linalg.arrays import FloatArray
+from certpgo.objective.lifting import quarter_turn
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ProvenDistance(Brief):
+    """How far each node can be from where any optimum has it, seen from one pose.
+
+    Poses are compared in the frame of the reference: by how far, and by which angle, a node is
+    elsewhere relative to that. All numbers are proven, despite rounding.
+
+    Attributes
+    ----------
+    reference : the pose whose frame it is
+    metres : (n,) for each node; None of rotations alone
+    degrees : (n,) for each node: 180 where nothing is known, 0 for points
+    scales : (n,) by which scales differ, 0 where they are known; None where all are. Metres are
+        then in the unit of the reference
+    """
+
+    reference: int
+    metres: FloatArray | None
+    degrees: FloatArray
+    scales: FloatArray | None = None
+
+    @property
+    def node(self) -> int:
+        """The node that may be furthest off."""
+        return int(np.argmax(self.degrees if self.metres is None else self.metres))
+
+    @property
+    def largest(self) -> tuple[float | None, float]:
+        """The largest distance of any node, metres, and the largest angle of any, degrees."""
+        metres = None if self.metres is None else float(self.metres.max())
+        return metres, float(self.degrees.max())
+
+    @property
+    def median(self) -> tuple[float | None, float]:
+        """The median of the nodes' distances, metres, and of their angles, degrees."""
+        metres = None if self.metres is None else float(np.median(self.metres))
+        return metres, float(np.median(self.degrees))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Region(Brief):
+    """Where a node is, seen from a pose, in every estimate up to some cost.
+
+    All of them are inside, however far from the estimate in the centre, which need not be an
+    optimum; not all that is inside costs as little. The set is an ellipsoid of U = [u V], what the
+    relative pose differs by from the centre: u in metres, and V = R - R' of rotations. ``metres``
+    and ``degrees`` follow from it. All numbers are proven, despite rounding.
+
+    Attributes
+    ----------
+    node, reference : the node, and the pose in whose frame it is
+    position : (d,) of the node in the centre, metres; None of rotations alone
+    rotation : (d, d) of the node in the centre, times its scale if that is unknown; None for points
+    metres : radius of the ball of positions; None of rotations alone
+    degrees : largest angle from the centre: 180 where nothing is known, 0 for points
+    scale : by which the scale differs at most; 0 where it is known
+    shape : (b, b) with tr(U shape^-1 U^T) <= 1. Its first row is that of u; where distances are
+        measured in the plane, the first two, of u and u turned by 90 degrees
+
+    Examples
+    --------
+    >>> import certpgo
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
+    >>> instance, around = winding_cycle(6, 0.3, 1)
+    >>> answer = certpgo.solve(instance.graph)
+    >>> region = answer.region(3, 0, excess=0.001)
+    >>> print(f"{region.degrees:.2f}")
+    1.58
+    >>> region.holds(answer.estimate), region.holds(around)
+    (True, False)
+    """
+
+    node: int
+    reference: int
+    position: FloatArray | None
+    rotation: FloatArray | None
+    metres: float | None
+    degrees: float
+    scale: float
+    shape: FloatArray
+
+    def holds(self, estimate: Estimate) -> bool:
+        """Whether an estimate has the node inside."""
+        position, rotation = seen_from(estimate, self.node, self.reference)
+        U = np.zeros((estimate.d, 0))
+        if self.rotation is not None:
+            U = rotation - self.rotation
+        if self.position is not None and position is not None:
+            u = position - self.position
+            columns = [u[:, None], U]
+            if len(self.shape) > U.shape[1] + 1:
+                columns.insert(1, quarter_turn(u)[:, None])
+            U = np.concatenate(columns, axis=1)
+        return bool(np.trace(U @ np.linalg.solve(self.shape, U.T)) <= 1.0)
+
+
+def seen_from(
+    estimate: Estimate, node: int, reference: int
+) -> tuple[FloatArray | None, FloatArray]:
+    """Position (d,) and rotation (d, d) of a node in the frame of a pose, times its scale."""
+    R, t, s = estimate.rotations, estimate.translations, estimate.scales
+    turned = R[reference].T @ R[node] * (1.0 if s is None else s[node])
+    return None if t is None else (t[node] - t[reference]) @ R[reference], turned

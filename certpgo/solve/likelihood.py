@@ -1,0 +1,85 @@
+"""Costs of the true poses under the stated noise, of which f is chi^2.
+
+f at the truth exceeds the `quantile` with the complementary probability: that is exact. With one
+pose at its true place and all others at their best, f exceeds its minimum by chi^2 of as many
+degrees of freedom as a pose has: that is the likelihood ratio, and holds for small noise. Where
+squares count twice, as under F in the plane, both are upper bounds.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import special
+
+from certpgo.errors import InputError, NumericalError, require_numbers
+from certpgo.graph.kinds import Node
+from certpgo.graph.phrases import cost_shown
+from certpgo.linalg.arrays import FloatArray
+from certpgo.linalg.rotations import tangent_dim
+from certpgo.objective.choose_cost import Certifiable
+
+#: Probability of regions, unless another one is asked for.
+LEVEL = 0.95
+
+
+def excesses(problem: Certifiable, level: float) -> FloatArray:
+    """(n,) what f with one node at its true place is above its minimum, with this probability.
+
+    Raises
+    ------
+    InputError
+        The cost is no chi^2, as over similarities, or the level is no probability.
+    """
+    _require(problem, level)
+    d, is_point = problem.d, problem.graph.nodes == Node.POINT
+    turned, moved = tangent_dim(d), d if problem.graph.has_positions else 0
+    degrees = np.where(is_point, moved, moved + turned)
+    return np.asarray(problem.double.max() * _quantile(degrees, 1.0 - level))
+
+
+def quantile(problem: Certifiable, level: float) -> float:
+    """What f at the truth is at most, with this probability.
+
+    Raises
+    ------
+    InputError
+        As for `excesses`.
+    """
+    _require(problem, level)
+    turned, moved = problem.numbers
+    twice = problem.double > 1
+    once, doubled = int((moved + np.where(twice, 0, turned)).sum()), int(turned[twice].sum())
+    if not doubled:
+        return float(_quantile(once, 1.0 - level))
+    # Of two upper bounds: either part is larger with half the probability, or all count twice.
+    half = 0.5 * (1.0 - level)
+    apart = 2.0 * _quantile(doubled, half) + (_quantile(once, half) if once else 0.0)
+    return float(min(apart, 2.0 * _quantile(once + doubled, 1.0 - level)))
+
+
+def excess_of_truth(problem: Certifiable, level: float, cost: float, bound: float) -> float:
+    """By how much that `quantile` is above a cost.
+
+    Raises
+    ------
+    NumericalError
+        No estimate costs as little.
+    """
+    most = quantile(problem, level)
+    if most < bound:
+        raise NumericalError(
+            f"no estimate costs less than {cost_shown(bound)}, and the true poses at most "
+            f"{cost_shown(most)} with probability {level:g}: the noise is not as stated"
+        )
+    return most - cost
+
+
+def _require(problem: Certifiable, level: float) -> None:
+    require_numbers(level=level)
+    if problem.takes_scales:
+        raise InputError(f"{problem.title} is no chi^2: give an excess, and no level")
+
+
+def _quantile(degrees: FloatArray | int, rest: float) -> FloatArray:
+    """What chi^2 exceeds with probability ``rest``."""
+    return np.asarray(2.0 * special.gammainccinv(0.5 * np.asarray(degrees), rest))
