@@ -67,6 +67,16 @@ Quantile = Annotated[
         help="Price of rejecting a measurement: this quantile of a correct one's cost (chi^2).",
     ),
 ]
+Reference = Annotated[
+    int | None,
+    typer.Option(
+        "--reference",
+        metavar="NODE",
+        rich_help_panel=JUDGING,
+        show_default="the pose whose measurements weigh most",
+        help="Pose, by its id, from which proven distances and regions are seen.",
+    ),
+]
 Timestamps = Annotated[
     str | None,
     typer.Option(

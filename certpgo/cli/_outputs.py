@@ -27,7 +27,7 @@ class Outputs:
 
     Attributes
     ----------
-    scene, estimate, graph, csv, proof, covariances, html : files to write
+    scene, estimate, graph, csv, proof, covariances, regions, html : files to write
     format : format of the estimate; by default from its suffix
     proven : the file that the proof is about
     json : whether the result is printed as JSON
@@ -39,6 +39,7 @@ class Outputs:
     csv: Path | None = None
     proof: Path | None = None
     covariances: Path | None = None
+    regions: Path | None = None
     html: Path | None = None
     format: str | None = None
     proven: Path | None = None
@@ -48,7 +49,7 @@ class Outputs:
     def files(self) -> list[Path]:
         """All files to write."""
         maps = (self.scene, self.estimate, self.graph)
-        files = (*maps, self.csv, self.proof, self.covariances, self.html)
+        files = (*maps, self.csv, self.proof, self.covariances, self.regions, self.html)
         return [path for path in files if path is not None]
 
     def refuse(self, *inputs: Source | Path | None) -> None:
@@ -143,6 +144,10 @@ class Result:
     def write_covariances(self, out: Path, *, quiet: bool) -> None:
         """Write the covariance of each node."""
 
+    def write_regions(self, out: Path, *, quiet: bool) -> bool:
+        """Write the region of each node; returns False if there are none."""
+        raise NotImplementedError
+
     def write_page(self, out: Path, outputs: Outputs) -> None:
         """Write the page of the certificate, unless `write` did."""
 
@@ -150,7 +155,8 @@ class Result:
 def emit(results: Iterable[Result], outputs: Sequence[Outputs]) -> int:
     """Write and print results as they come, each to its outputs; returns the exit code.
 
-    Of each: scene, estimate and graph, text, notices, proof, covariances, page. The JSON document
+    Of each: scene, estimate and graph, text, notices, proof, covariances, regions, page. The JSON
+    document
     is in place of the last text, and about all results. One that Ctrl-C interrupted is the last.
     """
     codes: list[int] = []
@@ -182,7 +188,7 @@ def emit(results: Iterable[Result], outputs: Sequence[Outputs]) -> int:
 
 
 def _finished(result: Result, outputs: Outputs) -> int:
-    """Write the proof, covariances and page of a result; returns its exit code."""
+    """Write the proof, covariances, regions and page of a result; returns its exit code."""
     code = 0 if result.certificate is None else EXIT_CODES[result.certificate.verdict.value]
     proof, source = outputs.proof, outputs.proven
     if proof and source and not result.prove(proof, source, json=outputs.json):
@@ -190,6 +196,9 @@ def _finished(result: Result, outputs: Outputs) -> int:
         outputs = replace(outputs, proof=None)
     if outputs.covariances is not None:
         result.write_covariances(outputs.covariances, quiet=outputs.json)
+    regions = outputs.regions
+    if regions is not None and not result.write_regions(regions, quiet=outputs.json):
+        code = code or REFUSED
     if outputs.html is not None:
         result.write_page(outputs.html, outputs)
     return code

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import typer
 
-from certpgo.cli import _verdict
+from certpgo.cli import _uncertainty, _verdict
 from certpgo.cli._next import Asked, steps_after
 from certpgo.cli._outputs import Outputs, Result
 from certpgo.cli._paging import origin_of, write_page
@@ -19,6 +19,7 @@ from certpgo.cli._show import facts, notice
 from certpgo.cli._truth import KnownPoses
 
 if TYPE_CHECKING:
+    from certpgo.certify.region import ProvenDistance
     from certpgo.graph import Instance
     from certpgo.objective.choose_cost import Certifiable
     from certpgo.optimize.solution import Solution
@@ -48,6 +49,8 @@ class Solved(Result):
     asked: Asked
     found: CertifiedSolution | None = None  # by the certified pipeline
     truth: KnownPoses | None = None
+    reference: int | None = None
+    level: float | None = None
 
     needs_the_end: ClassVar = ("proof",)
 
@@ -95,6 +98,14 @@ class Solved(Result):
         weights = self.solution.weights
         return fit_of(self.part, self._judged, self.solution.estimate, weights)
 
+    @property
+    def distance(self) -> ProvenDistance | None:
+        """How far all optima can be, whatever is rejected of them where that is proven."""
+        certificate, rejection = self.certificate, self.rejection
+        if certificate is not None and rejection is not None and rejection.covers(certificate):
+            certificate = rejection.certificate
+        return _verdict.distance_of(certificate, self.reference, self.part)
+
     @cached_property
     def assessment(self) -> Assessment | None:
         """The costliest measurements and the rest of the page; None without a certificate."""
@@ -128,6 +139,7 @@ class Solved(Result):
                 fit=self.fit,
                 under=self._of_all,
             ),
+            **_verdict.distance_as_json(self.distance, self.part),
             "solution": {
                 "method": self.method,
                 "start": None if found is None else found.start,
@@ -178,7 +190,7 @@ class Solved(Result):
             self.part,
             self.assessment,
             self.disagreement,
-            more=self._uncertified(),
+            more=[*_verdict.distance(self.distance, self.part), *self._uncertified()],
             cost=self._of_all,
             steps=self._steps(written),
             fit=self.fit,
@@ -292,37 +304,21 @@ class Solved(Result):
 
     def write_covariances(self, out: Path, *, quiet: bool) -> None:
         """Write the covariances of all nodes."""
-        import numpy as np
+        _uncertainty.write_covariances(
+            out, self.part, self._judged, self.solution.estimate, quiet=quiet
+        )
 
-        from certpgo.graph.phrases import few
-        from certpgo.io.covariances import write_covariances
-        from certpgo.io.frames import in_file_frame
-        from certpgo.optimize.marginals import Marginals
-
-        part = self.part
-        problem = self._judged
-        world, ids, whole = part.world, part.ids, problem.tangent_layout.whole
-        # Covariances of points are in the frame of the estimate, so that is the written one.
-        if world is None:
-            estimate = in_file_frame(self.solution.estimate, part)
-        else:
-            estimate = self.solution.estimate.anchored(world)
-        anchor = int(world or (part.held or whole)[0])
-        marginals = Marginals(problem, estimate, anchor, part.held)
-        rotations = estimate.translations is None
-        written = slice(world)  # without the world, the last node
-        points = np.ones(len(ids), dtype=bool)
-        points[whole] = False
-        covariances = marginals.covariances[written]
-        write_covariances(out, covariances, ids[written], points[written], rotations=rotations)
-        if not quiet:
-            fixed = "the world" if world else f"node {ids[marginals.anchor]}"
-            if held := [int(ids[k]) for k in part.held if k != anchor]:
-                fixed += f" and {few([f'node {k}' for k in held])}"
-            frames = "each node's frame"
-            if points.any():
-                frames = "each pose's frame, and of points in the world's"
-            typer.echo(f"covariances: {out}, in {frames}, with {fixed} fixed")
+    def write_regions(self, out: Path, *, quiet: bool) -> bool:
+        """Write how far each node is in all estimates of low cost; False if that is not known."""
+        return _uncertainty.write_regions(
+            out,
+            self.part,
+            self._judged,
+            self.certificate,
+            reference=self.reference,
+            level=self.level,
+            quiet=quiet,
+        )
 
     @property
     def _undetermined(self) -> str | None:

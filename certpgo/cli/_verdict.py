@@ -98,23 +98,37 @@ def require_pose(name: int | None, parts: Sequence[Instance]) -> None:
         raise InputError(f"--reference: node {name} is none of the poses")
 
 
-def distance(region: ProvenDistance | None, part: Instance) -> Iterable[tuple[str, str]]:
+def distance_of(
+    certificate: Certificate | None, reference: int | None, part: Instance
+) -> ProvenDistance | None:
+    """How far all optima can be, seen from the pose with an id; None where nothing is known."""
+    if certificate is None or certificate.verdict == "UNDECIDED":
+        return None
+    return certificate.distance_from(pose_called(reference, part))
+
+
+def distance(found: ProvenDistance | None, part: Instance) -> Iterable[tuple[str, str]]:
     """How far the estimate can be from every optimum, rounded up; nothing where that is far."""
+    if found is None or (found.metres is None and not found.largest[1] < 180.0):
+        return
+    most, seen = part.named(found.node), part.named(found.reference)
+    unit = "" if found.scales is None else ", in its unit"
+    at = f"(most at {most}; seen from {seen}{unit})"
+    yield "proven distance", f"within {_apart(*found.largest)} of every optimum  {at}"
+    yield "", f"half of the nodes within {_apart(*found.median)}"
+
+
+def _apart(metres: float | None, degrees: float) -> str:
     from certpgo.graph.phrases import rounded_up
 
-    if region is None or not region.largest[1] < 180.0:
-        return
-    metres, degrees = region.largest
-    moved = "" if metres is None else f"{rounded_up(metres, 3)} m and "
-    most, seen = part.named(region.node), part.named(region.reference)
-    within = f"within {moved}{rounded_up(degrees, 3)} degrees of every optimum"
-    yield "proven distance", f"{within}  (most at {most}; seen from {seen})"
+    turned = "any angle" if degrees >= 180.0 else f"{rounded_up(degrees, 3)} degrees"
+    return turned if metres is None else f"{rounded_up(metres, 3)} m and {turned}"
 
 
-def distance_as_json(region: ProvenDistance | None, part: Instance) -> dict[str, Any]:
+def distance_as_json(found: ProvenDistance | None, part: Instance) -> dict[str, Any]:
     """The same; null where there is no limit. Of nodes by their ids, or null for the world."""
-    metres, degrees = (None, None) if region is None else region.largest
-    nodes = [] if region is None else [region.node, region.reference]
+    metres, degrees = (None, None) if found is None else found.largest
+    nodes = [] if found is None else [found.node, found.reference]
     node, seen = [None if k == part.world else int(part.ids[k]) for k in nodes] or (None, None)
     return {
         "distance_m": metres,

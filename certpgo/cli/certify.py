@@ -21,6 +21,7 @@ from certpgo.cli._options import (
     MaxDifference,
     ProofOut,
     Quantile,
+    Reference,
     Timestamps,
     chosen_cost,
     require_for,
@@ -133,16 +134,7 @@ def command(
             help="Additional tolerance, relative to the total weight W, up to 0.001 of the cost.",
         ),
     ] = 1e-12,
-    reference: Annotated[
-        int | None,
-        typer.Option(
-            "--reference",
-            metavar="NODE",
-            rich_help_panel=JUDGING,
-            show_default="the pose whose measurements weigh most",
-            help="Pose, by its id, from which the distance to every optimum is seen.",
-        ),
-    ] = None,
+    reference: Reference = None,
     truth: TruthFile = None,
     truth_offset: TruthOffset = 0.0,
     timestamps: Timestamps = None,
@@ -237,12 +229,9 @@ class _Assessed(Result):
         return "what is proven by then stands" if self.part.judge.interrupted else ""
 
     @property
-    def region(self) -> ProvenDistance | None:
-        """Where all optima are; None where nothing is known of them."""
-        certificate = self.found.certificate
-        if certificate.verdict == "UNDECIDED":
-            return None
-        return certificate.distance_from(_verdict.pose_called(self.reference, self.part.instance))
+    def distance(self) -> ProvenDistance | None:
+        """How far all optima can be; None where nothing is known of them."""
+        return _verdict.distance_of(self.found.certificate, self.reference, self.part.instance)
 
     def write(self, outputs: Outputs) -> None:
         outputs.write(self.found.best, instance=self.part.instance)
@@ -266,7 +255,7 @@ class _Assessed(Result):
             found,
             self.disagreement,
             more=[
-                *_verdict.distance(self.region, instance),
+                *_verdict.distance(self.distance, instance),
                 *([] if self.accuracy is None else accuracy(self.accuracy)),
             ],
             cost=self.asked.cost,
@@ -285,7 +274,7 @@ class _Assessed(Result):
             fit=self.found.fit,
             under=self.asked.cost,
         )
-        return {**judged, **_verdict.distance_as_json(self.region, self.part.instance)}
+        return {**judged, **_verdict.distance_as_json(self.distance, self.part.instance)}
 
     def notices(self, outputs: Outputs) -> Iterator[str]:
         yield from _verdict.warnings(self.found.fit)

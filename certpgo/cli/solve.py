@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from certpgo.cli._help import SEARCH
+from certpgo.cli._help import JUDGING, SEARCH
 from certpgo.cli._interrupting import ends_at_once, tells_unwritten
 from certpgo.cli._logarithms import fitted
 from certpgo.cli._next import Asked
@@ -24,6 +24,7 @@ from certpgo.cli._options import (
     MaxDifference,
     ProofOut,
     Quantile,
+    Reference,
     Timestamps,
     chosen_cost,
     require_for,
@@ -37,7 +38,8 @@ from certpgo.cli._rules import Rule, chordal_only, refuse
 from certpgo.cli._show import StatusLine, notice, noticing, working
 from certpgo.cli._solved import Solved
 from certpgo.cli._truth import OF_TRUTH, KnownPoses, TruthFile, TruthOffset
-from certpgo.errors import InputError
+from certpgo.cli._verdict import require_pose
+from certpgo.errors import InputError, require_numbers
 
 if TYPE_CHECKING:
     from certpgo import SolveSettings
@@ -74,14 +76,15 @@ RULES = (
         "stored",
     ),
     Rule(f"--scales-within {_UNSTATED}: not with --{{option}}", "html|proof", "scales_within"),
-    Rule(_CONNECTED, "proof|html|covariances", "certify"),
+    Rule(_CONNECTED, "proof|html|covariances|regions", "certify"),
+    Rule("--level needs --regions", "level", without="regions"),
     OF_TRUTH,
 )
-OF_PARTS = (Rule(_CONNECTED, "proof|html|covariances", "several"),)
+OF_PARTS = (Rule(_CONNECTED, "proof|html|covariances|regions", "several"),)
 
 
 @takes_reading
-@tells_unwritten("out", "proof", "html", "covariances")
+@tells_unwritten("out", "proof", "html", "covariances", "regions")
 def command(
     graphs: GraphNames,
     cost: CostOption = None,
@@ -107,6 +110,15 @@ def command(
             "--covariances",
             metavar="OUT",
             help="Write the covariance of each node to this CSV file.",
+        ),
+    ] = None,
+    regions: Annotated[
+        Path | None,
+        typer.Option(
+            "--regions",
+            metavar="OUT",
+            help="Write how far each node is from the estimate in all others of low cost, proven, "
+            "to this CSV file.",
         ),
     ] = None,
     time_limit: Annotated[
@@ -170,6 +182,17 @@ def command(
         tier_option("standard; proof with --proof, or if only rounding prevents CERTIFIED"),
     ] = None,
     quantile: Quantile = None,
+    level: Annotated[
+        float | None,
+        typer.Option(
+            "--level",
+            metavar="P",
+            rich_help_panel=JUDGING,
+            show_default="0.95",
+            help="Probability of --regions under the stated noise.",
+        ),
+    ] = None,
+    reference: Reference = None,
     scales_within: Annotated[
         float | None,
         typer.Option(
@@ -204,20 +227,21 @@ def command(
         raise InputError(f"--scales-within takes a factor of at least 1, not {scales_within:g}")
     graph, reading = reading.of_all(graphs)
     tier = tier_for(proof, tier, cost)
-    outputs = Outputs(
-        estimate=out, format=format, proof=proof, covariances=covariances, html=html, json=json
-    )
+    files = {"proof": proof, "covariances": covariances, "regions": regions}
+    outputs = Outputs(estimate=out, format=format, html=html, json=json, **files)
     outputs.refuse()
     source, of_truth = reading.resolve(graph), reading.resolve(truth)
     of_initial = reading.resolve(initial)
     inputs = (source, *reading.others, of_initial, of_truth, file_of_times(timestamps))
     outputs.refuse(*inputs)
     instance = timed(reading.open(source, operation=None), timestamps)
-    require_for(instance, method=method, proof=proof, robust=robust, covariances=covariances)
+    require_numbers(level=level)
+    require_for(instance, method=method, robust=robust, **files)
     if scales_within is not None and not instance.graph.has_scales:
         raise InputError(f"{instance.name}: --scales-within is for nodes of unknown scale")
     parts = reading.parts(instance)
-    refuse(OF_PARTS, several=len(parts) > 1, proof=proof, html=html, covariances=covariances)
+    refuse(OF_PARTS, several=len(parts) > 1, html=html, **files)
+    require_pose(reference, parts)
     for own in outputs.split(parts):
         own.refuse(*inputs)
     how = Matching.of(timestamps, max_difference)
@@ -245,7 +269,7 @@ def command(
                 found = _by_method(part, method, solver, begin, requested, monitor, status, asked)
         if trace and not found.solution.trace:
             notice(f"{found.method} reports no iterations to --trace")
-        return replace(found, truth=known)
+        return replace(found, truth=known, reference=reference, level=level)
 
     return emit(map(solved, parts, truths), outputs.split(parts))
 

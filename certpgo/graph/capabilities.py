@@ -102,6 +102,7 @@ OPERATIONS = {
     ),
     "proof": Operation("--proof does", _BLOCKS),
     "covariances": Operation("--covariances do", ("scales",), of_scales=_NO_LAW),
+    "regions": Operation("--regions do", ("scales",), of_scales=_NO_LAW),
     "robust": Operation("--robust does", ("scales",), _FULLY, _NO_LAW),
 }
 

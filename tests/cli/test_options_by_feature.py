@@ -9,7 +9,7 @@ from certpgo.graph.capabilities import OPERATIONS
 from certpgo.graph.information import Information
 
 
-@pytest.mark.parametrize("option", ["method", "proof", "covariances", "robust"])
+@pytest.mark.parametrize("option", ["method", "proof", "covariances", "regions", "robust"])
 @pytest.mark.parametrize("feature", ["distances", "scales"])
 def test_options_refuse_what_the_table_says(certpgo, tmp_path, option, feature):
     path = tmp_path / "graph.npz"
@@ -18,6 +18,7 @@ def test_options_refuse_what_the_table_says(certpgo, tmp_path, option, feature):
         "method": ("--method", "eigen_ma"),
         "proof": ("--proof", str(tmp_path / "x.cert")),
         "covariances": ("--covariances", str(tmp_path / "x.csv")),
+        "regions": ("--regions", str(tmp_path / "r.csv")),
         "robust": ("--robust",),
     }[option]
     done = certpgo("solve", path, *given)
