@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from certpgo import plot as plot
     from certpgo.certify import Certificate, Tier, Verdict
     from certpgo.certify.proof_file import check
+    from certpgo.certify.region import ProvenDistance, Region
     from certpgo.graph import (
         Estimate,
         Graph,
@@ -69,6 +70,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "certify": ("Certificate", "Tier", "Verdict"),
     "certify.proof_file": ("check",),
+    "certify.region": ("ProvenDistance", "Region"),
     "graph": ("Estimate", "Graph", "Instance", "PoseGraph", "RotationGraph", "SimilarityGraph"),
     "graph.labels": ("WORLD",),
     "graph.priors": ("with_directions", "with_priors"),
@@ -133,8 +135,10 @@ __all__ = [
     "NewtonSettings",
     "NumericalError",
     "PoseGraph",
+    "ProvenDistance",
     "Quadratic",
     "Ranges",
+    "Region",
     "Reweighed",
     "RobustSession",
     "RotationGraph",
