@@ -68,7 +68,11 @@ def calls(of):
     under = objective_of(read, "g2o")
     newton, problem = certpgo.get_solver("newton")(), of["problem"]
     marginals = certpgo.Marginals(of["problem"], estimate)
+    answer = of["answer"]
     return {
+        "CertifiedSolution.region": (lambda *a: answer.region(*a[:2], level=a[2]), 1, 0, 0.9),
+        "CertifiedSolution.regions": (lambda *a: answer.regions(a[0], excess=a[1]), 0, 1.0),
+        "Region.holds": (answer.region(1, 0).holds, estimate),
         "Estimate": (certpgo.Estimate, estimate.rotations, estimate.translations),
         "Estimate.anchored": (estimate.anchored, 1, estimate),
         "Estimate.moved": (estimate.moved, np.eye(3), np.zeros(3)),
@@ -169,7 +173,16 @@ def calls(of):
 #: Which are no functions of a user's own arguments.
 OTHERS = {"SolveSettings", "NewtonSettings", "Solution", "Status", "Tier", "Verdict", "Iteration"}
 OTHERS |= {"Certificate", "CertifiedSolution", "Disagreement", "LogarithmFit", "Merged", "Monitor"}
-OTHERS |= {"Reweighed", "Sparsified", "Standing", "SuggestedLoops", "Suspicion", "WORLD"}
+OTHERS |= {
+    "ProvenDistance",
+    "Region",
+    "Reweighed",
+    "Sparsified",
+    "Standing",
+    "SuggestedLoops",
+    "Suspicion",
+    "WORLD",
+}
 NAMES = sorted(
     name
     for name in certpgo.__all__
@@ -179,7 +192,8 @@ NAMES = sorted(
         and issubclass(getattr(certpgo, name), Exception | Warning)
     )
 )
-METHODS = ["Marginals.joint", "RobustSession.add", "Session.add", "Session.remove"]
+METHODS = ["CertifiedSolution.region", "CertifiedSolution.regions", "Region.holds"]
+METHODS += ["Marginals.joint", "RobustSession.add", "Session.add", "Session.remove"]
 METHODS += [f"Estimate.{name}" for name in ("anchored", "moved", "subset", "with_translations")]
 METHODS += [f"Graph.{name}" for name in ("reweighted", "subgraph", "with_edges", "with_weights")]
 METHODS += [f"Quadratic.{name}" for name in ("cost", "gradient", "residual_angles")]

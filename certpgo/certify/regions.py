@@ -188,22 +188,22 @@ class Regions(Brief):
         return self._inverses(reference) if is_cost.all() else []
 
     def _node(self, node: int) -> int:
-        require(node, Integral, "the number of a node")
+        node = _number(node)
         if not 0 <= node < self.form.n:
             raise InputError(f"node {node} is not among 0 to {self.form.n - 1}")
-        return int(node)
+        return node
 
     def _pose(self, reference: int | None) -> int:
         """A pose of known scale."""
         form = self.form
         if reference is None:
             return self.anchor
-        require(reference, Integral, "the number of a node")
+        reference = _number(reference)
         if reference not in form.poses:
             raise InputError(f"node {reference} is none of the poses")
         if form.graph.nodes[reference] not in (Node.POSE, Node.ROTATION):
             raise InputError(f"node {reference} is no reference: poses of known scale are")
-        return int(reference)
+        return reference
 
     def _limits(self, rho: FloatArray, G: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """(n,) metres, degrees and differences of scales for rho (n,) and blocks (n, b, b)."""
@@ -269,6 +269,13 @@ class Regions(Brief):
                 return diagonal_blocks(L, rows, layout, above=True)
             demand = np.maximum(demand, COVER * rounding)
         return None
+
+
+def _number(node: int) -> int:
+    require(node, Integral, "the number of a node")
+    if isinstance(node, bool):
+        raise InputError(f"the number of a node expected, not {node}")
+    return int(node)
 
 
 def _of_scales(

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
+from numbers import Integral, Real
 
 import numpy as np
 
 from certpgo.certify import Certificate, Verdict
 from certpgo.certify.region import ProvenDistance, Region
-from certpgo.errors import InputError
+from certpgo.errors import InputError, require
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.display import Speaking, Text
 from certpgo.graph.phrases import cost_shown, counted
@@ -242,8 +243,9 @@ class CertifiedSolution(Speaking):
         NumericalError
             No estimate costs as little as the true poses do at an exact level.
         """
+        require(node, Integral, "the number of a node")
         most = self._excesses(level, excess, exact)
-        more = float(most[node]) if node in range(len(most)) else 0.0  # refused there
+        more = float(most[int(node)]) if 0 <= node < len(most) else 0.0  # refused there
         return self.certificate.region(node, reference, excess=more)
 
     def regions(
@@ -270,6 +272,7 @@ class CertifiedSolution(Speaking):
         if excess is not None:
             if level is not None or exact:
                 raise InputError("a region is of a level or of an excess, not of both")
+            require(excess, Real, "an excess over the cost")
             return np.full(n, float(excess))
         level = LEVEL if level is None else level
         if not exact:
