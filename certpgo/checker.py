@@ -11,7 +11,8 @@ PROOF contains an estimate x and multipliers Lam, both untrusted. The output is 
 without the second sum for rotations alone, or with s R for R and s_ij R_ij for R_ij over
 similarities, see `lower_bound`; or g2o's chi2, f = sum e^T Omega e (see `g2o_cost`), for which
 PROOF contains a minorant of each summand, or F with summands of rejected measurements cut off at
-their prices. F* is the minimum over rotations R and points t, and over unknown scales s > 0.
+their prices. F* is the minimum over rotations R and points t, and over unknown scales s > 0. PROOF
+may also claim how far every estimate that costs no more than the first bound is from x.
 
 Trusted are IEEE 754 doubles rounded to nearest, Python, and that NumPy's matrix product adds up
 products in some order (where exactness matters they are integers below 2^53). The Cholesky factors
@@ -30,6 +31,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
+from fractions import Fraction
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -58,6 +60,10 @@ ATTEMPTS = 3  # factorizations tried for a sufficiently small residual
 
 class Refused(Exception):  # noqa: N818
     """The proof is not valid, with the reason."""
+
+
+class Farther(Refused):
+    """What is proven of a distance is less than the proof claims."""
 
 
 class Unreadable(Exception):  # noqa: N818
@@ -142,6 +148,7 @@ class Graph(NamedTuple):
     priors: int = 0  # how many measurements are from the world, the last node
     scales: Array | None = None  # (m,) measured, of similarities
     free: Bools | None = None  # (n,) which poses have an unknown scale
+    ids: tuple[int | None, ...] = ()  # (n,) of the file, which has none of the world
 
     @property
     def poses(self) -> Bools:
@@ -225,6 +232,7 @@ def read_graph(text: bytes, claim: dict[str, Any], component: bytes | None) -> G
         t[prior] = _less(t[prior], np.array(claim["origin"], dtype=np.float64))
     seen = np.array([k in points for k in ids]) if points else None
     graph = Graph(len(ids), i, j, R, t, weights[0], weights[1], points=seen, priors=sum(prior))
+    graph = graph._replace(ids=(*ids,) if not any(prior) else (*[*ids][:-1], None))
     if claim.get("kind") == "similarities":
         unit = min(_fixed(text) & {*ids}, default=min(ids))
         return graph._replace(scales=np.array(s), free=np.array([k != unit for k in ids]))
@@ -663,6 +671,29 @@ class Rejections(NamedTuple):
     arms: Array  # (k, d): b
 
 
+class Within(NamedTuple):
+    """How far a node is from where x has it, in any estimate that costs at most the upper bound.
+
+    Seen from the reference: both are compared in the frame of that pose.
+    """
+
+    node: int | None  # by its id; None: every node
+    metres: float | None  # None: nothing is said
+    degrees: float | None  # points have none
+    reference: int | None  # the pinned pose, by its id; None: the world
+
+    def __str__(self) -> str:
+        far = [(self.metres, "m"), (self.degrees, "degrees")]
+        said = " and ".join(f"{Decimal(str(x))} {unit}" for x, unit in far if x is not None)
+        node = "every node" if self.node is None else called(self.node)
+        return f"within {said} of every optimum: {node}, seen from {called(self.reference)}"
+
+
+def called(node: int | None) -> str:
+    """A node by its id, which the world has none of."""
+    return "the world" if node is None else f"node {node}"
+
+
 class Proof(NamedTuple):
     """The content of a proof file; none of it is trusted."""
 
@@ -711,7 +742,21 @@ def read_claim(archive: Any) -> dict[str, Any]:
     if claim["version"] == 4 and claim["rotation_information"] != "tangent":
         raise Unreadable("the information of similarities is about logarithms, tangents")
     _check_map(claim)
+    _check_within(claim)
     return dict(claim)
+
+
+def _check_within(claim: dict[str, Any]) -> None:
+    """Claims of distances are numbers of metres, degrees, or both, of a node or of all."""
+    for one in claim.get("within", []):
+        node, metres, degrees = (one[name] for name in ("node", "metres", "degrees"))
+        known = [x for x in (metres, degrees) if x is not None]
+        if not known or any(type(x) not in (int, float) or not 0.0 < x < FAR for x in known):
+            raise Unreadable("claims of distances are positive numbers of metres or degrees")
+        if (node is not None and type(node) is not int) or (degrees or 1.0) > 180.0:
+            raise Unreadable("nodes are named by ids, and angles are of 180 degrees at most")
+        if claim["version"] == 4 or (claim["kind"] == "rotations" and metres is not None):
+            raise Unreadable("no distances are claimed of similarities, nor metres of rotations")
 
 
 def _check_map(claim: dict[str, Any]) -> None:
@@ -1297,8 +1342,18 @@ class Residual(NamedTuple):
     needed: Array  # lower bounds on them that suffice for diagonal dominance
 
 
-def residual(blocks: Blocks, order: Ints, delta: Array) -> Residual | None:
-    """Bounds on A - L L^T for some L; None if no L was found.
+class Panel(NamedTuple):
+    """The columns of L of a front: the first of its rows are its pivots."""
+
+    rows: Ints  # in the order of elimination
+    L: Array  # (f, k), rounded to doubles
+    children: list[int]
+
+
+def residual(
+    blocks: Blocks, order: Ints, delta: Array, panels: list[Panel] | None = None
+) -> Residual | None:
+    """Bounds on A - L L^T for some L; None if no L was found. ``panels`` get L.
 
     L = L1 + L2 is a multifrontal Cholesky factor of A - diag(delta). The bounds hold for any L. The
     large part H of the residual is added up without rounding, in multiples of 2^(-2 BITS); G is the
@@ -1329,6 +1384,8 @@ def residual(blocks: Blocks, order: Ints, delta: Array) -> Residual | None:
         L1 = np.rint(L * 2.0**BITS) * 2.0**-BITS
         H -= L1 @ L1.T
         L2 = _refined(H[:, :k], G[:, :k], delta[rows[:k]], L, L1, inverse)
+        if panels is not None:
+            panels.append(Panel(rows, L1 + L2, front.children))
         M = L1 + 0.5 * L2
         cross = M @ L2.T
         G -= cross + cross.T
@@ -1433,10 +1490,17 @@ def _refined(H: Array, G: Array, delta: Array, L: Array, L1: Array, inverse: Arr
     return L2
 
 
-def is_positive_semidefinite(blocks: Blocks, order: Ints, delta: Array) -> bool:
-    """Whether every matrix within 2^-100 of the blocks was proven positive semidefinite."""
+def is_positive_semidefinite(
+    blocks: Blocks, order: Ints, delta: Array, panels: list[Panel] | None = None
+) -> bool:
+    """Whether every matrix within 2^-100 of the blocks was proven positive semidefinite.
+
+    If so, it is at least L L^T, and ``panels`` hold that L.
+    """
     for _ in range(ATTEMPTS):
-        found = residual(blocks, order, delta)
+        if panels is not None:
+            panels.clear()
+        found = residual(blocks, order, delta, panels)
         if found is None:
             return False
         if np.all(found.diagonal >= found.needed):
@@ -1446,15 +1510,137 @@ def is_positive_semidefinite(blocks: Blocks, order: Ints, delta: Array) -> bool:
     return False
 
 
+# --- Distances ------------------------------------------------------------------------------------
+
+
+def inverse_blocks(panels: list[Panel], n: int, b: int) -> Array:
+    """(n, b, b), by the order: at least the nodes' blocks of A^-1, A without the last node's rows.
+
+    A is at least L L^T, so A^-1 is at most (L L^T)^-1. Let P be the pivots' rows of a front's
+    columns, and Q the others. In its rows the inverse is J Z J^T + (P P^T)^-1 in the pivots, with
+    J = [-(Q P^-1)^T; I], where Z is that of the others, of which its parent has an upper bound.
+    What rounding may be is added to the diagonal, for rows of L times weights w, powers of two, and
+    so for the block over w w^T. The last node's rows count as zeros.
+    """
+    blocks, above = np.zeros((n, b, b)), dict[int, Array]()
+    for number in reversed(range(len(panels))):
+        rows, L, children = panels[number]
+        f, k = L.shape
+        Z = np.zeros((f, f))
+        Z[k:, k:] = above.pop(number, 0.0)
+        if rows[k - 1] == n * b - 1:
+            k -= b
+        P, Q, R = L[:k, :k], L[k:, :k], Z[k:, k:]
+        try:
+            X = np.linalg.inv(P)
+        except np.linalg.LinAlgError:
+            raise Refused("a factor has no inverse") from None
+        C = Q @ X
+        Z[k:, :k] = -(R @ C)
+        Z[:k, k:] = Z[k:, :k].T
+        own = X.T @ X - C.T @ Z[k:, :k]
+        Z[:k, :k] = 0.5 * (own + own.T)
+        diagonal = np.einsum("aa->a", Z)
+        w = np.ldexp(1.0, np.frexp(np.maximum(diagonal, 1.0))[1] >> 1)
+        v, o = w[:k, None], w[k:, None]
+        diagonal += w * w * _lacking(v * P, o * Q, R / (o * o.T), X / v.T, o * C / v.T)
+        of_nodes = Z[:k, :k].reshape(k // b, b, k // b, b)
+        blocks[rows[:k:b] // b] = np.einsum("iaic->iac", of_nodes)
+        for child in children:
+            passed = panels[child]
+            into = np.searchsorted(rows, passed.rows[passed.L.shape[1] :])
+            above[child] = Z[into[:, None], into]
+    return blocks
+
+
+def unscaled(graph: Graph, blocks: Blocks, G: Array) -> tuple[Any, Fraction]:
+    """Integers and their unit: blocks of the inverse without the scales of `certificate_matrix`."""
+    N, e = integers(G)
+    by = blocks.scales[:, :, None] + blocks.scales[:, None, :]
+    return N << _big(by - by.min()), Fraction(2) ** (int(by.min()) - e - magnitude(graph))
+
+
+def _lacking(P: Array, Q: Array, R: Array, X: npt.NDArray[Any], C: npt.NDArray[Any]) -> float:
+    """What the block computed with X for P^-1 and C for Q P^-1 may lack, in Frobenius norms.
+
+    Entries of P and Q may be off by a unit of rounding; those of R, the rows of Z, are exact.
+    """
+    unit = (len(P) + len(Q) + 16.0) * U
+    p, q, r, x, c = map(_norm, (P, Q, R, X, C))
+    e, f = _norm(np.eye(len(P)) - X @ P), _norm(Q - C @ P)
+    e += unit * (x * p + 1.0)  # at least |I - X P| = |E|, and P^-1 = (I - E)^-1 X
+    if not e < 0.5:
+        raise Refused("a factor is too ill-conditioned for distances")
+    own = 2.0 * e * x  # at least |P^-1 - X|
+    across = (f + unit * (c * p + q)) * (x + own)  # at least |Q P^-1 - C| = |(Q - C P) P^-1|
+    missed = own * (2.0 * x + own) + across * r * (1.0 + 2.0 * c + across)
+    return SPARE * (missed + 4.0 * unit * (x * x + r * (1.0 + c) ** 2))
+
+
+def _norm(M: npt.NDArray[Any]) -> float:
+    return math.sqrt(float((M * M).sum()))
+
+
+def turns_less(G: Any, square: Fraction, degrees: float) -> Bools:
+    """(k,) which rotations differ by no more than an angle, from integers G_RR (k, d, d).
+
+    If V is the difference of two rotations by theta, V^T V = 2 (1 - cos(theta)) (I - n n^T), n the
+    axis, or 0 in the plane. So with H = G_RR^-1, its adjugate over the determinant, tr(V H V^T) <=
+    rho^2 = square is 2 (1 - cos(theta)) (tr(H) - n.H n) <= rho^2.
+    """
+    angle = Fraction(degrees) * 103993 / (33102 * 180)  # 103993 / 33102 is less than pi
+    apart = (1 << FINE) - _turn(int(angle * (1 << FINE)))[0] - OFF  # 1 - cos(angle), or less
+    if apart <= 0:
+        return np.zeros(len(G), dtype=bool)
+    p, q = (square * Fraction(1 << FINE, 2 * apart)).as_integer_ratio()
+    adjugates, d = _adjugate(G), G.shape[1]
+    enough = q * np.einsum("kaa->k", adjugates) - p * (G[:, 0] * adjugates[:, 0]).sum(axis=1)
+    form = enough[:, None, None] * np.eye(d, dtype=int)
+    return _definite(form - q * adjugates if d == 3 else form)
+
+
+def refuse_farther(
+    graph: Graph, pin: int, G: Any, unit: Fraction, square: Fraction, claims: Sequence[Within]
+) -> None:
+    """Refuse claims that do not follow from integers G (n, b, b) times unit, see `inverse_blocks`.
+
+    With u and V what a node's position and rotation differ by, tr([u V] G^-1 [u V]^T) <= rho^2,
+    the square. So |u|^2 <= rho^2 G_tt.
+    """
+    square, d = square * unit, graph.t.shape[1]
+    for claim in claims:
+        some = np.array([k for k in range(graph.n) if claim.node in (None, graph.ids[k])], int)
+        if not len(some):
+            raise Refused(f"there is no node {claim.node}")
+        some = some[some != pin]
+        if claim.metres is not None and len(some):
+            node = max(some, key=lambda k: G[k, 0, 0])
+            if (squared := square * G[node, 0, 0]) > Fraction(claim.metres) ** 2:
+                _refuse_claim(claim, graph.ids[node], math.sqrt(squared), "m")
+        far, angle = some[graph.poses[some]], claim.degrees or 180.0
+        while angle < 180.0 and len(far := far[~turns_less(G[far, -d:, -d:], square, angle)]):
+            node, angle = far[0], min(1.1 * angle, 180.0)
+        if claim.degrees not in (None, angle):
+            _refuse_claim(claim, graph.ids[node], angle, "degrees")
+
+
+def _refuse_claim(claim: Within, node: int | None, proven: float, unit: str) -> None:
+    least = Context(3, ROUND_CEILING).create_decimal_from_float(proven)
+    asked = claim.metres if unit == "m" else claim.degrees
+    seen = f"{called(node)} seen from {called(claim.reference)}"
+    raise Farther(f"within {least:g} {unit} of every optimum ({seen}), not {asked:g}")
+
+
 # --- The result -----------------------------------------------------------------------------------
 
 
 class Answer(NamedTuple):
-    """F(x) <= upper and F* >= lower, where ``about`` describes F."""
+    """F(x) <= upper and F* >= lower, where ``about`` describes F, and claims that were verified."""
 
     upper: float
     lower: float
     about: str = ""
+    within: tuple[Within, ...] = ()
 
     @property
     def relative_gap(self) -> float:
@@ -1474,8 +1660,8 @@ class Answer(NamedTuple):
         return f"PROVED: F(x) <= {upper:g}, F* >= {lower:g}, relative gap <= {gap:.1e}"
 
 
-def prove(graph: Graph, proof: Proof) -> Answer:
-    """Both bounds; raises `Refused` if they are not proven."""
+def prove(graph: Graph, proof: Proof, claims: tuple[Within, ...] = ()) -> Answer:
+    """Both bounds; raises `Refused` if they, or the claims, are not proven."""
     given, constants = proof.minorants, np.zeros(0)
     if given is None:
         upper = upper_bound(graph, proof.q, proof.t, proof.rejections, proof.s)
@@ -1487,10 +1673,18 @@ def prove(graph: Graph, proof: Proof) -> Answer:
             raise Refused("a minorant was not proven, or that information is positive definite")
         graph, constants = surrogate(graph, given), given.constants
     lower = lower_bound(graph, proof.multipliers, constants)
-    blocks = certificate_matrix(graph, proof)
-    if not is_positive_semidefinite(blocks, proof.order, proof.delta):
+    blocks, panels = certificate_matrix(graph, proof), list[Panel]()
+    kept = panels if claims else None
+    if not is_positive_semidefinite(blocks, proof.order, proof.delta, kept):
         raise Refused("the certificate matrix was not proven positive semidefinite")
-    return Answer(upper, max(lower, 0.0))
+    if claims:
+        if proof.order[-1] != proof.pin or not graph.poses[proof.pin]:
+            raise Refused("distances are seen from the pinned pose, the last of the order")
+        G = inverse_blocks(panels, graph.n, blocks.weights.shape[1])[np.argsort(proof.order)]
+        N, unit = unscaled(graph, blocks, G)
+        # For any estimate y that costs at most U: |X - Y| <= |X| + |Y|, |X|^2 = F(x) - L <= U - L.
+        refuse_farther(graph, proof.pin, N, unit, 4 * (Fraction(upper) - Fraction(lower)), claims)
+    return Answer(upper, max(lower, 0.0), within=claims)
 
 
 def lower_bound(graph: Graph, multipliers: Array, constants: Array) -> float:
@@ -1558,6 +1752,8 @@ def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
             except Unreadable as error:
                 raise Unreadable(f"{path}: {error}") from None
             proof = read_proof(archive, claim, graph.n, len(graph.i))
+            given = claim.get("within", [])
+            claims = tuple(Within(**one, reference=graph.ids[proof.pin]) for one in given)
     except (Refused, Unreadable):
         raise
     except FileNotFoundError:
@@ -1566,7 +1762,8 @@ def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
         raise Unreadable(f"{proof_path}: not a readable proof ({type(error).__name__})") from None
     try:
         with np.errstate(all="ignore"):
-            return prove(graph, proof)._replace(about=_about(graph, claim, proof.rejections))
+            about = _about(graph, claim, proof.rejections)
+            return prove(graph, proof, claims)._replace(about=about)
     except OverflowError:
         raise Refused("numbers beyond the range of doubles") from None
     except MemoryError:
@@ -1626,7 +1823,8 @@ def main(arguments: list[str]) -> int:
         return 2
     try:
         answer = check(*arguments)
-        sys.stdout.write(f"{answer}\nabout {answer.about}\n")
+        lines = [f"{answer}", f"about {answer.about}", *map(str, answer.within)]
+        sys.stdout.write("\n".join(lines) + "\n")
     except Refused as reason:
         sys.stdout.write(f"REFUSED: {reason}\n")
         return 6

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 import os
 import re
 import sys
@@ -44,6 +45,16 @@ NUMBERS: Mapping[str, tuple[str, Callable[[Any], bool], str]] = {
         "a number as level",
         lambda x: 0.0 < x < 1.0,
         "a level lies between 0 and 1, not at {level}",
+    ),
+    "metres": (
+        "a number of metres",
+        lambda x: 0.0 < x < math.inf,
+        "a positive number of metres expected, not {metres}",
+    ),
+    "degrees": (
+        "a number of degrees",
+        lambda x: 0.0 < x <= 180.0,
+        "degrees above 0 and up to 180 expected, not {degrees}",
     ),
 }
 

@@ -250,6 +250,7 @@ class Graph(NamedTuple):
     edges: list[Edge]
     points: set[int]
     free: set[int] | None = None  # poses of unknown scale; None if it is no graph of similarities
+    ids: tuple[int | None, ...] = ()  # of the file, which has none of the world
 
     @property
     def in_mean_unit(self) -> bool:
@@ -455,7 +456,9 @@ def read_graph(text: bytes, claim: dict[str, Any], kept: set[int] | None) -> Gra
                 raise Refused("a position from the origin of the proof is not a double")
         edges[k] = edge._replace(i=number[edge.i], j=number[edge.j], t=t, kappa=kappa, tau=tau)
     free = {*number.values()} - {number[unit_node(text, {*number})]} if similar else None
-    return Graph(len(number), edges, {number[k] for k in points}, free)
+    world = {edge.i for edge in edges if edge.role == "prior"}
+    ids = (None if node in world else k for k, node in number.items())
+    return Graph(len(number), edges, {number[k] for k in points}, free, tuple(ids))
 
 
 #: The arrays of an archive that the cost is made of, and others that may be there.
@@ -558,6 +561,29 @@ class Rejected(NamedTuple):
     t: tuple[int, ...]
 
 
+class Within(NamedTuple):
+    """How far a node is from where x has it, in any estimate that costs at most the upper bound.
+
+    Seen from the reference: both are compared in the frame of that pose. Numbers stand for doubles.
+    """
+
+    node: int | None  # by its id; None: every node
+    metres: int | Decimal | None  # None: nothing is said
+    degrees: int | Decimal | None  # points have none
+    reference: int | None  # the pinned pose, by its id; None: the world
+
+    def __str__(self) -> str:
+        far = [(self.metres, "m"), (self.degrees, "degrees")]
+        said = " and ".join(f"{x} {unit}" for x, unit in far if x is not None)
+        node = "every node" if self.node is None else called(self.node)
+        return f"within {said} of every optimum: {node}, seen from {called(self.reference)}"
+
+
+def called(node: int | None) -> str:
+    """A node by its id, which the world has none of."""
+    return "the world" if node is None else f"node {node}"
+
+
 class Proof(NamedTuple):
     """The content of a proof file; none of it is trusted."""
 
@@ -575,7 +601,8 @@ def read_claim(data: bytes) -> dict[str, Any]:
     """The header of a proof; decimals stay decimals."""
     text = bytes(stored(data, "|u1")[0]).decode()
     given = json.loads(text, parse_float=Decimal, parse_constant=Decimal)
-    claim = {"cost": None, "landmarks": False, "priors": False, "origin": None, **given}
+    absent = {"cost": None, "landmarks": False, "priors": False, "origin": None}
+    claim: dict[str, Any] = {**absent, "within": [], **given}
     if claim["cost"] is not None:
         raise Unreadable("integers check proofs of --cost chordal; without --exact, others too")
     known: dict[str, list[Any]] = {
@@ -609,6 +636,18 @@ def read_claim(data: bytes) -> dict[str, Any]:
         raise Unreadable(
             "a proof is about all similarities of a file, with information of tangents"
         )
+    for one in claim["within"]:
+        numbers = [x for x in (one["metres"], one["degrees"]) if x is not None]
+        if (
+            not numbers
+            or {*map(type, numbers)} - {int, Decimal}
+            or not all(0 < x < FAR for x in numbers)
+        ):
+            raise Unreadable("claims of distances are positive numbers of metres or degrees")
+        if type(one["node"]) not in (int, type(None)) or (one["degrees"] or 1) > 180:
+            raise Unreadable("nodes are named by ids, and angles are of 180 degrees at most")
+        if similar or (claim["kind"] == "rotations" and one["metres"] is not None):
+            raise Unreadable("no distances are claimed of similarities, nor metres of rotations")
     return {**claim, "maps": maps}
 
 
@@ -888,6 +927,21 @@ class Packing:
             int.from_bytes(data[k : k + size], "little") - half for k in range(0, n * size, size)
         ]
 
+    def packed(self, numbers: Sequence[int]) -> int:
+        """The numbers as one."""
+        size, half = self.width // 8, 1 << (self.width - 1)
+        data = b"".join((x + half).to_bytes(size, "little") for x in numbers)
+        return int.from_bytes(data, "little") - self.bias(len(numbers))
+
+    def gathered(self, packed: int, n: int, places: list[int]) -> int:
+        """Those of n numbers that are at these places."""
+        size, data = (
+            self.width // 8,
+            (packed + self.bias(n)).to_bytes(n * self.width // 8, "little"),
+        )
+        chosen = b"".join(data[size * k : size * k + size] for k in places)
+        return int.from_bytes(chosen, "little") - self.bias(len(places))
+
     def spread(self, packed: int, places: list[int]) -> int:
         """The numbers at other places, which ascend and are counted from the first."""
         biased, total, start = packed + self.bias(len(places)), 0, 0
@@ -912,8 +966,11 @@ def is_positive_semidefinite(
     v: list[int],
     precision: int,
     hint: Callable[[list[int], int], list[int]] = quotients,
+    columns: list[list[int]] | None = None,
 ) -> bool:
     """Whether A = sum l l^T + E is found, with E diagonally dominant under the weights v.
+
+    ``columns`` get the l, each from its pivot on: the entries at later pivots and at the boundary.
 
     Entries of A are no less than those of ``rows`` and no more than ``error`` above, in units of
     2^-(2 precision). The pivots of all fronts in ``tree`` are the rows, in order. Nothing is
@@ -949,6 +1006,8 @@ def is_positive_semidefinite(
             column, tail = hint(S, (reach[r] << precision) // v[r] + 1), 0
             if not column:
                 return False
+            if columns is not None:
+                columns.append(column)
             own[r] = S[0] - column[0] * column[0]
             for a in range(len(here) - 1, k, -1):
                 s, y = here[a], column[a - k]
@@ -966,15 +1025,121 @@ def is_positive_semidefinite(
     return complete and all(e * w >= rest for e, w, rest in zip(own, v, others, strict=True))
 
 
+# --- Distances ------------------------------------------------------------------------------------
+
+Matrix = list[list[int]]
+
+
+def inverse_blocks(
+    tree: list[Front], columns: list[list[int]], rows: dict[int, range], n: int, precision: int
+) -> dict[int, Matrix]:
+    """At least the blocks of nodes' rows of A^-1, A its first n rows, in units of 2^-64.
+
+    A is at least B = sum l l^T, so A^-1 is at most B^-1. With x and y the entries of l at its pivot
+    and below, and Z for B^-1 there, B^-1 has 1/x^2 + y.Z y/x^2 at the pivot, and -Z y/x beside it.
+    What is lost by rounding these c numbers down, less than 1 of each, is made up for by 1 on the
+    diagonal of each row, and c on the pivot's. Rows from n on count as zeros.
+    """
+    packing, one, size = Packing(precision + 160), 1 << (2 * precision + 64), precision + 160
+    node_of = {r: k for k, own in rows.items() for r in own}
+    blocks: dict[int, Matrix] = {k: [] for k in rows}
+    above: dict[int, list[int]] = {}  # of fronts, the rows of Z at their boundaries
+    below: list[list[int]] = [[] for _ in range(len(tree) + 1)]
+    for front, (_, _, parent) in enumerate(tree):
+        below[parent].append(front)
+    for front in reversed(range(len(tree))):
+        pivots, boundary, _ = tree[front]
+        here, Z = [*boundary, *reversed(pivots)], above.pop(front, [])
+        for c, r in enumerate(here[len(boundary) :], len(boundary)):
+            if r >= n:
+                Z.append(0)
+                continue
+            x, *y = columns[r]
+            later = c - len(boundary)
+            y = y[later:] + y[:later][::-1]
+            Zy = packing.unpacked(sum(map(mul, y, Z)), c)
+            own = c - (-one - sum(map(mul, y, Zy))) // (x * x)
+            if own >> 124:
+                raise Refused("the certificate matrix is too near to a singular one for distances")
+            beside = [-z // x for z in Zy]
+            for k, z in enumerate(beside):
+                Z[k] += (1 << size * k) + (z << size * c)
+            Z.append(packing.packed([*beside, own]))
+        place = {r: k for k, r in enumerate(here)}
+        for r in pivots:
+            if r in node_of:
+                row, k = packing.unpacked(Z[place[r]], len(here)), node_of[r]
+                blocks[k].append([row[place[s]] for s in rows[k]])
+        for child in below[front]:
+            places = [place[r] for r in tree[child][1]]
+            above[child] = [packing.gathered(Z[k], len(here), places) for k in places]
+    return blocks
+
+
+def cofactors(M: Matrix) -> Matrix:
+    """Those of a 3 x 3 matrix."""
+    return [
+        [M[a - 2][b - 2] * M[a - 1][b - 1] - M[a - 2][b - 1] * M[a - 1][b - 2] for b in range(3)]
+        for a in range(3)
+    ]
+
+
+def turns_less(G: Matrix, square: Fraction, degrees: int) -> bool:
+    """Whether rotations differ by no more than an angle, G being their block and rho^2 = square.
+
+    If V is the difference of two rotations by theta, V^T V = 2 (1 - cos(theta)) (I - n n^T), n the
+    axis, or 0 in the plane. So with H = G^-1, its cofactors over the determinant, tr(V H V^T) <=
+    rho^2 is 2 (1 - cos(theta)) (tr(H) - n.H n) <= rho^2: impossible beyond the angle if
+    tr(H) I - H exceeds rho^2 / (2 (1 - cos(angle))) I.
+    """
+    bits = 320
+    x = degrees * quarter_turn(bits) // (90 * ONE)
+    apart = (1 << bits) - circle(x, bits)[0] - (1 << 33)  # 1 - cos(angle), or less
+    if apart <= 0:
+        return False
+    p, q = (square * Fraction(1 << bits, 2 * apart)).as_integer_ratio()
+    if len(G) == 2:
+        (a, b), (_, c) = G
+        return q * (a + c) > p * (a * c - b * b)
+    C = cofactors(G)
+    enough = q * sum(C[a][a] for a in range(3)) - p * sum(map(mul, G[0], C[0]))
+    form = [[enough * (a == b) - q * C[a][b] for b in range(3)] for a in range(3)]
+    minors = cofactors(form)
+    return form[0][0] > 0 and minors[2][2] > 0 and sum(map(mul, form[0], minors[0])) > 0
+
+
+def refuse_farther(
+    graph: Graph, claims: Sequence[Within], G: dict[int, Matrix], square: Fraction, d: int
+) -> None:
+    """Refuse claims that do not follow from blocks at least those of A^-1, and rho^2 = square.
+
+    With u and V what a node's position and rotation differ by, tr([u V] G^-1 [u V]^T) <= rho^2. So
+    |u|^2 <= rho^2 G_tt.
+    """
+    for claim in claims:
+        if claim.node is not None and claim.node not in graph.ids:
+            raise Refused(f"there is no node {claim.node}")
+        metres, degrees = (x and double(str(x)) for x in (claim.metres, claim.degrees))
+        for k in G:
+            if claim.node in (None, graph.ids[k]):
+                far = metres and square * G[k][0][0] > Fraction(metres, ONE) ** 2
+                block = [row[-d:] for row in G[k][-d:]]
+                if far or (
+                    degrees and k not in graph.points and not turns_less(block, square, degrees)
+                ):
+                    raise Refused(f"{called(graph.ids[k])} may be further away than {claim}")
+
+
 # --- Checking -------------------------------------------------------------------------------------
 
 
 class Answer(NamedTuple):
-    """F(x) <= upper and F* >= lower, where ``about`` describes F."""
+    """F(x) <= upper and F* >= lower, where ``about`` describes F; and claims that hold."""
 
     upper: Fraction
     lower: Fraction
     about: str
+    within: tuple[Within, ...] = ()
 
     @property
     def relative_gap(self) -> Fraction:
@@ -997,11 +1162,13 @@ def digits(x: Fraction, count: int, up: bool) -> Decimal:
     return Decimal(m).scaleb(exponent) if m else Decimal(0)
 
 
-def prove(graph: Graph, proof: Proof, d: int) -> tuple[Fraction, Fraction]:
-    """Both bounds."""
+def prove(
+    graph: Graph, proof: Proof, d: int, claims: Sequence[Within] = ()
+) -> tuple[Fraction, Fraction]:
+    """Both bounds, and that the claims hold."""
     lower = lower_bound(graph, proof, d)
     found = fronts({(edge.i, edge.j) for edge in graph.edges}, proof.order)
-    at, turn, rows, n = {}, {}, {}, 0
+    at, turn, rows, n = {}, {}, dict[int, range](), 0
     for node in (node for pivots, _, _ in found for node in pivots):
         start = n
         if proof.t:
@@ -1021,12 +1188,26 @@ def prove(graph: Graph, proof: Proof, d: int) -> tuple[Fraction, Fraction]:
     exponents = [proof.exponent * (r in positions) - scale[r] for r in range(n)]
     lowest = min(exponents)
     v = [1 << (exponent - lowest) for exponent in exponents]
-    if not any(
-        is_positive_semidefinite(*scaled(A, blocks, unit, scale, 2 * bits), tree, v, bits)
-        for bits in PRECISIONS
-    ):
+    for bits in PRECISIONS:
+        columns: list[list[int]] = []
+        parts = *scaled(A, blocks, unit, scale, 2 * bits), tree, v, bits
+        if is_positive_semidefinite(*parts, columns=columns if claims else None):
+            break
+    else:
         raise Refused("the certificate matrix was not proven positive semidefinite")
-    return upper_bound(graph, proof, d), max(lower, Fraction(0))
+    upper = upper_bound(graph, proof, d)
+    if claims:
+        if proof.order[-1] != proof.pin or proof.pin in graph.points:
+            raise Refused("distances are seen from the pinned pose, the last of the order")
+        del rows[proof.pin]
+        G, low = {}, min(scale)
+        for k, Z in inverse_blocks(tree, columns, rows, n - d, bits).items():
+            by = [scale[r] - low for r in rows[k]]
+            G[k] = [[Z[a][b] << (by[a] + by[b]) for b in range(len(by))] for a in range(len(by))]
+        # For any estimate y that costs at most U: |X - Y| <= |X| + |Y|, |X|^2 = F(x) - L <= U - L.
+        square = 4 * (upper - lower) * Fraction(2) ** (2 * low - 64)
+        refuse_farther(graph, claims, G, square, d)
+    return upper, max(lower, Fraction(0))
 
 
 def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
@@ -1053,7 +1234,9 @@ def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
         raise Unreadable(f"{proof_path}: {error.strerror or 'not a readable proof'}") from None
     except Exception as error:  # damaged archives can raise anything
         raise Unreadable(f"{proof_path}: not a readable proof ({type(error).__name__})") from None
-    return Answer(*prove(graph, proof, claim["d"]), about(graph, claim, proof.rejected))
+    claims = tuple(Within(**one, reference=graph.ids[proof.pin]) for one in claim["within"])
+    bounds = prove(graph, proof, claim["d"], claims)
+    return Answer(*bounds, about(graph, claim, proof.rejected), claims)
 
 
 def component(path: Path, sha256: str | None) -> set[int] | None:
@@ -1104,7 +1287,8 @@ def main(arguments: list[str]) -> int:
         return 2
     try:
         answer = check(*arguments)
-        sys.stdout.write(f"{answer}\nabout {answer.about}\n")
+        lines = [f"{answer}", f"about {answer.about}", *map(str, answer.within)]
+        sys.stdout.write("\n".join(lines) + "\n")
     except Refused as reason:
         sys.stdout.write(f"REFUSED: {reason}\n")
         return 6

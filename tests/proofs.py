@@ -106,8 +106,11 @@ def exact_cost(graph, measurements, q, t=None):
     return total
 
 
-def exact_matrix(graph, measurements, multipliers, poses):
-    """M - blkdiag(0, Lam) in rationals, by the terms of F edge by edge, the first pose pinned."""
+def exact_matrix(graph, measurements, multipliers, poses, without=None):
+    """M - blkdiag(0, Lam) in rationals, by the terms of F edge by edge, the first pose pinned.
+
+    Or without all rows of a node.
+    """
     d = graph.t.shape[1]
     b = d + poses
     N = graph.n * b
@@ -138,6 +141,8 @@ def exact_matrix(graph, measurements, multipliers, poses):
             if p != q:
                 A[q][p] -= Fraction(float(x))
     kept = range(1, N) if poses else range(N)
+    if without is not None:
+        kept = [p for p in range(N) if p // b != without]
     return [[A[p][q] for q in kept] for p in kept]
 
 

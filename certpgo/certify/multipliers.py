@@ -28,7 +28,7 @@ class Shifted:
     blocks : (n, r, d) the point's rotations
     arms : (k, r) of each row of translations, from the pinned pose, and of blocks of unknown scale;
         none for rotations alone
-    pin : the most central pose, whose translation is pinned; None for rotations alone
+    pin : the pose whose translation is pinned; None for rotations alone
     is_rotation : (N,) which rows of the certificate matrix belong to rotations of known scale
     weights : (N,) weights of its row sums: for translations, a typical arm
     unit : the unit of rounding of a typical diagonal entry
@@ -45,16 +45,17 @@ class Shifted:
     poses: IntArray
 
     @staticmethod
-    def of(problem: Quadratic, point: Point) -> Shifted:
-        """The family of a point of any rank."""
+    def of(problem: Quadratic, point: Point, pin: int | None = None) -> Shifted:
+        """The family of a point of any rank; the most central pose is pinned, or another one."""
         is_rotation = _held_rows(problem)
-        arms, pin = np.zeros((0, point.rotations.shape[1])), None
+        arms, pinned = np.zeros((0, point.rotations.shape[1])), None
         weights = np.ones(len(is_rotation))
         if problem.has_positions and point.translations is not None:
             t = point.translations
             # Pinning the pose nearest the centroid costs least.
-            pin = int(np.argmin(np.linalg.norm(t - t.mean(axis=0), axis=1)))
-            arms = _loose_rows(problem, point, pin)
+            central = int(np.argmin(np.linalg.norm(t - t.mean(axis=0), axis=1)))
+            pinned = central if pin is None else pin
+            arms = _loose_rows(problem, point, pinned)
             is_position = ~problem.rotation_rows
             weights[is_position] = 2.0 ** _exponent(arms[is_position[~is_rotation]])
             unscaled = ~(is_rotation | is_position)
@@ -70,7 +71,7 @@ class Shifted:
             multipliers,
             blocks,
             arms,
-            pin,
+            pinned,
             is_rotation,
             weights,
             unit,

@@ -51,7 +51,7 @@ class Witness:
     order : (n,) elimination order of the nodes
     delta : (n b,) subtracted from the equilibrated certificate matrix's diagonal before
         factorizing; here, points have rows of rotations too
-    pin : the pose whose translation is pinned; 0 for rotations alone
+    pin : the pose whose translation is pinned; 0 for rotations alone, or the reference
     exponent : base-2 exponent of the translations' weights in row sums
     """
 
@@ -68,6 +68,7 @@ def prove(
     fallback: FloatArray | None = None,
     *,
     spare: FloatArray | None = None,
+    reference: int | None = None,
 ) -> tuple[FloatArray, Witness] | None:
     """Multipliers Lam' (n, d, d) with a witness that F* >= tr(Lam'); None if there are none.
 
@@ -82,12 +83,14 @@ def prove(
     fallback : less sharp multipliers, e.g. of another point if the relaxation is loose
     spare : (n,) by which multipliers of unknown scales are raised, so that those without it leave
         a matrix that exceeds a positive semidefinite one by as much there
+    reference : a pose to pin and to eliminate last, so that distances seen from it can be claimed
     """
     from threadpoolctl import threadpool_limits
 
     # Threads slow down the checker's many small products.
     with threadpool_limits(limits=1):
-        prover = _Prover(problem, graph, problem.with_optimal_translations(point), spare)
+        point = problem.with_optimal_translations(point)
+        prover = _Prover(problem, graph, point, spare, reference)
         shift = FIRST_SHIFT * prover.shifted.unit * (1.0 if prover.shifted.pin is None else GROWTH)
         for _ in range(SHIFTS):
             found = prover.settle(partial(prover.shifted.less, shift))
@@ -211,13 +214,16 @@ class _Prover:
         graph: checker.Graph,
         point: Point,
         spare: FloatArray | None = None,
+        reference: int | None = None,
     ) -> None:
         self.problem, self.graph = problem, graph
         # A bound does not depend on the estimate in its proof.
         d, t = problem.d, point.translations
         identity = np.tile(np.eye(d), (problem.n, 1, 1))
         self.posed = Estimate(identity, None if t is None else np.zeros((problem.n, d)))
-        shifted = Shifted.of(problem, point)
+        shifted = Shifted.of(problem, point, reference)
+        self.pin, order = shifted.pin or reference or 0, problem.order.astype(np.intp)
+        self.order = order if reference is None else np.append(order[order != reference], reference)
         self.shifted = replace(shifted, multipliers=recentred(problem, graph, shifted.multipliers))
         self.layout = problem.pattern.layout_of(problem.matrix)
         self.diagonal = self.layout.unpack(problem.matrix.diagonal())
@@ -266,8 +272,7 @@ class _Prover:
 
     def residual(self, multipliers: FloatArray, asked: FloatArray) -> _Found | None:
         """The checker's residual when ``asked`` is subtracted before factorizing."""
-        pin, order = self.shifted.pin or 0, self.problem.order.astype(np.intp)
-        blank = Witness(order, np.zeros(self.diagonal.size), pin, self.exponent)
+        blank = Witness(self.order, np.zeros(self.diagonal.size), self.pin, self.exponent)
         proof = proof_of(self.posed, multipliers, blank)
         try:
             blocks = checker.certificate_matrix(self.graph, proof)
@@ -276,7 +281,7 @@ class _Prover:
         normal = checker.magnitude(self.graph)
         scale = np.ldexp(1.0, 2 * blocks.scales.ravel() - normal)  # of A's diagonal
         delta = (asked * scale).astype(np.float32).astype(np.float64)
-        left = checker.residual(blocks, order, delta)
+        left = checker.residual(blocks, self.order, delta)
         if left is None:
             return None
         short = left.needed - (left.diagonal - delta)

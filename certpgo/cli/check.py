@@ -6,9 +6,10 @@ import math
 import os
 import subprocess
 import sys
+from decimal import Decimal
 from fractions import Fraction
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 from zipfile import is_zipfile
 
 import typer
@@ -17,6 +18,10 @@ from certpgo.cli._options import Data, Json
 from certpgo.cli._proving import REFUSED
 from certpgo.cli._show import document, working
 from certpgo.errors import InputError
+
+if TYPE_CHECKING:
+    from certpgo.checker import Answer
+    from certpgo.integer_checker import Answer as InIntegers
 
 #: What the checker's line begins with if it cannot read a file.
 SAYS = "error: "
@@ -88,9 +93,16 @@ def _as_json(path: Path, proof: Path, exact: bool) -> int:
             "cost_upper": rounded(proven.upper, math.inf),
             "lower_bound": rounded(proven.lower, -math.inf),
             "relative_gap": rounded(proven.relative_gap, math.inf),
+            "within": claims(proven),
         }
     )
     return 0
+
+
+def claims(proven: Answer | InIntegers) -> list[dict[str, float | None]]:
+    """What was claimed of distances and verified; null for every node, and for the world."""
+    found = [claim._asdict() for claim in proven.within]
+    return [{k: float(x) if isinstance(x, Decimal) else x for k, x in one.items()} for one in found]
 
 
 def rounded(x: float | Fraction, toward: float) -> float:

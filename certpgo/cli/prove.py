@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -16,9 +17,11 @@ from certpgo.cli._interrupting import tells_unwritten
 from certpgo.cli._options import CostOption, Json, tier_for, time_limit_option
 from certpgo.cli._outputs import Outputs, refuse_overwriting
 from certpgo.cli._proving import REFUSED
+from certpgo.cli._rules import Rule
 from certpgo.cli._show import document, notice, working
-from certpgo.cli.check import rounded
-from certpgo.errors import InputError, NoEdges, NumericalError
+from certpgo.cli._verdict import pose_called, require_pose
+from certpgo.cli.check import claims, rounded
+from certpgo.errors import InputError, NoEdges, NumericalError, require_numbers
 
 if TYPE_CHECKING:
     from certpgo.checker import Answer
@@ -31,6 +34,24 @@ role="img" aria-label="{0}"><title>{0}</title><rect width="90" height="20" fill=
 <text x="45" y="14">pose graphs</text><text x="140" y="14">{1}</text></g></svg>
 """
 _GOOD, _BAD = "#2e7d32", "#b71c1c"
+RULES = (Rule("--reference needs --within", "reference", without="within"),)
+_Distance = tuple[float | None, float | None]
+#: Units of --within, and the numbers that they are of.
+_UNITS = {"m": "metres", "deg": "degrees"}
+
+
+def _distance(text: str) -> _Distance:
+    """Metres and degrees, as of ``0.05m,0.2deg``; None where nothing is said."""
+    found: dict[str, float] = {}
+    try:
+        for part in text.split(","):
+            number, unit = re.findall(r"(.+?)(m|deg)$", part)[0]
+            found[_UNITS[unit]] = float(number)
+        require_numbers(**found)
+    except (IndexError, ValueError, InputError):
+        wanted = "--within: metres, degrees up to 180 or both expected, as in 0.05m,0.2deg"
+        raise InputError(f"{wanted}, not {text}") from None
+    return found.get("metres"), found.get("degrees")
 
 
 @tells_unwritten("badge")
@@ -47,6 +68,24 @@ def command(
         Path | None,
         typer.Option("--badge", metavar="SVG", help="Write how many are proven as a picture."),
     ] = None,
+    within: Annotated[
+        str | None,
+        typer.Option(
+            "--within",
+            metavar="0.05m[,0.2deg]",
+            help="Prove, too, that every node is this near to where any optimum has it: in metres, "
+            "degrees, or both.",
+        ),
+    ] = None,
+    reference: Annotated[
+        int | None,
+        typer.Option(
+            "--reference",
+            metavar="NODE",
+            show_default="the pose whose measurements weigh most",
+            help="Pose, by its id, from which --within is seen.",
+        ),
+    ] = None,
     time_limit: Annotated[
         float | None,
         time_limit_option("For each graph: stop the search.", "30 s after a first bound"),
@@ -56,11 +95,13 @@ def command(
     """Solve graphs, prove how good each answer is, and check the proofs.
 
     A line a graph. Files of estimates are skipped. The exit code is 0 if every answer is CERTIFIED
-    and its proof accepted, 1 if a file cannot be read or no proof can be about it, else 6.
+    and its proof accepted, with what --within demands, 1 if a file cannot be read or no proof can
+    be about it, else 6.
     """
     from certpgo.io.writing import write_text
 
     tier_for(Path(), None, cost)
+    distance = None if within is None else _distance(within)
     found: dict[str, str | Answer] = {}
     unread = False
     with ExitStack() as stack:
@@ -71,7 +112,7 @@ def command(
         for name, proof in proofs.items():
             try:
                 with working(f"proving {name}"):
-                    found[name] = _proven(name, proof, cost, time_limit)
+                    found[name] = _proven(name, proof, cost, time_limit, distance, reference)
             except NoEdges:
                 notice(f"{name}: no measurements; skipped")
                 continue
@@ -81,7 +122,8 @@ def command(
                 said = str(error).removeprefix(f"{name}: ")  # the line begins with it
                 found[name], unread = f"ERROR: {said}", True
             if not json:
-                typer.echo(f"{name}: {found[name]}")
+                also = getattr(found[name], "within", ())
+                typer.echo(f"{name}: {'; '.join(map(str, [found[name], *also]))}")
     good = sum(not isinstance(said, str) for said in found.values())
     if badge is not None:
         said = f"{good} of {len(found)} proven"
@@ -111,7 +153,14 @@ def _proofs(graphs: Sequence[str], folder: Path) -> dict[str, Path]:
     return proofs
 
 
-def _proven(name: str, proof: Path, cost: str | None, time_limit: float | None) -> Answer:
+def _proven(
+    name: str,
+    proof: Path,
+    cost: str | None,
+    time_limit: float | None,
+    within: _Distance | None,
+    reference: int | None,
+) -> Answer:
     """The bounds of a graph's answer, as the checker accepts them from files alone."""
     import certpgo
     from certpgo.certify.proof_file import provable
@@ -119,18 +168,22 @@ def _proven(name: str, proof: Path, cost: str | None, time_limit: float | None) 
     from certpgo.io.writing import folder_to_write
     from certpgo.objective.choose_cost import own_cost
     from certpgo.optimize.solution import Status
+    from certpgo.solve.proving import seen_from
 
     instance = certpgo.read(name, quiet=True)
     for sentence in instance.notices:
         notice(f"{name}: {sentence}")
     provable(name, instance, cost or own_cost(instance))
+    require_pose(reference, [instance])
+    seen = None if within is None else seen_from(instance, within, pose_called(reference, instance))
     answer = certpgo.solve(instance, cost=cost, tier="proof", time_limit=time_limit)
     if answer.solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
     if answer.verdict is not certpgo.Verdict.CERTIFIED:
         raise NumericalError(answer.certificate.reason)
     folder_to_write(proof.parent)
-    certpgo.write_proof(proof, name, instance, answer.estimate, answer.certificate)
+    proven = instance, answer.estimate, answer.certificate
+    certpgo.write_proof(proof, name, *proven, within=within, reference=seen)
     return certpgo.check(readable(Path(name)), proof)
 
 
@@ -143,4 +196,5 @@ def _as_json(said: str | Answer) -> dict[str, object]:
         "cost_upper": rounded(said.upper, math.inf),
         "lower_bound": rounded(said.lower, -math.inf),
         "relative_gap": rounded(said.relative_gap, math.inf),
+        "within": claims(said),
     }

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from numbers import Integral
 from pathlib import Path
 from typing import Any, cast
 
@@ -23,7 +24,14 @@ from certpgo.certify.proof_file import arrays_of, claim_and_graph, provable
 from certpgo.certify.rejection_proof import claimed_rejections
 from certpgo.certify.resistances import packed
 from certpgo.certify.truncated_bound import below_with, resistances
-from certpgo.errors import InputError, NumericalError, refuse, require, require_path
+from certpgo.errors import (
+    InputError,
+    NumericalError,
+    refuse,
+    require,
+    require_numbers,
+    require_path,
+)
 from certpgo.graph import Estimate, Instance
 from certpgo.io.pipes import readable
 from certpgo.io.writing import atomically
@@ -45,6 +53,8 @@ def write_proof(
     certificate: Certificate,
     *,
     prices: FloatArray | None = None,
+    within: tuple[float | None, float | None] | None = None,
+    reference: int | None = None,
 ) -> checker.Answer:
     """Write the proof that an estimate of a graph file is as good as its certificate says.
 
@@ -60,18 +70,21 @@ def write_proof(
     certificate : certificate of that estimate, or of another of the same graph
     prices : (m,) where the certificate is about a truncated cost: of rejected measurements, and
         infinite for kept ones, as in ``rejection.problem.prices``
+    within : metres and degrees that no node of any optimum is further away, to be proven as well;
+        None for either says nothing of it
+    reference : the pose whose frame that is in, by its number; by default the heaviest one
 
     Returns
     -------
-    The bounds verified by the checker.
+    The bounds verified by the checker, and what it verified of distances.
 
     Raises
     ------
     InputError
         The source has another format, or the instance is only a part of it; or the certificate is
-        about a cost for which there are no proofs.
+        about a cost for which there are no proofs, or nothing can be said of distances.
     NumericalError
-        There is no proof, or the checker refuses it.
+        There is no proof, or the checker refuses it, as optima may be further away.
 
     Examples
     --------
@@ -93,7 +106,10 @@ def write_proof(
     require(estimate, Estimate, "an Estimate")
     require(certificate, Certificate, "a Certificate")
     source = provable(source, instance)
-    claim, proof = _proof(source, instance, estimate, certificate, prices)
+    seen = None if within is None else seen_from(instance, within, reference)
+    claim, proof = _proof(source, instance, estimate, certificate, prices, seen)
+    if within is not None:
+        claim["within"] = [{"node": None, "metres": within[0], "degrees": within[1]}]
     found: list[checker.Answer] = []
 
     def accepted(beside: Path) -> None:
@@ -102,11 +118,40 @@ def write_proof(
             np.savez(file, claim=header, **arrays_of(proof))
         try:
             found.append(checker.check(readable(source), beside))
+        except checker.Farther as reason:
+            raise NumericalError(str(reason)) from None
         except (checker.Refused, checker.Unreadable) as reason:
             raise NumericalError(f"the checker does not accept the proof: {reason}") from None
 
     atomically(Path(path), accepted)
     return found[0]
+
+
+def seen_from(
+    instance: Instance, within: tuple[float | None, float | None], reference: int | None
+) -> int:
+    """The pose from which distances are seen.
+
+    Raises
+    ------
+    InputError
+        There is none, or nothing can be claimed.
+    """
+    metres, degrees = within
+    require_numbers(metres=metres, degrees=degrees)
+    if metres is None and degrees is None:
+        raise InputError("a distance of optima is in metres, in degrees or in both")
+    if instance.graph.has_scales:
+        raise InputError("how far optima are is not proven of poses of unknown scale")
+    if metres is not None and not instance.graph.has_positions:
+        raise InputError("rotations alone are some degrees apart, not metres")
+    chordal = costs.objective_of(instance, costs.CHORDAL).chordal
+    if reference is None:
+        return int(chordal.anchor)
+    require(reference, Integral, "the number of a node")
+    if reference not in chordal.poses:
+        raise InputError(f"node {reference} is none of the poses")
+    return int(reference)
 
 
 def _proof(
@@ -115,20 +160,21 @@ def _proof(
     estimate: Estimate,
     certificate: Certificate,
     prices: FloatArray | None,
+    reference: int | None,
 ) -> tuple[dict[str, Any], checker.Proof]:
-    """What the proof is about, and its content."""
+    """What the proof is about, and its content; distances from the reference can be claimed."""
     if prices is not None:
         claim, graph = claim_and_graph(source, instance)
         claim |= {"version": 3}
         cut = TruncatedCost(Quadratic(instance.graph), prices)
-        evidence = _of_rejections(cut, graph, certificate)
+        evidence = _of_rejections(cut, graph, certificate, reference)
     elif instance.graph.has_scales or certificate.objective == CHORDAL:
         claim, graph = claim_and_graph(source, instance)
-        evidence = _of_f(instance, graph, certificate)
+        evidence = _of_f(instance, graph, certificate, reference)
     else:
         problem = problem_of_certificate(instance, certificate)
         claim, graph = claim_and_graph(source, instance, problem.cost_name)
-        evidence = of_cost(problem, graph, certificate)
+        evidence = of_cost(problem, graph, certificate, reference)
     witness = evidence.witness
     claim |= {"pin": witness.pin, "exponent": witness.exponent}
     proof = proof_of(estimate, evidence.multipliers, witness, evidence.minorants)
@@ -164,7 +210,9 @@ class BoundEvidence:
         return cls(unit * found[0], found[1], **claims)
 
 
-def _of_f(instance: Instance, graph: checker.Graph, certificate: Certificate) -> BoundEvidence:
+def _of_f(
+    instance: Instance, graph: checker.Graph, certificate: Certificate, reference: int | None
+) -> BoundEvidence:
     """The evidence of a bound on F, of poses or of similarities."""
     if certificate.multipliers is None:
         raise NumericalError("there is no lower bound above zero to prove")
@@ -172,7 +220,8 @@ def _of_f(instance: Instance, graph: checker.Graph, certificate: Certificate) ->
     problem, unit = normalized.problem, normalized.unit
     graph = graph._replace(kappa=graph.kappa / unit, tau=graph.tau / unit)
     point = rested(problem, certificate.refined)
-    return BoundEvidence.of(prove(problem, graph, point, certificate.multipliers / unit), unit)
+    fallback = certificate.multipliers / unit
+    return BoundEvidence.of(prove(problem, graph, point, fallback, reference=reference), unit)
 
 
 def problem_of_certificate(instance: Instance, certificate: Certificate) -> Sum:
@@ -193,12 +242,15 @@ def problem_of_certificate(instance: Instance, certificate: Certificate) -> Sum:
     raise InputError(f"{certificate.objective} is no cost of {what}, so no proof is about it")
 
 
-def of_cost(problem: Sum, graph: checker.Graph, certificate: Certificate) -> BoundEvidence:
+def of_cost(
+    problem: Sum, graph: checker.Graph, certificate: Certificate, reference: int | None = None
+) -> BoundEvidence:
     """The evidence of a bound on the cost of another program.
 
     Parameters
     ----------
     graph : the measurements of the file, to the last bit
+    reference : a pose, as of `certpgo.certify.proof.prove`
 
     Raises
     ------
@@ -218,12 +270,13 @@ def of_cost(problem: Sum, graph: checker.Graph, certificate: Certificate) -> Bou
     given = claimed(graph, below)
     if isinstance(point, Estimate):
         point = rested(below.problem, point)
-    found = prove(below.problem, checker.surrogate(graph, given), point, fallback)
+    measured = checker.surrogate(graph, given)
+    found = prove(below.problem, measured, point, fallback, reference=reference)
     return BoundEvidence.of(found, unit, minorants=scaled(unit, given))
 
 
 def _of_rejections(
-    posed: TruncatedCost, graph: checker.Graph, certificate: Certificate
+    posed: TruncatedCost, graph: checker.Graph, certificate: Certificate, reference: int | None
 ) -> BoundEvidence:
     """The evidence of a bound on F truncated, whose graph has all measurements."""
     if certificate.objective != posed.title:
@@ -236,13 +289,15 @@ def _of_rejections(
     point = certificate.refined
     point = at_rest(problem, point, problem.truncation(point).plain())
     W = problem.truncation(point).plain()
-    found, given = _with_minorants(problem, graph, point, W)
+    found, given = _with_minorants(problem, graph, point, W, reference)
     if found is None:
         point = at_rest(problem, optimum_of_kept(normalized, point), np.zeros_like(W))
         W, loads = np.zeros_like(W), np.zeros(len(W))
         if (of_kept := resistances(problem, point)) is not None:
             W, loads = packed(of_kept, problem.truncation(point), isotropic=True)
-        while (proven := _with_minorants(problem, graph, point, W))[0] is None and W.any():
+        while (proven := _with_minorants(problem, graph, point, W, reference))[
+            0
+        ] is None and W.any():
             W[loads >= np.median(loads[W.any(axis=(1, 2))])] = 0.0
         found, given = proven
     weights = {name: unit * getattr(given, name) for name in ("prices", "kappa", "tau")}
@@ -250,7 +305,11 @@ def _of_rejections(
 
 
 def _with_minorants(
-    problem: TruncatedCost, graph: checker.Graph, point: Estimate, W: FloatArray
+    problem: TruncatedCost,
+    graph: checker.Graph,
+    point: Estimate,
+    W: FloatArray,
+    reference: int | None,
 ) -> tuple[tuple[FloatArray, Witness] | None, checker.Rejections]:
     """What is found with minorants of weights W, and what these claim."""
     given = claimed_rejections(graph, problem, problem.truncation(point), W)
@@ -258,7 +317,8 @@ def _with_minorants(
     # That of the kept measurements may have to be a loose one.
     bound = None if W.any() else dual_bound(below, point)
     fallback = None if bound is None else bound.multipliers
-    return prove(below, checker.truncated(graph, given)[0], point, fallback), given
+    measured = checker.truncated(graph, given)[0]
+    return prove(below, measured, point, fallback, reference=reference), given
 
 
 def _normalized(problem: Objective, certificate: Certificate) -> NormalizedProblem[Any]:
