@@ -1119,15 +1119,13 @@ def refuse_farther(
     for claim in claims:
         if claim.node is not None and claim.node not in graph.ids:
             raise Refused(f"there is no node {claim.node}")
-        metres, degrees = (x and double(str(x)) for x in (claim.metres, claim.degrees))
-        for k in G:
-            if claim.node in (None, graph.ids[k]):
-                far = metres and square * G[k][0][0] > Fraction(metres, ONE) ** 2
-                block = [row[-d:] for row in G[k][-d:]]
-                if far or (
-                    degrees and k not in graph.points and not turns_less(block, square, degrees)
-                ):
-                    raise Refused(f"{called(graph.ids[k])} may be further away than {claim}")
+        metres, degrees = (None if x is None else double(str(x)) for x in claim[1:3])
+        for k in (k for k in G if claim.node in (None, graph.ids[k])):
+            far = metres is not None and square * G[k][0][0] > Fraction(metres, ONE) ** 2
+            if degrees is not None and k not in graph.points:
+                far |= not turns_less([row[-d:] for row in G[k][-d:]], square, degrees)
+            if far:
+                raise Refused(f"{called(graph.ids[k])} may be further away than {claim}")
 
 
 # --- Checking -------------------------------------------------------------------------------------
@@ -1228,13 +1226,13 @@ def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
             raise Refused(f"{path} is not the file that was proven about: its SHA-256 differs")
         graph = read_graph(text, claim, component(path, claim["component_sha256"]))
         proof = read_proof(files, claim, graph)
+        claims = tuple(Within(**one, reference=graph.ids[proof.pin]) for one in claim["within"])
     except (Refused, Unreadable):
         raise
     except OSError as error:
         raise Unreadable(f"{proof_path}: {error.strerror or 'not a readable proof'}") from None
     except Exception as error:  # damaged archives can raise anything
         raise Unreadable(f"{proof_path}: not a readable proof ({type(error).__name__})") from None
-    claims = tuple(Within(**one, reference=graph.ids[proof.pin]) for one in claim["within"])
     bounds = prove(graph, proof, claim["d"], claims)
     return Answer(*bounds, about(graph, claim, proof.rejected), claims)
 

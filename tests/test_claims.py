@@ -456,6 +456,15 @@ def test_claims_of_nothing_and_of_too_much_are_unreadable(tmp_path, of):
     ):
         with pytest.raises(of.Unreadable):
             case.tried(of, arrays, claim)
+    header = bytes(arrays["claim"]).decode().replace("180.0", "1e-5000")
+    for text in (header, header.replace('"metres": null', '"metres": 1e-5000')):
+        tiny = {**arrays, "claim": np.frombuffer(text.encode(), dtype=np.uint8)}
+        with pytest.raises((of.Refused, of.Unreadable)):
+            case.tried(of, tiny)
+    more = {"node": None, "metres": 1e3, "degrees": None, "reference": 3}
+    for wrong in ([more], [{**more, "other": 1}], None, 5, "all", more):
+        with pytest.raises(of.Unreadable):
+            case.tried(of, proofs.with_claim(arrays, within=wrong))
     with pytest.raises(of.Refused, match="no node 77"):
         case.tried(of, arrays, (77, 1e3, None))
     with pytest.raises(of.Unreadable):

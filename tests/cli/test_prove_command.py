@@ -2,6 +2,7 @@
 
 import gzip
 import math
+import re
 from xml.etree import ElementTree
 
 import pytest
@@ -107,3 +108,67 @@ def test_a_file_that_the_checker_does_not_read_is_refused_before_it_is_solved(
     for path, said in ((compressed, "decompress it first"), (other, "convert it first")):
         done = certpgo("prove", path)
         assert (done.code, said in done.out) == (1, True)
+
+
+def test_optima_are_proven_to_be_near(certpgo, square, tmp_path):
+    folder = tmp_path / "proofs"
+    done = certpgo("prove", square, "--within", "0.05m,0.2deg", "-o", folder)
+    said = "within 0.05 m and 0.2 degrees of every optimum: every node, seen from node "
+    assert done.code == 0
+    assert f"; {said}" in done.out
+    [proof] = folder.rglob("*.cert")
+    checked = certpgo("check", square, proof)
+    assert checked.out.splitlines()[2].startswith(said)
+    [claim] = certpgo("check", square, proof, "--json").json["within"]
+    assert (claim["node"], claim["metres"], claim["degrees"]) == (None, 0.05, 0.2)
+    [proven] = certpgo(
+        "prove", square, "--within", "0.1m", "--reference", "2", "--json"
+    ).json.values()
+    assert proven["within"] == [{"node": None, "metres": 0.1, "degrees": None, "reference": 2}]
+    [proven] = certpgo("prove", square, "--json").json.values()
+    assert proven["within"] == []
+
+
+@pytest.mark.parametrize("within", ["1e-12m", "1m,1e-12deg"])
+def test_optima_that_may_be_further_away_fail(certpgo, square, within):
+    done = certpgo("prove", square, "--within", within)
+    assert done.code == 6
+    said = r"NOT PROVED: within \S+ (m|degrees) of every optimum \(node \d seen from node \d"
+    assert re.match(rf"{square}: {said}", done.out)
+    assert "not 1e-12" in done.out
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--within", "0.05"], "as in 0.05m,0.2deg, not 0.05"),
+        (["--within", "m"], "as in 0.05m,0.2deg"),
+        (["--within", "-1m"], "as in 0.05m,0.2deg"),
+        (["--within", "200deg"], "as in 0.05m,0.2deg"),
+        (["--reference", "0"], "--reference needs --within"),
+        (["--within", "1m", "--reference", "77"], "node 77 is none of the poses"),
+    ],
+)
+def test_distances_that_mean_nothing_are_refused(certpgo, square, options, said):
+    done = certpgo("prove", square, *options)
+    assert done.code == 1
+    assert said in done.out + done.err
+
+
+def test_distances_are_checked_in_integers(certpgo, square, tmp_path):
+    done = certpgo("prove", square, "--cost", "chordal", "--within", "0.1m,1deg", "-o", tmp_path)
+    assert done.code == 0
+    [proof] = tmp_path.rglob("square.g2o.cert")
+    text = certpgo("check", square, proof, "--exact").out
+    assert "within 0.1 m and 1.0 degrees of every optimum: every node, seen from node" in text
+    [claim] = certpgo("check", square, proof, "--exact", "--json").json["within"]
+    assert (claim["metres"], claim["degrees"]) == (0.1, 1.0)
+
+
+def test_distances_of_scaled_poses_are_not_proven(certpgo, tmp_path, capsys):
+    path = tmp_path / "scaled.g2o"
+    lines = [f"EDGE_SIM3:EXPMAP {k} {k + 1} 0 0 0.1 1 0 0 0.01" for k in range(3)]
+    path.write_text("\n".join([*lines, "EDGE_SIM3:EXPMAP 0 3 0 0 0.3 3 0 0 0.03"]) + "\n")
+    done = certpgo("prove", path, "--within", "1m")
+    assert done.code == 1
+    assert "how far optima are is not proven of poses of unknown scale" in done.out
