@@ -484,6 +484,24 @@ def test_rotations_have_no_metres(tmp_path, of):
 
 
 @pytest.mark.parametrize("of", BOTH)
+def test_nothing_is_claimed_of_similarities(tmp_path, of):
+    path, proof = tmp_path / "scaled.g2o", tmp_path / "scaled.cert"
+    edges = [(0, 1, 0.1), (1, 2, 0.1), (0, 2, 0.2)]
+    path.write_text("".join(f"EDGE_SIM3:EXPMAP {i} {j} 0 0 {w} 1 0 0 {w}\n" for i, j, w in edges))
+    instance = certpgo.read(path, quiet=True)
+    answer = certpgo.solve(instance)
+    given = proof, path, instance, answer.estimate, answer.certificate
+    write_proof(*given)
+    with pytest.raises(InputError, match="unknown scale"):
+        write_proof(*given, within=(1.0, None))
+    claim = [{"node": None, "metres": 1e3, "degrees": None}]
+    arrays = proofs.with_claim(proofs.arrays_of(proof), within=claim)
+    proof.write_bytes(proofs.repacked(arrays))
+    with pytest.raises(of.Unreadable, match="similarities"):
+        of.check(path, proof)
+
+
+@pytest.mark.parametrize("of", BOTH)
 def test_points_are_no_references(tmp_path, of):
     """Even where one is pinned and last: it has no frame."""
     case = Posed(tmp_path, "points", 2)

@@ -22,6 +22,9 @@ rejected edge:
 Version 4 is about similarities, in a g2o file or an .npz file, and has the estimate's
 
     scales        (n,), 1 where known
+
+The claim of any but version 4 may say how far optima are, as ``within``: then the pose that is
+pinned is eliminated last.
 """
 
 from __future__ import annotations
