@@ -1122,7 +1122,7 @@ def refuse_farther(
         metres, degrees = (None if x is None else double(str(x)) for x in claim[1:3])
         for k in (k for k in G if claim.node in (None, graph.ids[k])):
             far = metres is not None and square * G[k][0][0] > Fraction(metres, ONE) ** 2
-            if degrees is not None and k not in graph.points:
+            if degrees not in (None, 180 * ONE) and k not in graph.points:
                 far |= not turns_less([row[-d:] for row in G[k][-d:]], square, degrees)
             if far:
                 raise Refused(f"{called(graph.ids[k])} may be further away than {claim}")
