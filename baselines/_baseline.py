@@ -1,10 +1,10 @@
-"""The base of GTSAM's baselines: built, run, timed and reported in the package's terms."""
+"""The base of other programs' methods: built, run, timed and reported in the package's terms."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
@@ -15,51 +15,77 @@ from certpgo.optimize.iterative import Settings
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.solution import Solution, Status
 
-from ._gtsam import Model, library, translated
+from ._programs import GTSAM, Program
+
+
+class Built(Protocol):
+    """A problem in another program; the note says which weights it has there."""
+
+    note: str
+
+    def estimate(self, values: Any) -> Estimate:
+        """The program's values as an estimate; NumericalError if they are not finite."""
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What a run of GTSAM gives; the note is its own verdict, if any."""
+    """What a run of another program gives.
 
+    Attributes
+    ----------
+    model : what was run
+    values : the program's own; of g2o and Ceres, until the next run
+    status, iterations, counts : as in `certpgo.Solution`
+    verdict : the program's own, if any
+    evaluating : seconds of the run that were spent in residuals written in Python
+    """
+
+    model: Built
     values: Any
     status: Status = Status.CLOSED_FORM
     iterations: int = 0
-    note: str = ""
+    verdict: str = ""
     counts: Mapping[str, int] = field(default_factory=dict)
+    evaluating: float = 0.0
+
+    @property
+    def estimate(self) -> Estimate:
+        """The values as an estimate; NumericalError if they are not finite."""
+        return self.model.estimate(self.values)
 
 
 @dataclass(frozen=True)
 class Baseline(Settings):
-    """A method of GTSAM; subclasses implement `ready`."""
+    """A method of another program; subclasses implement `ready`."""
 
+    program: ClassVar[Program] = GTSAM
     rotations: ClassVar[bool] = False
     own_costs: ClassVar[tuple[str, ...]] = ()
     compiled: ClassVar[bool] = True
 
     def ready(
         self, problem: Any, initial: Estimate | None, watch: Stopwatch
-    ) -> tuple[Model, Callable[[], Outcome]]:
-        """Build GTSAM's objects; the returned function runs the method on them.
+    ) -> Callable[[], Outcome]:
+        """Build the program's objects; the returned function runs the method on them.
 
-        The problem is a `Problem`, or one under a cost of ``own_costs``.
+        The problem is a `Quadratic`, or one under a cost of ``own_costs``.
         """
         raise NotImplementedError
 
     def prepared(
         self, problem: Quadratic | Sum, initial: Estimate | None = None
-    ) -> Callable[[], Any]:
-        """A function that runs the method alone, for timing, and returns GTSAM's Values.
+    ) -> Callable[[], Outcome]:
+        """A function that runs the method alone, for timing.
 
         Graph and initial values are built before; errors are as in `solve`.
         """
         self._check(problem)
-        with translated():
-            _, step = self.ready(problem, initial, Stopwatch())
+        with self.program.translated():
+            step = self.ready(problem, initial, Stopwatch())
 
-        def run() -> Any:
-            with translated():
-                return step().values
+        def run() -> Outcome:
+            with self.program.translated():
+                return step()
 
         return run
 
@@ -70,30 +96,34 @@ class Baseline(Settings):
         initial: Estimate | None = None,
         monitor: Monitor = silent,
     ) -> Solution:
-        """Run the method; GTSAM calls nothing back, so the monitor is not used.
+        """Run the method; the program calls nothing back, so the monitor is not used.
 
-        Phases are ``build`` (GTSAM's graph), ``start`` and ``solve``; the note is GTSAM's own
-        verdict if there is one, else the information that the factors used. GTSAM's exceptions
-        become NumericalErrors with its text.
+        Phases are ``build`` (the program's graph), ``start`` and ``solve``; the note is the
+        program's own verdict if there is one, else which weights it has. Its exceptions become
+        NumericalErrors with its text.
         """
         self._check(problem)
         if initial is not None:
             problem.check(initial)
-        library()  # importing it is not timed
+        self.program.library()  # importing it is not timed
         watch = Stopwatch()
-        with translated():
-            model, step = self.ready(problem, initial, watch)
+        with self.program.translated():
+            step = self.ready(problem, initial, watch)
             with watch.phase("solve"):
                 outcome = step()
-            estimate = model.estimate(outcome.values)
+            estimate = outcome.estimate
+        seconds = dict(watch.seconds)
+        if outcome.evaluating:
+            seconds["solve"] -= outcome.evaluating
+            seconds["evaluate"] = outcome.evaluating
         return Solution(
             estimate=estimate,
             cost=problem.cost(estimate),
             status=outcome.status,
             iterations=outcome.iterations,
-            seconds=dict(watch.seconds),
+            seconds=seconds,
             counts=dict(outcome.counts),
-            note=outcome.note or model.note,
+            note=outcome.verdict or outcome.model.note,
         )
 
     def _check(self, problem: Quadratic | Sum) -> None:
@@ -104,4 +134,4 @@ class Baseline(Settings):
         require_capable(problem.graph, "isotropic method")
         if not (self.poses if problem.has_positions else self.rotations):
             taken = ("pose graphs, not rotations alone", "rotations alone, not pose graphs")
-            raise InputError(f"this method of GTSAM takes {taken[not self.poses]}")
+            raise InputError(f"this method of {self.program.name} takes {taken[not self.poses]}")

@@ -7,21 +7,22 @@ translation), its Pose2 tangent (x, y, theta). A prior on the first node fixes t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from certpgo.errors import CertPGOError, InputError, MissingDependency, NumericalError
+from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.choose_cost import Sum
 from certpgo.objective.gtsam_graph import factors_of
 from certpgo.objective.quadratic import Quadratic
+
+from ._programs import GTSAM, sentence
 
 #: Information of the prior, whose residual is zero at the optimum.
 PRIOR_PRECISION = 1e6
@@ -32,13 +33,7 @@ FILE = "GTSAM with the file's full information"
 FULL = "GTSAM with full information"
 
 
-def library() -> Any:
-    """The gtsam module, imported on first use; or MissingDependency."""
-    try:
-        import gtsam
-    except ImportError:
-        raise MissingDependency("GTSAM", "baselines") from None
-    return gtsam
+library = GTSAM.library
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,20 +156,10 @@ def initialization(model: Model) -> Callable[[], Any]:
     return lambda: gtsam.lago.initialize(graph, odometry)
 
 
-@contextmanager
-def translated() -> Iterator[None]:
-    """Turn GTSAM's exceptions into NumericalError with the first sentence of their text."""
-    try:
-        yield
-    except CertPGOError:
-        raise
-    except (RuntimeError, ValueError, IndexError) as error:
-        raise NumericalError(f"GTSAM: {sentence(error)}") from error
-
-
-def sentence(error: Exception) -> str:
-    paragraph = str(error).strip().partition("\n\n")[0]
-    return " ".join(paragraph.split()) or type(error).__name__
+def chordal_start(problem: Quadratic | Sum) -> Estimate:
+    """The chordal initialization with isotropic weights as an estimate."""
+    model = isotropic_model(problem.chordal)
+    return model.estimate(initialization(model)())
 
 
 def _built_model(problem: Quadratic, precisions: FloatArray, note: str) -> Model:

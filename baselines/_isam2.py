@@ -10,7 +10,7 @@ from certpgo.graph.streaming import arrivals
 from certpgo.objective.choose_cost import objective_of
 from certpgo.objective.gtsam_graph import factors_of
 
-from ._gtsam import library, sentence
+from ._programs import GTSAM, sentence
 
 #: Standard deviation of the prior on the first pose.
 FIXED = 1e-3
@@ -39,7 +39,7 @@ def updates(instance: Instance, count: int | None = None) -> tuple[list[float], 
 
 
 def _updates(instance: Instance, factorization: str, count: int | None) -> list[float]:
-    gtsam = library()
+    gtsam = GTSAM.library()
     factors = factors_of(objective_of(instance, "gtsam"))
     kind = f"Pose{instance.graph.d}"
     pose, dimension = getattr(gtsam, kind), 3 * instance.graph.d - 3

@@ -15,7 +15,7 @@ from certpgo.optimize.monitor import Stopwatch
 from certpgo.optimize.solution import Status
 
 from ._baseline import Baseline, Outcome
-from ._gtsam import Model, initialization, isotropic_model, library, model_of
+from ._gtsam import Model, chordal_start, initialization, library, model_of
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class LocalSearch(Baseline):
         problem: Quadratic | Sum,
         initial: Estimate | None,
         watch: Stopwatch,
-    ) -> tuple[Model, Callable[[], Outcome]]:
+    ) -> Callable[[], Outcome]:
         """Build graph and initial values; the function constructs the optimizer and runs it."""
         gtsam = library()
         with watch.phase("build"):
@@ -67,9 +67,9 @@ class LocalSearch(Baseline):
             search = getattr(gtsam, f"{self.optimizer}Optimizer")(graph, values, parameters)
             allowed = search.error() + parameters.getAbsoluteErrorTol()
             result = search.optimize()
-            return Outcome(result, self._status(search, allowed), search.iterations())
+            return Outcome(model, result, self._status(search, allowed), search.iterations())
 
-        return model, run
+        return run
 
     def _start(self, model: Model, problem: Quadratic | Sum, initial: Estimate | None) -> Any:
         if initial is not None:
@@ -81,9 +81,7 @@ class LocalSearch(Baseline):
         if problem.d == 3:
             return initialization(model)()
         # LAGO refuses correlated information, so it gets the isotropic factors.
-        chordal = problem.chordal if isinstance(problem, Sum) else problem
-        simple = isotropic_model(chordal)
-        return model.values(simple.estimate(initialization(simple)()))
+        return model.values(chordal_start(problem))
 
     def _status(self, search: Any, allowed: float) -> Status:
         # GTSAM stops silently when a step increases the error, and keeps the step.

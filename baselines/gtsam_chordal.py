@@ -11,7 +11,7 @@ from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.monitor import Stopwatch
 
 from ._baseline import Baseline, Outcome
-from ._gtsam import Model, initialization, model_of
+from ._gtsam import initialization, model_of
 
 
 @dataclass(frozen=True)
@@ -32,12 +32,12 @@ class Chordal(Baseline):
 
     def ready(
         self, problem: Quadratic, initial: Estimate | None, watch: Stopwatch
-    ) -> tuple[Model, Callable[[], Outcome]]:
+    ) -> Callable[[], Outcome]:
         """Build the graph with its prior; the function initializes from it."""
         with watch.phase("build"):
             model = model_of(problem, self.source)
             initialize = initialization(model)
-        return model, lambda: Outcome(initialize())
+        return lambda: Outcome(model, initialize())
 
 
 SOLVER = Chordal

@@ -11,7 +11,7 @@ from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.monitor import Stopwatch
 
 from ._baseline import Baseline, Outcome
-from ._gtsam import Model, library, uniform_model
+from ._gtsam import library, uniform_model
 
 
 @dataclass(frozen=True)
@@ -27,12 +27,12 @@ class FastSync(Baseline):
 
     def ready(
         self, problem: Quadratic, initial: Estimate | None, watch: Stopwatch
-    ) -> tuple[Model, Callable[[], Outcome]]:
+    ) -> Callable[[], Outcome]:
         """Build the graph; the function synchronizes it."""
         with watch.phase("build"):
             model = uniform_model(problem)
         synchronize = getattr(library(), f"fastSync{model.kind}")
-        return model, lambda: Outcome(synchronize(model.graph))
+        return lambda: Outcome(model, synchronize(model.graph))
 
 
 SOLVER = FastSync

@@ -56,7 +56,7 @@ class RandomStarts(Baseline):
 
     def ready(
         self, problem: Quadratic, initial: Estimate | None, watch: Stopwatch
-    ) -> tuple[Model, Callable[[], Outcome]]:
+    ) -> Callable[[], Outcome]:
         """Build graph and starts; an initial estimate is the first one."""
         with watch.phase("build"):
             model = chordal_model(problem)
@@ -72,9 +72,9 @@ class RandomStarts(Baseline):
             best = min(ends, key=lambda end: end.error)
             near = best.error + SAME * abs(best.error) + 1e-12 * problem.scale
             counts = {"starts": self.starts, "best ones": sum(end.error <= near for end in ends)}
-            return Outcome(best.values, best.status, best.iterations, counts=counts)
+            return Outcome(model, best.values, best.status, best.iterations, counts=counts)
 
-        return model, run
+        return run
 
     def _starts(self, problem: Quadratic, initial: Estimate | None) -> Iterator[Estimate]:
         if initial is not None:

@@ -15,7 +15,8 @@ from certpgo.optimize.solution import Status
 
 from ._averaging import Averaging, posed
 from ._baseline import Outcome
-from ._gtsam import Model, isotropic_model, library, translated
+from ._gtsam import Model, isotropic_model, library
+from ._programs import GTSAM
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Shonan(Averaging):
 
     def ready(
         self, problem: Quadratic, initial: Estimate | None, watch: Stopwatch
-    ) -> tuple[Model, Callable[[], Outcome]]:
+    ) -> Callable[[], Outcome]:
         """Build measurements and initial values; the function climbs the staircase."""
         ranks = self.ranks(problem.d)
         with watch.phase("build"):
@@ -36,20 +37,20 @@ class Shonan(Averaging):
             averaging = _averaging(problem.rotation)
         with watch.phase("start"):
             start = self.begin(problem, model, initial)
-        return model, lambda: _climb(averaging, start, ranks)
+        return lambda: _climb(averaging, model, start, ranks)
 
 
 def calls_optimal(problem: Quadratic, estimate: Estimate) -> tuple[bool, float]:
     """Shonan's verdict on the rotations of an estimate, and the eigenvalue it is based on."""
     library()
-    with translated():
+    with GTSAM.translated():
         averaging = _averaging(problem.rotation)
         values = _lifted(estimate.rotations, problem.d)
         verdict = bool(averaging.checkOptimality(values))
         return verdict, float(averaging.computeMinEigenValue(values))
 
 
-def _climb(averaging: Any, start: Estimate, ranks: range) -> Outcome:
+def _climb(averaging: Any, model: Model, start: Estimate, ranks: range) -> Outcome:
     """ShonanAveraging's ``run``, which does not report its final rank."""
     threshold = _parameters(start.d).getOptimalityThreshold()
     level, iterations = _lifted(start.rotations, ranks[0]), 0
@@ -61,7 +62,9 @@ def _climb(averaging: Any, start: Estimate, ranks: range) -> Outcome:
         finding = f"at p = {p}, smallest eigenvalue {eigenvalue:.1e}"
         if eigenvalue > threshold:
             values = averaging.roundSolution(point)
-            return Outcome(values, Status.CONVERGED, iterations, f"Shonan: certified {finding}")
+            return Outcome(
+                model, values, Status.CONVERGED, iterations, f"Shonan: certified {finding}"
+            )
         if p < ranks[-1]:
             level = averaging.initializeWithDescent(p + 1, point, direction, eigenvalue)
     raise NumericalError(f"GTSAM: Shonan::run did not converge for given max_p: {finding}")

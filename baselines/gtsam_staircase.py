@@ -36,7 +36,7 @@ class Staircase(Averaging):
 
     def ready(
         self, problem: Quadratic, initial: Estimate | None, watch: Stopwatch
-    ) -> tuple[Model, Callable[[], Outcome]]:
+    ) -> Callable[[], Outcome]:
         """Build factors and initial values; the function climbs and projects the result."""
         gtsam, ranks = library(), self.ranks(problem.d)
         with watch.phase("build"):
@@ -52,7 +52,7 @@ class Staircase(Averaging):
             search = gtsam.RiemannianStaircaseOptimizer(graph, values, parameters)
             return _outcome(search.optimize(), model)
 
-        return model, run
+        return run
 
 
 def _outcome(result: Any, model: Model) -> Outcome:
@@ -63,6 +63,7 @@ def _outcome(result: Any, model: Model) -> Outcome:
         raise NumericalError("GTSAM: the result is not finite")
     verdict = "certified" if result.certified else "not certified"
     return Outcome(
+        model,
         model.values(rounded(Lift(Y))),
         Status.CONVERGED if result.certified else Status.ITERATION_LIMIT,
         len(result.getRanksVisited()),

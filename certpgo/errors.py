@@ -107,6 +107,7 @@ def how_to_install(extra: str, package: str = "") -> str:
 
     These are on the package index; certpgo itself may have come from a checkout or a wheel.
     """
+    import platform
     from importlib import metadata
 
     try:
@@ -120,8 +121,9 @@ def how_to_install(extra: str, package: str = "") -> str:
         if f'extra == "{extra}"' not in condition or name == "certpgo":
             continue
         if package in ("", name):
-            if f'sys_platform != "{sys.platform}"' in condition:
-                return f"there is no wheel of {name} for {sys.platform}"
+            for known in (sys.platform, platform.machine()):
+                if f'!= "{known}"' in condition:
+                    return f"there is no wheel of {name} for {known}"
             wanted.append(f"'{requirement}'")
     return " ".join(["pip install", *(wanted or [package or f"'certpgo[{extra}]'"])])
 

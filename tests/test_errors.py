@@ -1,5 +1,6 @@
 """Errors: what they advise to install works in the situation where it is said."""
 
+import platform
 import sys
 from importlib import metadata
 
@@ -15,6 +16,7 @@ REQUIRES = [
     'joblib<2,>=1.4; extra == "reports"',
     'dask[distributed]>=2024.8; extra == "cluster"',
     f'gtsam<4.4,>=4.3; sys_platform != "{sys.platform}" and extra == "baselines"',
+    f'pyceres<3,>=2.6; platform_machine != "{platform.machine()}" and extra == "baselines"',
 ]
 
 
@@ -26,6 +28,7 @@ REQUIRES = [
         ("reports", "", "pip install 'joblib<2,>=1.4'"),
         ("cluster", "dask", "pip install 'dask[distributed]>=2024.8'"),
         ("baselines", "", f"there is no wheel of gtsam for {sys.platform}"),
+        ("baselines", "pyceres", f"there is no wheel of pyceres for {platform.machine()}"),
         ("", "ray", "pip install ray"),
     ],
 )

@@ -116,7 +116,13 @@ def _text(value: object) -> str:
 
 
 #: By prefix of a method's name: the package it calls, and the extra that installs it.
-_CALLED = {"gtsam": ("gtsam", "baselines"), "pymanopt": ("pymanopt", "test"), "sdp": ("cvxpy", "")}
+_CALLED = {
+    "gtsam": ("gtsam", "baselines"),
+    "g2o": ("g2opy", "baselines"),
+    "ceres": ("pyceres", "baselines"),
+    "pymanopt": ("pymanopt", "test"),
+    "sdp": ("cvxpy", ""),
+}
 
 
 def _missing_package(method: str) -> str:

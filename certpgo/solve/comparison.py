@@ -83,6 +83,9 @@ METHODS = (
     Competitor("gtsam_gauss_newton", takes="poses"),
     Competitor("gtsam_levenberg_marquardt", takes="poses"),
     Competitor("gtsam_fastsync"),
+    Competitor("g2o_gauss_newton", takes="poses"),
+    Competitor("g2o_levenberg_marquardt", takes="poses"),
+    Competitor("ceres_levenberg_marquardt", takes="poses"),
     Competitor(
         "gtsam_gauss_newton",
         OF_THE_FILE,

@@ -30,9 +30,10 @@ NOTES = (
     f"In the row {OF_THE_FILE}, GTSAM reads the file itself, if it can, and minimises its own "
     "error with the file's full information matrices.",
     "Seconds are those of one run, without reading and certifying.",
+    "Ceres' residuals are computed in Python, which is the phase evaluate of its seconds.",
 )
 #: Methods without which a note is left out, by the beginnings of their labels.
-_ABOUT = {NOTES[1]: "gtsam", NOTES[2]: OF_THE_FILE}
+_ABOUT = {NOTES[1]: "gtsam", NOTES[2]: OF_THE_FILE, NOTES[4]: "ceres"}
 #: The notes under the cost of another program; what GTSAM gets is said for each of its methods.
 _OWN_NOTES = (
     _ON_COSTS.format(

@@ -16,7 +16,7 @@ from pathlib import Path
 #: Kibibytes in a gigabyte.
 KIB = 1024 / 1e9
 #: Distributions whose versions are recorded.
-DISTRIBUTIONS = ("certpgo", "numpy", "scipy", "gtsam")
+DISTRIBUTIONS = ("certpgo", "numpy", "scipy", "gtsam", "g2opy", "pyceres")
 
 #: Variables that limit the threads of NumPy's linear algebra, the one that prevails first.
 THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")

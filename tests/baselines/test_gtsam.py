@@ -175,10 +175,13 @@ def test_prepared_runs_the_same_step_each_time(gtsam, name):
     problem, _ = poses(3)
     step = solver(name).prepared(problem)
     first, second = step(), step()
-    assert first.equals(second, 1e-12)
+    assert first.values.equals(second.values, 1e-12)
     expected = solver(name).solve(problem).estimate.translations
     np.testing.assert_allclose(
-        [first.atPose3(k).translation() for k in range(problem.n)], expected, rtol=0, atol=1e-9
+        [first.values.atPose3(k).translation() for k in range(problem.n)],
+        expected,
+        rtol=0,
+        atol=1e-9,
     )
 
 

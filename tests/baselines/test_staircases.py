@@ -228,7 +228,7 @@ def test_values_of_the_staircase_that_are_no_rotations_are_made_so(gtsam, d):
     assert problem.cost(found) == pytest.approx(problem.cost(Estimate(R)), rel=1e-9)
     defect = (stretch**2 - 1.0).max()
     worst = f"{-(stretch.max() ** d):.6f} to {-(stretch.min() ** d):.6f}"
-    assert outcome.note.endswith(f"orthogonal up to {defect:.1e}, determinants {worst}")
+    assert outcome.verdict.endswith(f"orthogonal up to {defect:.1e}, determinants {worst}")
 
 
 def test_values_of_the_staircase_that_are_not_finite_are_an_error(gtsam):
@@ -267,9 +267,9 @@ def test_prepared_runs_the_same_step_each_time(gtsam, name):
     problem = problem_in(3)
     step = solver(name).prepared(problem)
     first, second = step(), step()
-    assert first.equals(second, 1e-12)
+    assert first.values.equals(second.values, 1e-12)
     expected = solver(name).solve(problem).estimate.rotations
-    found = [first.atRot3(k).matrix() for k in range(problem.n)]
+    found = [first.values.atRot3(k).matrix() for k in range(problem.n)]
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
 
 

@@ -1,6 +1,5 @@
 """What `certpgo bench speed` measures, how it compares, and what it says of what is not here."""
 
-import re
 import stat
 from contextlib import contextmanager
 from dataclasses import replace
@@ -27,7 +26,7 @@ from reports.harness.speed.measuring import (
     measured,
     processor,
 )
-from reports.harness.speed.programs import G2O, SE_SYNC, OtherProgram, run
+from reports.harness.speed.programs import SE_SYNC_VARIABLE, run, se_sync
 
 needs_the_kernel = pytest.mark.skipif(not compiled.AVAILABLE, reason="without a C compiler")
 
@@ -70,7 +69,7 @@ def test_what_cannot_run_says_why_and_leaves_the_others():
     def failing():
         raise InputError("information is not definite")
 
-    not_here = Missing(Absence.MISSING_PACKAGE, "SE-Sync is not on PATH")
+    not_here = Missing(Absence.MISSING_PACKAGE, "SE-Sync is not here")
     timers = {"a": laps(*[1.0] * 4), "b": laps(*[2.0] * 4), "c": not_here, "d": failing}
     pairs = [Comparison(*pair) for pair in ("ab", "ac", "da")]
     good, absent, failed = measured(group_of(timers, pairs), "commit", {})
@@ -105,25 +104,27 @@ def test_keys_are_of_what_is_measured_and_of_the_commit():
     assert replace(one, comparisons=(Comparison("a", "b", 2.0),)).key("c") == one.key("c")
 
 
-@pytest.mark.parametrize(
-    ("program", "said", "seconds"),
-    [
-        (SE_SYNC, "Total elapsed computation time: 0.125 seconds", 0.125),
-        (G2O, "iteration= 0 cumTime= 0.5\niteration= 1 cumTime= 7.5e-1 edges= 3", 0.75),
-    ],
-)
-def test_programs_on_path_are_asked_for_their_own_seconds(
-    program, said, seconds, tmp_path, monkeypatch
-):
-    assert "not on PATH" in program.timer(tmp_path).error
-    script = tmp_path / program.name
-    script.write_text(f"#!/bin/sh\necho '{said}' >&2\n")
-    script.chmod(script.stat().st_mode | stat.S_IXUSR)
-    monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
-    assert program.timer(tmp_path / "graph.g2o")().seconds == seconds
-    mute = OtherProgram(program.name, (), re.compile("nothing ([0-9])"))
-    with pytest.raises(CertPGOError, match="printed no seconds"):
-        mute.timer(tmp_path)()
+def test_se_sync_is_asked_for_its_own_seconds_where_it_is_built(tmp_path, monkeypatch):
+    monkeypatch.delenv(SE_SYNC_VARIABLE, raising=False)
+    absent = se_sync(tmp_path)
+    assert absent.absence is Absence.MISSING_PACKAGE
+    assert SE_SYNC_VARIABLE in absent.error
+    script = tmp_path / "SE-Sync"
+    monkeypatch.setenv(SE_SYNC_VARIABLE, str(script))
+    assert se_sync(tmp_path).error == f"{SE_SYNC_VARIABLE}: {script} is no program"
+    for said in ("Total elapsed computation time: 0.125 seconds", "nothing"):
+        script.write_text(f"#!/bin/sh\necho '{said}' >&2\n")
+        script.chmod(script.stat().st_mode | stat.S_IXUSR)
+        timer = se_sync(tmp_path / "graph.g2o")
+        if said == "nothing":
+            with pytest.raises(CertPGOError, match=r"printed no seconds for graph.g2o"):
+                timer()
+        else:
+            assert timer().seconds == 0.125
+
+
+def test_seconds_that_are_spared_are_not_counted():
+    assert processor(lambda: 5.0, spared=float)().seconds == pytest.approx(-5.0, abs=1.0)
 
 
 def test_a_program_that_fails_is_quoted():
@@ -219,16 +220,17 @@ def test_pages_have_ratios_goals_and_exponents():
         against="SE-Sync",
         seconds=0.5,
         absence=Absence.MISSING_PACKAGE,
-        error="SE-Sync is not on PATH",
+        error="SE-Sync is not here",
     )
     page = pages.markdown([absent, *RECORDS])
-    assert "| intel | solve | 0.5 | SE-Sync |  |  |  |  |  | SE-Sync is not on PATH |" in page
+    assert "intel" not in page  # no row without numbers
+    assert "Not measured: SE-Sync is not here." in page
     assert "| its limit | 0.01 | 5 | 4 | 6 | > 3 |" in page
     assert "| solve | 1.25 | 1.50 |" in page
     assert "2 ratios with a goal, 2 above it." in page
     lines = pages.csv_text([absent, *RECORDS]).splitlines()
     assert len(lines) == 4
-    assert lines[1].endswith(",SE-Sync is not on PATH")
+    assert lines[1].endswith(",SE-Sync is not here")
     assert lines[2].count(",") == lines[0].count(",")
 
 

@@ -46,6 +46,7 @@ def test_notes_about_gtsam_need_its_rows():
     assert said(labels) == NOTES
     without_file = [label for label in labels if "(file)" not in label]
     assert said(without_file) == (*NOTES[:2], *NOTES[3:])
+    assert NOTES[4].startswith("Ceres")
     assert said(["certified", "newton"]) == (NOTES[0], NOTES[3])
     first, *rest = said(labels, "g2o's chi2")
     assert first.startswith("The cost is that of each table's title")

@@ -58,10 +58,10 @@ def command(
 
     scale solves synthetic graphs of growing size, each in a process of its own: time, memory,
     slope, verdict. speed times whole processes, reading, solving, proofs and sessions in turn with
-    GTSAM, and with SE-Sync and g2o where they are on PATH, and each phase against what this core
-    can do. zoo puts points of known truth, most of them adversarial, before our certifier and the
-    competitors', and counts what is false. Existing results in the folder are reused, so that an
-    interrupted run resumes; those of speed, if they are of the same commit.
+    GTSAM, g2o and Ceres, and SE-Sync where CERTPGO_SESYNC names a build, and each phase against
+    what this core can do. zoo puts points of known truth, most of them adversarial, before our
+    certifier and the competitors', and counts what is false. Existing results in the folder are
+    reused, so that an interrupted run resumes; those of speed, if they are of the same commit.
     """
     records: Sequence[JournalEntry]
     if what == "scale":

@@ -140,7 +140,11 @@ class SpeedRecord(JournalEntry):
 
 
 def processor(
-    step: Callable[[], Result], say: Callable[[Result], str] | None = None, *, calls: int = 1
+    step: Callable[[], Result],
+    say: Callable[[Result], str] | None = None,
+    *,
+    calls: int = 1,
+    spared: Callable[[Result], float] = lambda result: 0.0,
 ) -> Timer:
     """A timer of processor seconds per call.
 
@@ -148,6 +152,7 @@ def processor(
     ----------
     say : what a result says; not timed
     calls : how often the step is run each time, for steps of milliseconds
+    spared : seconds of the last run that are not counted in each
     """
 
     def lap() -> Lap:
@@ -155,7 +160,7 @@ def processor(
         start = processor_seconds()
         for _ in range(calls):
             result = step()
-        seconds = (processor_seconds() - start) / calls
+        seconds = (processor_seconds() - start) / calls - spared(result)
         return Lap(seconds, "" if say is None else say(result))
 
     return lap

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 
 from certpgo.graph.phrases import counted
 from certpgo.view.markdown_tables import markdown_table
+from reports.harness.experiments.absence import Absence
 from reports.harness.scaling.scale import exponent
 from reports.harness.speed import limits
 from reports.harness.speed.measuring import SpeedRecord
@@ -32,11 +33,11 @@ TITLE = "How fast certpgo is"
 RULES = """\
 Made by `certpgo bench speed --out DIR`. Seconds are of the processor, on one core with one thread,
 medians; steps run in turn, and a ratio is the median of the rounds' ratios, with the least and the
-largest. Above `at most` a ratio is a goal that is missed, marked by `>`. Programs that are not on
-PATH are not run: SE-Sync and g2o print the seconds of their own solutions, without reading. g2o's
-Gauss-Newton begins at the chordal optimum, which is not counted. GTSAM's graph is built beforehand,
-its chordal initialization (in the plane LAGO) is counted, and it certifies nothing; with `isotropic
-weights` it has those of F."""
+largest. Above `at most` a ratio is a goal that is missed, marked by `>`. Graphs of other programs
+are built beforehand, and they certify nothing. GTSAM's chordal initialization (in the plane LAGO)
+is counted; with `isotropic weights` it has those of F. The optimizers of g2o and Ceres begin at the
+chordal optimum, which is not counted, nor is what Ceres' residuals take, which are in Python.
+SE-Sync, where there is a build, prints the seconds of its own solution, without reading."""
 OF_SECTION = {
     "processes": "Whole processes, imports included. GTSAM's script reads the file and optimises "
     "it from the file's initial values.",
@@ -109,12 +110,20 @@ def markdown(records: Sequence[SpeedRecord]) -> str:
     lines = [f"# {TITLE}", "", *RULES.splitlines(), "", summary(records)]
     for section, found in sections(records).items():
         lines += ["", f"## {section.capitalize()}", "", OF_SECTION[section], ""]
-        lines += markdown_table(HEADER, map(row, found))
+        here = [record for record in found if record.absence is not Absence.MISSING_PACKAGE]
+        lines += markdown_table(HEADER, map(row, here))
+        lines += _not_here(found)
         slopes = growth(found)
         if slopes:
             lines += ["", "Exponents p of seconds ~ poses^p:", "", *markdown_table(GROWTH, slopes)]
     lines += ["", *_environment(records)]
     return "\n".join(lines) + "\n"
+
+
+def _not_here(records: Sequence[SpeedRecord]) -> list[str]:
+    """A sentence for the programs that are not here, which have no rows."""
+    absent = [r.error for r in records if r.absence is Absence.MISSING_PACKAGE]
+    return ["", f"Not measured: {'; '.join(dict.fromkeys(absent))}."] if absent else []
 
 
 def csv_text(records: Sequence[SpeedRecord]) -> str:

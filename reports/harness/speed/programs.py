@@ -1,4 +1,4 @@
-"""Processes: what starting Python and a whole command take, and programs found on PATH."""
+"""Processes: what starting Python and a whole command take, and SE-Sync where it is built."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 from certpgo.errors import CertPGOError
@@ -33,40 +32,27 @@ gtsam.GaussNewtonOptimizer(graph, values).optimize()
 EMPTY, IMPORTS, GTSAM = "python -c pass", "import of NumPy and SciPy", "GTSAM's script"
 
 
-@dataclass(frozen=True)
-class OtherProgram:
-    """Another program, if it is on PATH, which prints the seconds of its own solution.
-
-    Attributes
-    ----------
-    name : what it is called on PATH
-    options : before the file
-    seconds : the last match is the time of the solution, without reading
-    """
-
-    name: str
-    options: tuple[str, ...]
-    seconds: re.Pattern[str]
-
-    def timer(self, path: Path) -> Timer | Missing:
-        """A timer of its own seconds for a file."""
-        found = shutil.which(self.name)
-        if found is None:
-            return Missing(Absence.MISSING_PACKAGE, f"{self.name} is not on PATH")
-
-        def lap() -> Lap:
-            said = run([found, *self.options, str(path)])
-            times = self.seconds.findall(said)
-            if not times:
-                raise CertPGOError(f"{self.name} printed no seconds for {path.name}")
-            return Lap(float(times[-1]))
-
-        return lap
+#: The environment variable with the path of a build of SE-Sync, which prints its own seconds.
+SE_SYNC_VARIABLE = "CERTPGO_SESYNC"
+_SE_SYNC_SECONDS = re.compile(r"Total elapsed computation time: ([0-9.e+-]+)")
 
 
-SE_SYNC = OtherProgram("SE-Sync", (), re.compile(r"Total elapsed computation time: ([0-9.e+-]+)"))
-#: Gauss-Newton, until a step changes chi^2 by less than a millionth.
-G2O = OtherProgram("g2o", ("-v", "-i", "-1"), re.compile(r"cumTime= ([0-9.e+-]+)"))
+def se_sync(path: Path) -> Timer | Missing:
+    """A timer of SE-Sync's own seconds for a file, without reading, where there is a build."""
+    named = os.environ.get(SE_SYNC_VARIABLE)
+    if not named:
+        said = f"SE-Sync is not here: {SE_SYNC_VARIABLE} names the program of a build"
+        return Missing(Absence.MISSING_PACKAGE, said)
+    if (found := shutil.which(named)) is None:
+        return Missing(Absence.FAILED, f"{SE_SYNC_VARIABLE}: {named} is no program")
+
+    def lap() -> Lap:
+        times = _SE_SYNC_SECONDS.findall(run([found, str(path)]))
+        if not times:
+            raise CertPGOError(f"SE-Sync printed no seconds for {path.name}")
+        return Lap(float(times[-1]))
+
+    return lap
 
 
 def run(command: Sequence[str]) -> str:
