@@ -69,7 +69,9 @@ def test_list_in_words(certpgo):
 @pytest.mark.parametrize(
     ("module", "method", "wanted"),
     [
-        ("gtsam", "gtsam_chordal", how_to_install("baselines")),
+        ("gtsam", "gtsam_chordal", how_to_install("baselines", "gtsam")),
+        ("g2opy", "g2o_gauss_newton", how_to_install("baselines", "g2opy")),
+        ("pyceres", "ceres_levenberg_marquardt", how_to_install("baselines", "pyceres")),
         ("pymanopt", "pymanopt_trust_region", how_to_install("test", "pymanopt")),
         ("cvxpy", "sdp_dual", "pip install --force-reinstall --no-deps cvxpy-base"),
     ],

@@ -120,7 +120,7 @@ def test_gtsam_missing_is_a_record_with_the_install_line(monkeypatch):
     monkeypatch.setitem(sys.modules, "gtsam", None)
     [record] = run_table(table((POSES,), (Method("gtsam_chordal"),)))
     assert record.absence is Absence.MISSING_PACKAGE
-    assert record.error == f"GTSAM is not installed: {how_to_install('baselines')}"
+    assert record.error == f"GTSAM is not installed: {how_to_install('baselines', 'gtsam')}"
 
 
 def test_the_stand_ins_run_when_no_file_is_here(monkeypatch, tmp_path):
