@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from certpgo.solve.assessment import certify_values
     from certpgo.solve.judging import certify
     from certpgo.solve.logarithms import LogarithmFit, fit_logarithms
-    from certpgo.solve.many import certify_many, solve_many
+    from certpgo.solve.many import certify_many, prove_many, solve_many
     from certpgo.solve.merging import Merged, merge
     from certpgo.solve.outliers import Disagreement
     from certpgo.solve.proving import write_proof
@@ -89,7 +89,7 @@ _HOMES = {
     "solve.assessment": ("certify_values",),
     "solve.judging": ("certify",),
     "solve.logarithms": ("LogarithmFit", "fit_logarithms"),
-    "solve.many": ("certify_many", "solve_many"),
+    "solve.many": ("certify_many", "prove_many", "solve_many"),
     "solve.merging": ("Merged", "merge"),
     "solve.outliers": ("Disagreement",),
     "solve.proving": ("write_proof",),
@@ -163,6 +163,7 @@ __all__ = [
     "to_gtsam",
     "get_solver",
     "merge",
+    "prove_many",
     "read",
     "read_estimate",
     "read_sequence",

@@ -141,6 +141,10 @@ class CertPGOError(Exception):
     nowhere.g2o: ...
     """
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Constructors take other arguments than the message; errors come from other processes, too.
+        return type(self).__new__, (type(self), *self.args), self.__dict__
+
 
 class InputError(CertPGOError, ValueError):
     """Data or arguments are unusable.

@@ -57,6 +57,7 @@ nitpicky = True
 # type variables; what graphs hold is said with `certpgo.Graph`.
 nitpick_ignore_regex = [
     (r"py:.*", r"(numpy|scipy|matplotlib|collections|dataclasses|fractions|pathlib|types)\..*"),
+    (r"py:class", r"concurrent\.futures\..*"),
     (r"py:class", r"certpgo\..*\.Any[A-Z]\w*"),
     (r"py:class", r"certpgo\.checker\.\w+"),
     (r"py:class", r"certpgo\.graph\.graph_data\.GraphData"),

@@ -64,9 +64,6 @@ HOMES = {
     "jinja2": ("certpgo/view/page.py",),
     "flint": ("reports/harness/certifiers/oracle.py",),
     "matplotlib": ("certpgo/view/", "reports/harness/experiments/figure.py"),
-    "joblib": ("reports/harness/experiments/execute.py",),
-    "distributed": ("reports/harness/experiments/clusters.py",),
-    "ray": ("reports/harness/experiments/execute.py",),
     "gtsam": ("certpgo/objective/gtsam_graph.py",),
     "cv2": ("certpgo/registration/",),
     "small_gicp": ("certpgo/registration/dense.py",),
@@ -312,10 +309,10 @@ def test_a_command_loads_what_it_needs_alone(arguments, tmp_path):
         "import contextlib, io, certpgo.cli\n"
         f"with contextlib.redirect_stdout(io.StringIO()): certpgo.cli.main({line!r})"
     )
-    heavy = {"gtsam", "cvxpy", "clarabel", "pooch", "matplotlib", "jinja2", "joblib", "reports"}
+    heavy = {"gtsam", "cvxpy", "clarabel", "pooch", "matplotlib", "jinja2", "reports"}
     assert not loaded & heavy
 
 
 def test_help_loads_no_heavy_package():
     loaded = third_party_after("import certpgo.cli as c; c.application(c.command_names())")
-    assert not loaded & {"gtsam", "cvxpy", "pooch", "matplotlib", "joblib"}
+    assert not loaded & {"gtsam", "cvxpy", "pooch", "matplotlib"}

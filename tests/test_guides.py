@@ -26,7 +26,10 @@ FENCE = re.compile(r"^```(?P<kind>[a-z]*)\n(?P<text>.*?)^```$", re.MULTILINE | r
 #: Datasets that a page's Python reads, named in a comment of the page.
 NEEDS = re.compile(r"^<!-- needs: ([\w ]*\w)", re.MULTILINE)
 #: Programs that a page may use, and that may be missing.
-OPTIONAL = re.compile(r"^\s*(?:import|from) (gtsam|evo|open3d|pycolmap|rosbags|small_gicp)\b", re.M)
+PROGRAMS = "gtsam|evo|open3d|pycolmap|rosbags|small_gicp|distributed"
+OPTIONAL = re.compile(rf"^\s*(?:import|from) ({PROGRAMS})\b", re.MULTILINE)
+#: What is smaller here than on the page.
+SMALLER = re.compile(r"^<!-- tests: (.*) is (.*) -->$", re.MULTILINE)
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 
@@ -79,6 +82,8 @@ def test_python_runs_and_prints_what_the_page_shows(page, tmp_path, monkeypatch,
         missing.setdefault(section, []).extend(lacking)
         if missing[section]:  # and what comes after it in the section builds on it
             continue
+        for large, small in SMALLER.findall(page.read_text()):
+            code = code.replace(large, small)
         printed = io.StringIO()
         program = compile("\n" * (line - 1) + code, str(page), "exec")
         with contextlib.redirect_stdout(printed), warnings.catch_warnings():

@@ -132,6 +132,7 @@ def calls(of):
         "plot.residuals": (lambda *a: certpgo.plot.residuals(*a), of["answer"], None),
         "plot.spectrum": (lambda *a: certpgo.plot.spectrum(*a), of["answer"], None),
         "plot.trajectory": (lambda *a: certpgo.plot.trajectory(*a), of["answer"]),
+        "prove_many": (lambda *a: list(certpgo.prove_many(*a)), {of["path"]: "p.cert"}),
         "read": (certpgo.read, of["path"]),
         "read_estimate": (certpgo.read_estimate, of["estimate's path"], None),
         "read_sequence": (certpgo.read_sequence, folder),

@@ -88,8 +88,7 @@ def show(
 
 def pose_called(name: int | None, part: Instance) -> int | None:
     """The pose with an id; None if there is none."""
-    found = [k for k in part.poses.tolist() if part.ids[k] == name]
-    return found[0] if found else None
+    return None if name is None else part.pose_called(name)
 
 
 def require_pose(name: int | None, parts: Sequence[Instance]) -> None:

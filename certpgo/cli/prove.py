@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -19,12 +20,18 @@ from certpgo.cli._outputs import Outputs, refuse_overwriting
 from certpgo.cli._proving import REFUSED
 from certpgo.cli._rules import Rule
 from certpgo.cli._show import document, notice, working
-from certpgo.cli._verdict import pose_called, require_pose
 from certpgo.cli.check import claims, rounded
-from certpgo.errors import InputError, NoEdges, NumericalError, require_numbers
+from certpgo.errors import (
+    CertPGOError,
+    InputError,
+    NoEdges,
+    NumericalError,
+    require_numbers,
+)
 
 if TYPE_CHECKING:
     from certpgo.checker import Answer
+    from certpgo.solve.prove_files import Attempt
 
 #: A badge: width of both halves, the label, and the message with its colour.
 _BADGE = """<svg xmlns="http://www.w3.org/2000/svg" width="190" height="20"
@@ -90,6 +97,9 @@ def command(
         float | None,
         time_limit_option("For each graph: stop the search.", "30 s after a first bound"),
     ] = None,
+    workers: Annotated[
+        int, typer.Option("--workers", min=1, metavar="N", help="Processes, a graph each.")
+    ] = 1,
     json: Json = False,
 ) -> int:
     """Solve graphs, prove how good each answer is, and check the proofs.
@@ -99,9 +109,14 @@ def command(
     be about it, else 6.
     """
     from certpgo.io.writing import write_text
+    from certpgo.solve.many import results_of
+    from certpgo.solve.processes import processes
+    from certpgo.solve.prove_files import attempt
 
     tier_for(Path(), None, cost)
     distance = None if within is None else _distance(within)
+    how: dict[str, Any] = {"cost": cost, "within": distance, "reference": reference}
+    work = partial(attempt, time_limit=time_limit, **how)
     found: dict[str, str | Answer] = {}
     unread = False
     with ExitStack() as stack:
@@ -109,18 +124,20 @@ def command(
         proofs = _proofs(graphs, folder)
         refuse_overwriting(proofs.values(), *map(Path, graphs))
         Outputs(scene=badge).refuse(*map(Path, graphs))
-        for name, proof in proofs.items():
-            try:
-                with working(f"proving {name}"):
-                    found[name] = _proven(name, proof, cost, time_limit, distance, reference)
-            except NoEdges:
+        attempts: Iterator[Attempt] = map(work, proofs.items())
+        if workers > 1:
+            pool = stack.enter_context(processes(workers))
+            attempts = results_of(work, proofs.items(), workers, pool)
+        for name in proofs:
+            with working(f"proving {name}"):
+                proven, notices = next(attempts)
+            for sentence in notices:
+                notice(f"{name}: {sentence}")
+            if isinstance(proven, NoEdges):
                 notice(f"{name}: no measurements; skipped")
                 continue
-            except NumericalError as reason:
-                found[name] = f"NOT PROVED: {reason}"
-            except InputError as error:
-                said = str(error).removeprefix(f"{name}: ")  # the line begins with it
-                found[name], unread = f"ERROR: {said}", True
+            unread |= isinstance(proven, InputError)
+            found[name] = _in_words(name, proven) if isinstance(proven, CertPGOError) else proven
             if not json:
                 also = getattr(found[name], "within", ())
                 typer.echo(f"{name}: {'; '.join(map(str, [found[name], *also]))}")
@@ -153,38 +170,11 @@ def _proofs(graphs: Sequence[str], folder: Path) -> dict[str, Path]:
     return proofs
 
 
-def _proven(
-    name: str,
-    proof: Path,
-    cost: str | None,
-    time_limit: float | None,
-    within: _Distance | None,
-    reference: int | None,
-) -> Answer:
-    """The bounds of a graph's answer, as the checker accepts them from files alone."""
-    import certpgo
-    from certpgo.certify.proof_file import provable
-    from certpgo.io.pipes import readable
-    from certpgo.io.writing import folder_to_write
-    from certpgo.objective.choose_cost import own_cost
-    from certpgo.optimize.solution import Status
-    from certpgo.solve.proving import seen_from
-
-    instance = certpgo.read(name, quiet=True)
-    for sentence in instance.notices:
-        notice(f"{name}: {sentence}")
-    provable(name, instance, cost or own_cost(instance))
-    require_pose(reference, [instance])
-    seen = None if within is None else seen_from(instance, within, pose_called(reference, instance))
-    answer = certpgo.solve(instance, cost=cost, tier="proof", time_limit=time_limit)
-    if answer.solution.status is Status.INTERRUPTED:
-        raise KeyboardInterrupt
-    if answer.verdict is not certpgo.Verdict.CERTIFIED:
-        raise NumericalError(answer.certificate.reason)
-    folder_to_write(proof.parent)
-    proven = instance, answer.estimate, answer.certificate
-    certpgo.write_proof(proof, name, *proven, within=within, reference=seen)
-    return certpgo.check(readable(Path(name)), proof)
+def _in_words(name: str, error: CertPGOError) -> str:
+    """Why there is no proof, after the graph's name and a colon."""
+    if isinstance(error, NumericalError):
+        return f"NOT PROVED: {error}"
+    return f"ERROR: {str(error).removeprefix(f'{name}: ')}"
 
 
 def _as_json(said: str | Answer) -> dict[str, object]:

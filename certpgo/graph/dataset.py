@@ -105,6 +105,9 @@ class Instance(Speaking):
     counts: Mapping[str, int] = field(default_factory=dict)
     camera: tuple[float, ...] = ()
 
+    def __getstate__(self) -> dict[str, object]:
+        return {**self.__dict__, "options": dict(self.options)}  # proxies cannot be pickled
+
     def __post_init__(self) -> None:
         require(self.graph, Graph, "the graph of an instance")
         require(self.names, list | tuple, "a tuple of names")
@@ -204,6 +207,10 @@ class Instance(Speaking):
         if self.stated is None:
             return ()
         return self.fixed if self.world is None else (*self.fixed, self.world)
+
+    def pose_called(self, name: int) -> int | None:
+        """The pose with an id; None if there is none."""
+        return next((k for k in self.poses.tolist() if self.ids[k] == name), None)
 
     @property
     def anchor(self) -> int | None:
@@ -378,15 +385,12 @@ class Instance(Speaking):
         """An estimate of the poses in the world's frame, with the world; reverses `in_world`."""
         if self.world is None:
             return estimate
-        d, t = estimate.d, estimate.translations
+        d, t, s, keys = estimate.d, estimate.translations, estimate.scales, self.keys
         if t is not None:
             t = t if self.origin is None else t - self.origin
             t = np.concatenate([t, np.zeros((1, d))])
-        times = estimate.keys.times_ns
-        keys = self.keys
-        if times is not None:
+        if (times := estimate.keys.times_ns) is not None:
             keys = replace(keys, times_ns=np.append(times, NO_TIME))
-        s = estimate.scales
         s = None if s is None else np.append(s, 1.0)
         return Estimate(np.concatenate([estimate.rotations, np.eye(d)[None]]), t, keys, s)
 

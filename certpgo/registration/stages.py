@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from certpgo.errors import FormatError, InputNotice
 from certpgo.io.archives import arrays_in
 from certpgo.io.writing import atomically, folder_to_write
-from certpgo.solve.many import by_threads
+from certpgo.solve.many import results_of
 
 #: Raised when what a stage computes changes: older results are not read.
 VERSION = 3
@@ -36,7 +36,7 @@ def each(
     """The results of ``work`` for all items, in their order, by threads; Ctrl-C ends it."""
     results: list[Result] = []
     progress(stage, 0, len(items))
-    for result in by_threads(lambda item, _: work(item), items):
+    for result in results_of(lambda item, _: work(item), items):
         results.append(result)
         progress(stage, len(results), len(items))
     return results

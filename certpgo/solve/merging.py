@@ -35,7 +35,7 @@ from certpgo.objective.choose_cost import CHORDAL, objective_of
 from certpgo.optimize.descent import descend
 from certpgo.optimize.monitor import Monitor
 from certpgo.solve.fit import Fit, squares
-from certpgo.solve.many import by_threads
+from certpgo.solve.many import results_of
 from certpgo.solve.outliers import outlying, select
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.search import search
@@ -201,7 +201,7 @@ def merge(
     def alone(one: Instance, ends: Monitor) -> CertifiedSolution:
         return search(objective_of(one, CHORDAL), chosen, monitor=ends)
 
-    parts = tuple(by_threads(alone, instances))
+    parts = tuple(results_of(alone, instances))
     answer = search(problem, chosen)
     judged = objective_of(whole)
     fit = _fit(judged, answer.estimate)

@@ -14,7 +14,7 @@ def small(monkeypatch):
     """A zoo of one family, made in this process; the list it returns holds the records made."""
     made_here = []
 
-    def made(jobs, processes):
+    def made(jobs, workers):
         for job in jobs:
             made_here.append(zoo.record_of(job))
             yield job, made_here[-1]

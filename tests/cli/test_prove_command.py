@@ -8,6 +8,8 @@ from xml.etree import ElementTree
 import pytest
 
 import certpgo as package
+from certpgo.io.datasets.synthetic import winding_cycle
+from certpgo.solve import prove_files
 
 
 def test_each_graph_is_proven_and_its_proof_is_kept(certpgo, square, tmp_path):
@@ -87,10 +89,23 @@ def test_an_answer_without_a_certificate_is_not_proven(certpgo, square, monkeypa
     def bounded(*given, **options):
         return solve(*given, **options, rtol=1e-300, atol=1e-300)
 
-    monkeypatch.setattr(package, "solve", bounded)
+    monkeypatch.setattr(prove_files, "solve", bounded)
     done = certpgo("prove", square)
     assert done.code == 6
     assert ": NOT PROVED: " in done.out
+
+
+def test_processes_prove_the_same_in_the_same_order(certpgo, square, tmp_path):
+    graphs = [square, tmp_path / "bad.g2o", tmp_path / "cycle.g2o", tmp_path / "estimate.g2o"]
+    graphs[1].write_text("EDGE_SE2 0 1 1 0 x\n")
+    package.write(graphs[2], winding_cycle(5, 0.1, 0)[0])
+    certpgo("solve", square, "-o", graphs[3])
+    alone, together = (certpgo("prove", *graphs, "--workers", k) for k in ("1", "2"))
+    assert together.out == alone.out
+    assert (together.code, alone.code) == (1, 1)
+    for said in ("cycle.g2o: all translations are zero", "estimate.g2o: no measurements; skipped"):
+        assert said in alone.err
+        assert said in together.err
 
 
 @pytest.mark.parametrize("cost", ["gtsam", "no"])
@@ -101,7 +116,7 @@ def test_costs_without_proofs_are_refused(certpgo, square, cost):
 def test_a_file_that_the_checker_does_not_read_is_refused_before_it_is_solved(
     certpgo, square, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(package, "solve", None)
+    monkeypatch.setattr(prove_files, "solve", None)
     compressed, other = tmp_path / "square.g2o.gz", tmp_path / "square.npz"
     compressed.write_bytes(gzip.compress(square.read_bytes()))
     package.write(other, package.read(square))

@@ -76,11 +76,11 @@ def test_a_killed_run_goes_on(certpgo, whole, started, small_checkout, tmp_path)
     assert "| mischief |" in (out / "cycles.md").read_text()
 
 
-@pytest.mark.parametrize("jobs", ["1", "2"])
+@pytest.mark.parametrize("workers", ["1", "2"])
 def test_an_interrupted_run_says_how_to_go_on(
-    certpgo, whole, started, small_checkout, tmp_path, jobs
+    certpgo, whole, started, small_checkout, tmp_path, workers
 ):
-    process = started("cycles", "--jobs", jobs)
+    process = started("cycles", "--workers", workers)
     os.killpg(process.pid, signal.SIGINT)
     _, err = process.communicate(timeout=60)
     assert process.returncode == 130
@@ -91,8 +91,8 @@ def test_an_interrupted_run_says_how_to_go_on(
     assert "**Interrupted" in (out / "cycles.md").read_text()
     before = lines_of(out)
     # Of two processes one may be behind when the other's third run waits.
-    assert len(before) == 4 if jobs == "1" else 0 < len(before) < ALL
-    assert certpgo("reproduce", "cycles", "--out", out, "--jobs", jobs).code == 0
+    assert len(before) == 4 if workers == "1" else 0 < len(before) < ALL
+    assert certpgo("reproduce", "cycles", "--out", out, "--workers", workers).code == 0
     assert lines_of(out)[: len(before)] == before
     assert by_key(lines_of(out)) == by_key(whole)
     assert "Interrupted" not in (out / "cycles.md").read_text()
@@ -138,9 +138,9 @@ def test_quick_and_full_never_mix(certpgo, tmp_path, small_checkout):
 
 def test_processes_print_and_write_what_one_does(certpgo, small_checkout, tmp_path):
     texts = []
-    for jobs in ("1", "2"):
-        out = tmp_path / jobs
-        found = certpgo("reproduce", "cycles", "--out", out, "--jobs", jobs, "--json").json
+    for workers in ("1", "2"):
+        out = tmp_path / workers
+        found = certpgo("reproduce", "cycles", "--out", out, "--workers", workers, "--json").json
         texts.append([(r["row"], r["method"], r["metrics"]["cost"], r["verdict"]) for r in found])
     assert texts[0] == texts[1]
 

@@ -236,7 +236,7 @@ def test_a_run_goes_on_and_its_report_is_a_function_of_its_records(tmp_path, mon
     wanted = [zoo.Job(name, quick=True) for name in names]
     made_here = []
 
-    def serial(jobs, processes):
+    def serial(jobs, workers):
         for job in jobs:
             made_here.append(job)
             yield job, zoo.record_of(job)

@@ -9,6 +9,7 @@ from strategies import pose_graph, rng_of, rotation_graph
 
 import certpgo
 from certpgo.io.datasets.monocular import random_maps
+from certpgo.io.datasets.synthetic import grid3d
 from certpgo.objective.choose_cost import objective_of
 from certpgo.objective.truncated_cost import rejecting
 
@@ -29,6 +30,15 @@ def posed(kind):
 
 def kind_of_cost(kind):
     return "chordal" if kind in ("distances", "points") else kind
+
+
+def test_instances_and_answers_are_the_same_there():
+    instance = grid3d(2, np.random.default_rng(0))
+    answer = certpgo.solve(instance)
+    there = pickle.loads(pickle.dumps(answer))
+    assert there.instance.options == instance.options
+    assert (there.cost, there.verdict) == (answer.cost, answer.verdict)
+    np.testing.assert_array_equal(there.estimate.rotations, answer.estimate.rotations)
 
 
 KINDS = ["rotations", "points", "distances", "no known scale", "scales", "g2o", "gtsam"]

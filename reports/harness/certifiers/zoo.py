@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 
 from certpgo import registry
 from certpgo.errors import NumericalError
 from certpgo.linalg.factor import default_engine
+from certpgo.solve.processes import processes
 from certpgo.solve.provenance import provenance
 from reports.harness.certifiers import campaign, oracle
 from reports.harness.certifiers.families import FAMILIES
@@ -21,8 +19,6 @@ from reports.harness.experiments.zoo_records import Job, Outcome, ZooRecord, tot
 
 #: Random instances without a campaign, and of the quick profile.
 FEWEST, QUICK = 500, 5
-#: Thread pools of the libraries that a process may load.
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 Announce = Callable[[str], None]
 
@@ -38,14 +34,14 @@ def run_jobs(
     journal: Journal[ZooRecord],
     chosen: list[Job],
     *,
-    processes: int = 1,
+    workers: int = 1,
     announce: Announce = lambda _: None,
 ) -> Iterator[ZooRecord]:
     """The records of the jobs, in their order; those in the journal are not run again.
 
     Parameters
     ----------
-    processes : how many work at once, each with one thread
+    workers : processes that work at once, each with one thread
     announce : called with how many jobs are done
     """
     oracle.library()  # a missing package is an error here, not in a process that dies of it
@@ -54,7 +50,7 @@ def run_jobs(
     found = {job: kept for job in chosen for kept in journal.find(keys[job]) if kept.points}
     left = [job for job in chosen if job not in found]
     done = len(chosen) - len(left)
-    for job, made in _made(left, processes):
+    for job, made in _made(left, workers):
         found[job] = made
         journal.add(made)
         done += 1
@@ -88,33 +84,12 @@ def record_of(job: Job) -> ZooRecord:
     )
 
 
-def _made(chosen: list[Job], processes: int) -> Iterator[tuple[Job, ZooRecord]]:
+def _made(chosen: list[Job], workers: int) -> Iterator[tuple[Job, ZooRecord]]:
     """Jobs with their records, as they are done."""
-    context = multiprocessing.get_context("spawn")
-    with (
-        _one_thread_each(),
-        ProcessPoolExecutor(max(1, min(processes, len(chosen))), mp_context=context) as pool,
-    ):
+    with processes(max(1, min(workers, len(chosen)))) as pool:
         waiting = {pool.submit(record_of, job): job for job in chosen}
         try:
             for future in as_completed(waiting):
                 yield waiting[future], future.result()
         except BrokenProcessPool:
             raise NumericalError("a process was killed: no memory?") from None
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
-
-
-@contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """For processes started inside: libraries read this when they are loaded."""
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value

@@ -46,8 +46,8 @@ def command(
         int,
         typer.Option("--campaign", metavar="N", min=0, help="zoo: at least N random instances."),
     ] = 0,
-    processes: Annotated[
-        int, typer.Option("--processes", min=1, help="zoo: how many work at once.")
+    workers: Annotated[
+        int, typer.Option("--workers", min=1, metavar="N", help="zoo: processes at once.")
     ] = 2,
     out: Annotated[
         Path, typer.Option("-o", "--out", metavar="DIR", help="Folder for the results.")
@@ -72,7 +72,7 @@ def command(
         failed = any(record.absence and record.absence.is_failure for record in timed[0])
         code = INTERRUPTED if interrupted else int(failed)
     elif what == "zoo":
-        records = certified = _zoo(campaign, quick, processes, out, not json)
+        records = certified = _zoo(campaign, quick, workers, out, not json)
         code = int(any(record.faults for record in certified))
     else:
         raise InputError(f"unknown benchmark {what!r}; known: scale, speed, zoo")
@@ -87,7 +87,7 @@ def command(
     return code
 
 
-def _zoo(campaign: int, quick: bool, processes: int, out: Path, shown: bool) -> list[ZooRecord]:
+def _zoo(campaign: int, quick: bool, workers: int, out: Path, shown: bool) -> list[ZooRecord]:
     from certpgo.io.writing import write_whole
     from reports.harness.certifiers import summary, zoo
     from reports.harness.experiments.journal import Journal
@@ -96,7 +96,7 @@ def _zoo(campaign: int, quick: bool, processes: int, out: Path, shown: bool) -> 
     journal = Journal(out, FILE, ZooRecord)
     with working("zoo") as status:
         jobs = zoo.jobs(campaign, quick)
-        records = list(zoo.run_jobs(journal, jobs, processes=processes, announce=status.update))
+        records = list(zoo.run_jobs(journal, jobs, workers=workers, announce=status.update))
     write_whole(out / f"{FILE}.md", summary.zoo_markdown(records).encode())
     if shown:
         table("points, and what was false", *summary.totals(records))

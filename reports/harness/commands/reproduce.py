@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from certpgo.errors import InputError
 from reports.harness.commands._reports import Order
 from reports.harness.commands._tables import run_all, run_report
+
+if TYPE_CHECKING:
+    from reports.harness.experiments.execute import Pool
 
 
 def command(
@@ -21,11 +24,9 @@ def command(
         int | None, typer.Option("--seeds", min=1, help="Instances of a synthetic row.")
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="The small profile only.")] = False,
-    jobs: Annotated[int, typer.Option("--jobs", min=1, help="Rows to run at once.")] = 1,
-    scheduler: Annotated[
-        str,
-        typer.Option("--scheduler", metavar="ADDR", help="Of a cluster: tcp://... or ray://..."),
-    ] = "",
+    workers: Annotated[
+        int, typer.Option("--workers", min=1, metavar="N", help="Processes, a row each.")
+    ] = 1,
     again: Annotated[bool, typer.Option("--again", help="Recompute existing results.")] = False,
     time_limit: Annotated[
         float,
@@ -43,20 +44,33 @@ def command(
 
     Only missing results are computed, so that an interrupted run resumes.
     """
-    from reports.harness.experiments import scan
     from reports.harness.experiments.execute import Pool
-    from reports.harness.experiments.figure import Figure
 
     if every == (name is not None):
         raise InputError("give the name of a table or figure, or --all")
-    pool = Pool(jobs, scheduler)
     # Results of a quick run must not be taken for the report's.
     folder = out / "quick" if quick else out
     order = Order(folder, data, seeds, quick=quick, again=again, seconds=time_limit)
+    return reproduce(name, order, Pool(workers), json=json)
+
+
+def reproduce(name: str | None, order: Order, pool: Pool, *, json: bool = False) -> int:
+    """Run a table or figure, or all of them, where the pool says; returns the exit code.
+
+    Raises
+    ------
+    InputError
+        Seeds of a figure.
+    SpecError
+        There is no table or figure of this name.
+    """
+    from reports.harness.experiments import scan
+    from reports.harness.experiments.figure import Figure
+
     if name is None:
         names = (*scan.table_names(), *scan.figure_names())
         return run_all(names, order, pool, json=json)
     spec = scan.get_experiment(name)
-    if seeds is not None and isinstance(spec, Figure):
+    if order.seeds is not None and isinstance(spec, Figure):
         raise InputError(f"--seeds is for tables; the seeds of {spec.name} are fixed")
     return run_report(spec, order, pool, json=json)

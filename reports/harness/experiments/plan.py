@@ -9,7 +9,7 @@ from pathlib import Path
 
 from certpgo.errors import InputError
 from reports.harness.experiments import scan
-from reports.harness.experiments.absence import DIED, Absence, Missing, missing
+from reports.harness.experiments.absence import Absence, Missing, missing
 from reports.harness.experiments.figure import Data, Figure, computed, figure_key, read_figure
 from reports.harness.experiments.instances import is_here
 from reports.harness.experiments.keys import Profile
@@ -75,10 +75,10 @@ class TableTask:
             ):
                 yield replace(record, provenance={**record.provenance, "threads": "1"})
 
-    def died(self) -> tuple[Record, ...]:
+    def died(self, why: Missing) -> tuple[Record, ...]:
         """The records of methods whose process died."""
         methods = (m for m in self.trial.table.methods if m.label in self.methods)
-        return tuple(replace(self.trial.blank(m), **DIED._asdict()) for m in methods)
+        return tuple(replace(self.trial.blank(m), **why._asdict()) for m in methods)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,90 @@
+"""Files of graphs solved, and proofs of the answers written and checked."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from certpgo.certify.certificate import Verdict
+from certpgo.certify.proof_file import check, provable
+from certpgo.checker import Answer
+from certpgo.errors import CertPGOError, InputError, NumericalError
+from certpgo.graph import Instance
+from certpgo.io.accept_paths import AnyPath
+from certpgo.io.pipes import readable
+from certpgo.io.reading import read
+from certpgo.io.writing import folder_to_write
+from certpgo.objective.choose_cost import own_cost
+from certpgo.optimize.monitor import Monitor, silent
+from certpgo.optimize.solution import Status
+from certpgo.solve.proving import seen_from, write_proof
+from certpgo.solve.result import CertifiedSolution
+from certpgo.solve.solving import solve
+
+#: What the checker says of a proof, or why there is none; and notices about the graph's file.
+Attempt = tuple[Answer | CertPGOError, tuple[str, ...]]
+#: Metres and degrees; None where nothing is said.
+Within = tuple[float | None, float | None]
+
+
+def attempt(
+    files: tuple[AnyPath, AnyPath],
+    monitor: Monitor = silent,
+    *,
+    cost: str | None = None,
+    time_limit: float | None = None,
+    within: Within | None = None,
+    reference: int | None = None,
+) -> Attempt:
+    """Solve a file's graph, write a proof of the answer and check it.
+
+    Errors are returned.
+
+    Parameters
+    ----------
+    files : the graph's, and the proof's, whose folder is made
+    monitor, cost, time_limit : as for `certpgo.solve`
+    within : metres and degrees that every node is proven to be this near to all optima, too
+    reference : id of the pose that these are seen from, see `certpgo.write_proof`
+
+    Raises
+    ------
+    KeyboardInterrupt
+        Ctrl-C, or the monitor, ended the search.
+    """
+    graph, proof = files
+    notices: tuple[str, ...] = ()
+    try:
+        instance = read(graph, quiet=True)
+        notices = instance.notices
+        seen = None if within is None else _seen(instance, within, reference)
+        provable(graph, instance, cost or own_cost(instance))
+        answer = solve(instance, cost=cost, tier="proof", time_limit=time_limit, monitor=monitor)
+        return _proven(graph, Path(proof), answer, within, seen), notices
+    except CertPGOError as error:
+        return error, notices
+
+
+def _seen(instance: Instance, within: Within, reference: int | None) -> int:
+    """The pose that distances are seen from."""
+    node = None if reference is None else instance.pose_called(reference)
+    if reference is not None and node is None:
+        raise InputError(f"--reference: node {reference} is none of the poses")
+    return seen_from(instance, within, node)
+
+
+def _proven(
+    graph: AnyPath,
+    proof: Path,
+    answer: CertifiedSolution,
+    within: Within | None,
+    seen: int | None,
+) -> Answer:
+    """The bounds of a graph's answer, as the checker accepts them from files alone."""
+    if answer.solution.status is Status.INTERRUPTED:
+        raise KeyboardInterrupt
+    if answer.verdict is not Verdict.CERTIFIED or answer.instance is None:
+        raise NumericalError(answer.certificate.reason)
+    folder_to_write(proof.parent)
+    proven = answer.instance, answer.estimate, answer.certificate
+    write_proof(proof, graph, *proven, within=within, reference=seen)
+    return check(readable(Path(graph)), proof)
