@@ -39,6 +39,9 @@ def group_of(timers, comparisons, **more):
     return Group("solving", "somewhere", within, tuple(comparisons), rounds=3, **more)
 
 
+COSTS = {"ours": 2.0, "near": 2.001, "below": 1.0, "above": 3.5}
+
+
 def laps(*seconds):
     """A timer of these seconds, one after another; the first is the warm-up's."""
     remaining = list(seconds)
@@ -63,6 +66,19 @@ def test_a_ratio_is_the_median_of_the_rounds_and_has_a_spread():
     assert not second.misses
     assert (first.note, first.key, first.part) == ("said", second.key, "ours / theirs")
     assert from_line(to_line(first), SpeedRecord) == first
+
+
+def test_there_is_no_ratio_to_what_ends_at_another_minimum():
+    timers = {name: processor(lambda: 0, cost=lambda _, c=c: c) for name, c in COSTS.items()}
+    timers["unknown"] = processor(lambda: 0)
+    pairs = [Comparison("ours", other) for other in ("near", "below", "above", "unknown")]
+    *compared, elsewhere, unknown = measured(group_of(timers, pairs), "commit", {})
+    assert all(record.absence is None for record in (*compared, unknown))
+    assert elsewhere.absence is Absence.ELSEWHERE
+    assert not elsewhere.absence.is_failure
+    assert elsewhere.error == "it ends at another minimum: 3.5 against 2"
+    assert elsewhere.against_seconds is not None
+    assert compared[0].against_note == "2.001"
 
 
 def test_what_cannot_run_says_why_and_leaves_the_others():
@@ -180,11 +196,12 @@ def test_ours_is_certified_in_each_cost_and_others_run(dataset_path):
     dataset_path("MIT")
     [group] = bench.groups(True, ["solving"])
     with group.timers() as timers:
-        notes = {name: timer().note for name, timer in timers.items() if callable(timer)}
+        laps = {name: timer() for name, timer in timers.items() if callable(timer)}
+    notes = {name: lap.note for name, lap in laps.items()}
     ours = [note for name, note in notes.items() if name.startswith(("solve", "certify"))]
     assert len(ours) == 6
     assert all(note.startswith("CERTIFIED") for note in ours)
-    assert all(note for note in notes.values())
+    assert all(lap.note or lap.cost for lap in laps.values())
 
 
 def test_a_session_is_fed_all_measurements():

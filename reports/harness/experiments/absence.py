@@ -21,6 +21,7 @@ class Absence(StrEnum):
     OUT_OF_MEMORY = "out of memory"
     PROCESS_DIED = "process died"
     FAILED = "failed"
+    ELSEWHERE = "ended elsewhere"
 
     @property
     def is_not_run(self) -> bool:
@@ -30,7 +31,8 @@ class Absence(StrEnum):
     @property
     def is_failure(self) -> bool:
         """Whether it was started and failed."""
-        return not self.is_not_run and self is not Absence.MISSING_PACKAGE
+        known = (Absence.MISSING_PACKAGE, Absence.ELSEWHERE)
+        return not self.is_not_run and self not in known
 
 
 class Missing(NamedTuple):

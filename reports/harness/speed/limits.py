@@ -13,11 +13,14 @@ from scipy.linalg import blas
 
 from certpgo import certify
 from certpgo.errors import MissingDependency
+from certpgo.graph import Instance
+from certpgo.io import datasets
 from certpgo.io.datasets import synthetic
 from certpgo.linalg import compiled, factor, multifrontal
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal
 from certpgo.linalg.multifrontal import Fronts, Tree
+from certpgo.objective.choose_cost import CHORDAL
 from certpgo.objective.quadratic import Quadratic
 from certpgo.solve.solving import solve
 from reports.harness.experiments.timing import processor_seconds
@@ -27,6 +30,8 @@ from reports.harness.speed.solving import finished
 SECTION = "times the limit"
 #: Turns of helices: 10,000 to 100,000 poses.
 TURNS, QUICK_TURNS = (100, 200, 316), (10,)
+#: Public sets beside them.
+SETS = ("sphere2500", "torus3D")
 #: What a ratio is called large above.
 LARGE = 3.0
 #: Rows of the products that show the peak, and megabytes that are copied.
@@ -81,12 +86,15 @@ class Work:
 
 
 def groups(quick: bool) -> Iterator[Group]:
-    """Helices of growing size."""
+    """Helices of growing size, and public sets, under F."""
     compared = tuple(Comparison(phase, limit_of(phase), LARGE) for phase in PHASES)
     for turns in QUICK_TURNS if quick else TURNS:
-        timers = functools.partial(_helix, turns)
+        timers = functools.partial(_graph, functools.partial(_helix, turns))
         subject = f"helix of {turns**2:,} poses"
         yield Group(SECTION, subject, timers, compared, 1 if quick else 2, size=turns**2)
+    for name in () if quick else SETS:
+        read = functools.partial(datasets.load, name, download=False, quiet=True)
+        yield Group(SECTION, name, functools.partial(_graph, read), compared, 2)
 
 
 def limit_of(phase: str) -> str:
@@ -94,17 +102,21 @@ def limit_of(phase: str) -> str:
     return f"limit of {phase}"
 
 
+def _helix(turns: int) -> Instance:
+    return synthetic.helix(turns, np.random.default_rng(0))
+
+
 @contextmanager
-def _helix(turns: int) -> Iterator[Timers]:
+def _graph(made: Callable[[], Instance]) -> Iterator[Timers]:
     if not compiled.AVAILABLE:
         raise MissingDependency("the compiled engine", remedy=compiled.COMPILED)
-    graph: Any = synthetic.helix(turns, np.random.default_rng(0)).graph
-    estimate = finished(solve(graph)).estimate
+    graph: Any = made().graph
+    estimate = finished(solve(graph, cost=CHORDAL)).estimate
     problem = Quadratic(graph)
     steps, work = _phases(problem, estimate)
     whole: dict[str, Callable[[], Any]] = {
-        SOLVING: lambda: finished(solve(graph)),
-        CERTIFYING: lambda: certify(graph, estimate),
+        SOLVING: lambda: finished(solve(graph, cost=CHORDAL)),
+        CERTIFYING: lambda: certify(graph, estimate, cost=CHORDAL),
     }
     for name, step in whole.items():
         with counting() as total:

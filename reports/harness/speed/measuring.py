@@ -17,13 +17,16 @@ from reports.harness.experiments.keys import content_key
 from reports.harness.experiments.timing import processor_seconds
 
 Result = TypeVar("Result")
+#: Share by which a cost is above ours where another minimum was found.
+ELSEWHERE = 1e-3
 
 
 class Lap(NamedTuple):
-    """One run of a step: its seconds, and what its result says, or nothing."""
+    """One run of a step: its seconds, and what its result says, or nothing; the cost it ends at."""
 
     seconds: float
     note: str = ""
+    cost: float | None = None
 
 
 Timer = Callable[[], Lap]
@@ -145,6 +148,7 @@ def processor(
     *,
     calls: int = 1,
     spared: Callable[[Result], float] = lambda result: 0.0,
+    cost: Callable[[Result], float | None] = lambda result: None,
 ) -> Timer:
     """A timer of processor seconds per call.
 
@@ -153,6 +157,7 @@ def processor(
     say : what a result says; not timed
     calls : how often the step is run each time, for steps of milliseconds
     spared : seconds of the last run that are not counted in each
+    cost : what a result costs, where steps that are compared minimise the same; not timed
     """
 
     def lap() -> Lap:
@@ -161,7 +166,7 @@ def processor(
         for _ in range(calls):
             result = step()
         seconds = (processor_seconds() - start) / calls - spared(result)
-        return Lap(seconds, "" if say is None else say(result))
+        return Lap(seconds, "" if say is None else say(result), cost(result))
 
     return lap
 
@@ -218,8 +223,11 @@ def _record(
         found |= {"seconds": median(lap.seconds for lap in ours), "note": ours[-1].note}
     if isinstance(theirs, list):
         found["against_seconds"] = median(lap.seconds for lap in theirs)
-        found["against_note"] = theirs[-1].note
-    if isinstance(ours, list) and isinstance(theirs, list):
+        found["against_note"] = theirs[-1].note or _in_words(theirs[-1].cost)
+    if isinstance(ours, list) and isinstance(theirs, list) and _is_elsewhere(ours, theirs):
+        said = f"it ends at another minimum: {theirs[-1].cost:.8g} against {ours[-1].cost:.8g}"
+        found |= {"absence": Absence.ELSEWHERE, "error": said}
+    elif isinstance(ours, list) and isinstance(theirs, list):
         pairs = zip(ours, theirs, strict=True)
         found["ratios"] = tuple(a.seconds / b.seconds for a, b in pairs)
     else:
@@ -234,3 +242,13 @@ def _record(
         size=group.size,
         **found,  # type: ignore[arg-type]
     )
+
+
+def _is_elsewhere(ours: list[Lap], theirs: list[Lap]) -> bool:
+    """Whether the other step ends at a larger cost, so that its seconds are of another answer."""
+    a, b = ours[-1].cost, theirs[-1].cost
+    return a is not None and b is not None and b > a * (1.0 + ELSEWHERE)
+
+
+def _in_words(cost: float | None) -> str:
+    return "" if cost is None else f"{cost:.8g}"

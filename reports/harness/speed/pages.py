@@ -36,7 +36,8 @@ medians; steps run in turn, and a ratio is the median of the rounds' ratios, wit
 largest. Above `at most` a ratio is a goal that is missed, marked by `>`. Graphs of other programs
 are built beforehand, and they certify nothing. GTSAM's chordal initialization (in the plane LAGO)
 is counted; with `isotropic weights` it has those of F. The optimizers of g2o and Ceres begin at the
-chordal optimum, which is not counted, nor is what Ceres' residuals take, which are in Python.
+chordal optimum, which is not counted, nor is what Ceres' residuals take, which are in Python. There
+is no ratio where a program ends at another minimum.
 SE-Sync, where there is a build, prints the seconds of its own solution, without reading."""
 OF_SECTION = {
     "processes": "Whole processes, imports included. GTSAM's script reads the file and optimises "
@@ -46,8 +47,9 @@ OF_SECTION = {
     "anew. What they say: verdict and cost, or the cost where GTSAM ends.",
     "small problems": "Graphs of 3 to 125 nodes.",
     "proofs": "A proof about the file, accepted by the checker, for an answer that is known.",
-    "sessions": "Measurements one by one, the certificate refreshed at each 100th. GTSAM's iSAM2 "
-    "minimises GTSAM's cost and certifies nothing; medians are of the first thousand measurements.",
+    "sessions": "Measurements one by one, the certificate refreshed at each 100th; and, from some "
+    "measurement on, after each of ten, of which the median is next to that of updates of GTSAM's "
+    "iSAM2, which minimises GTSAM's cost and certifies nothing.",
     "parts": "Initialization, eigenvectors and assembly.",
     limits.SECTION: "A phase against the least time of its work on this core: the flops of its "
     "factorizations at the rate of a product of dense matrices (sgemm or dgemm, 1024 rows), plus "

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from statistics import median
+from typing import Any
 
 import numpy as np
 
@@ -16,23 +18,30 @@ from certpgo.graph.streaming import arrivals, streamed
 from certpgo.io import datasets
 from certpgo.solve.session import Session
 from certpgo.solve.solving import solve
-from reports.harness.speed.measuring import Comparison, Group, Lap, Timers
+from reports.harness.speed.measuring import Comparison, Group, Lap, Timer, Timers
 from reports.harness.speed.solving import finished
 
 SECTION = "sessions"
 GRAPHS = ("manhattan", "sphere2500", "city10000", "kitti_00")
 #: Measurements after which a session refreshes its certificate.
 EVERY = 100
-#: First measurements whose additions are compared with updates of iSAM2, which slow down later.
-COMPARED = 1000
+#: After how many measurements refreshes are compared with updates of iSAM2, and how many of them.
+PLACES = {"sphere2500": (300, 800), "manhattan": (500, 1500), "MIT": (200,)}
+REFRESHES = 10
 STREAM, BATCHES = "whole stream, refreshed at each 100th", "solving each 100th prefix anew"
-ADDED, UPDATED = "one measurement added, median", "one update of iSAM2, median"
+REFRESHED, UPDATED = "refreshed after each, from {} on", "update of iSAM2, from {} on"
 
 
 def groups(quick: bool) -> Iterator[Group]:
     """Whole streams, and single measurements."""
-    compared = (Comparison(STREAM, BATCHES, 0.5), Comparison(ADDED, UPDATED))
     for name in ("MIT",) if quick else GRAPHS:
+        compared = (
+            Comparison(STREAM, BATCHES, 0.5),
+            *(
+                Comparison(REFRESHED.format(place), UPDATED.format(place), 3.0)
+                for place in PLACES.get(name, ())
+            ),
+        )
         timers = functools.partial(_stream, name)
         yield Group(SECTION, name, timers, compared, rounds=1 if quick else 2)
 
@@ -40,27 +49,47 @@ def groups(quick: bool) -> Iterator[Group]:
 @contextmanager
 def _stream(name: str) -> Iterator[Timers]:
     instance = datasets.load(name, download=False, quiet=True)
-    latencies: list[float] = []
 
     def stream() -> Lap:
-        session, latencies[:] = fed(instance.graph)
+        session, latencies = fed(instance.graph)
         return Lap(sum(latencies), session.standing.verdict.value)
 
-    yield {
+    timers: dict[str, Timer] = {
         STREAM: stream,
-        ADDED: lambda: Lap(median(latencies[:COMPARED])),  # of the stream before
         BATCHES: lambda: Lap(sum(map(_solved, prefixes(instance.graph)))),
-        UPDATED: lambda: _updated(instance),
     }
+    for place in PLACES.get(name, ()):
+        timers[REFRESHED.format(place)] = functools.partial(_refreshed, instance.graph, place)
+        timers[UPDATED.format(place)] = functools.partial(_updated, instance, place)
+    yield timers
+
+
+def _refreshed(graph: Graph, place: int) -> Lap:
+    """Adding a measurement and refreshing the answer and its bound, after so many; the median."""
+    session = Session(every=graph.num_edges + 1, cost="chordal")
+    stream = streamed(graph)
+    for one, nodes in itertools.islice(stream, place):
+        session.add(one, nodes)
+    session.refresh()
+
+    def refreshed(one: Graph | Instance, nodes: Any) -> None:
+        session.add(one, nodes)
+        session.refresh()
+
+    following = itertools.islice(stream, REFRESHES)
+    return Lap(median(timed(functools.partial(refreshed, *arrived)) for arrived in following))
 
 
 def _solved(graph: Graph) -> float:
     return timed(lambda: finished(solve(graph, cost="chordal")))
 
 
-def _updated(instance: Instance) -> Lap:
-    seconds, factorization = registry.load_file("baselines", "_isam2").updates(instance, COMPARED)
-    return Lap(median(seconds), "" if factorization == "CHOLESKY" else f"by {factorization}")
+def _updated(instance: Instance, place: int) -> Lap:
+    updates = registry.load_file("baselines", "_isam2").updates
+    seconds, factorization = updates(instance, place + REFRESHES)
+    return Lap(
+        median(seconds[place:]), "" if factorization == "CHOLESKY" else f"by {factorization}"
+    )
 
 
 def fed(
