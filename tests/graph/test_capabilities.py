@@ -47,7 +47,7 @@ ASKED = {
     ),
 }
 #: What options of commands are called, and their values.
-OPTIONS = ("method", "proof", "covariances", "robust")
+OPTIONS = ("method", "proof", "covariances", "regions", "robust")
 
 
 @pytest.mark.parametrize("feature", FEATURES)
