@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from certpgo.certify import Certificate, Tier, Verdict
     from certpgo.certify.proof_file import check
     from certpgo.certify.region import ProvenDistance, Region
+    from certpgo.diagnosis import Diagnosis, Finding, diagnose
     from certpgo.graph import (
         Estimate,
         Graph,
@@ -71,6 +72,7 @@ _HOMES = {
     "certify": ("Certificate", "Tier", "Verdict"),
     "certify.proof_file": ("check",),
     "certify.region": ("ProvenDistance", "Region"),
+    "diagnosis": ("Diagnosis", "Finding", "diagnose"),
     "graph": ("Estimate", "Graph", "Instance", "PoseGraph", "RotationGraph", "SimilarityGraph"),
     "graph.labels": ("WORLD",),
     "graph.priors": ("with_directions", "with_priors"),
@@ -118,8 +120,10 @@ __all__ = [
     "CertPGOError",
     "Certificate",
     "CertifiedSolution",
+    "Diagnosis",
     "Disagreement",
     "Estimate",
+    "Finding",
     "FormatError",
     "Graph",
     "GraphError",
@@ -158,6 +162,7 @@ __all__ = [
     "certify_many",
     "certify_values",
     "check",
+    "diagnose",
     "fit_logarithms",
     "from_gtsam",
     "to_gtsam",

@@ -31,6 +31,7 @@ RANKS = {
     "registry": 6,
     "solve": 7,
     "registration": 8,
+    "diagnosis": 8,
     "optima": 8,
     "view": 9,
     "plot": 10,

@@ -1,0 +1,103 @@
+"""What is examined: the measurements, and what is known of their optimum, each computed once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from certpgo.graph import Estimate, Instance
+from certpgo.graph.succession import Succession, succession
+from certpgo.linalg.arrays import BoolArray, IntArray
+from certpgo.objective.choose_cost import Certifiable, objective_of
+from certpgo.optimize.monitor import Monitor, silent
+from certpgo.solve.fit import Fit
+from certpgo.solve.inconsistency import odometry
+from certpgo.solve.result import CertifiedSolution
+from certpgo.solve.solving import solve
+
+
+@dataclass(frozen=True, eq=False)
+class KnownTruth:
+    """Known poses of some nodes.
+
+    Attributes
+    ----------
+    nodes : (k,) which, ascending
+    poses : k of them, from any frame
+    """
+
+    nodes: IntArray
+    poses: Estimate
+
+
+@dataclass(frozen=True, eq=False)
+class Examined:
+    """A map with what a user says of it.
+
+    Attributes
+    ----------
+    instance : the measurements, connected
+    estimate : of all nodes, that is asked about; None for none
+    truth : of some nodes; None if it is not known
+    cost : name of the cost; by default the instance's own
+    time_limit : seconds of a search; None for the usual ones
+    monitor : of all searches
+    tried : counts hypotheses
+    """
+
+    instance: Instance
+    estimate: Estimate | None = None
+    truth: KnownTruth | None = None
+    cost: str | None = None
+    time_limit: float | None = None
+    monitor: Monitor = silent
+    tried: list[str] = field(default_factory=list)
+
+    def trying(self, kind: str) -> None:
+        """Note that a hypothesis is tried."""
+        self.tried.append(kind)
+
+    @cached_property
+    def problem(self) -> Certifiable:
+        """The cost of the measurements."""
+        return objective_of(self.instance, self.cost)
+
+    @cached_property
+    def answer(self) -> CertifiedSolution:
+        """The best estimate of the measurements as they are."""
+        return self.solved(self.instance)
+
+    def solved(self, instance: Instance) -> CertifiedSolution:
+        """The best estimate of other measurements, under the same cost."""
+        return solve(instance, cost=self.cost, time_limit=self.time_limit, monitor=self.monitor)
+
+    @property
+    def best(self) -> float:
+        """The least cost known."""
+        return self.answer.cost
+
+    @cached_property
+    def fit(self) -> Fit | None:
+        """chi^2 of the best estimate, where the source states the noise."""
+        return self.answer.fit
+
+    @cached_property
+    def order(self) -> Succession:
+        """Which pose follows which."""
+        return succession(self.instance)
+
+    @cached_property
+    def steps(self) -> BoolArray:
+        """(m,) the first measurement from each pose to the next."""
+        return odometry(self.instance.graph, self.order)
+
+    @cached_property
+    def whole(self) -> BoolArray:
+        """(m,) which measurements are of a pose relative to another one."""
+        graph = self.instance.graph
+        found = graph.measures_rotation & graph.is_measured[: graph.num_edges]
+        if graph.has_positions:
+            found = found & graph.measures_translation
+        return np.asarray(found if graph.absolute is None else found & ~graph.absolute)

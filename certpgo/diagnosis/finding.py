@@ -1,0 +1,117 @@
+"""What a diagnosis finds: mistakes as hypotheses, each with two costs side by side."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from certpgo.graph.display import Speaking
+from certpgo.graph.phrases import counted
+from certpgo.io.json_values import plain
+
+#: Findings that are shown.
+SHOWN = 5
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One mistake that explains what is seen, and what to do about it.
+
+    Attributes
+    ----------
+    kind : its name, such as ``"quaternion-w-first"``
+    said : a sentence with the numbers, without its end
+    next : what to type or to do next
+    cost, cost_as_given : what is judged with the mistake undone, and as it stands: costs, or errors
+        against truth, of one unit; None where nothing is compared
+    strength : how much it explains, to compare findings: the logarithm to base 10 of the ratio of
+        the two costs, unless it is stated
+    edges : numbers of the measurements that it is about, see `certpgo.Instance`
+    proven : whether it is proven, not only by far the better explanation
+    """
+
+    kind: str
+    said: str
+    next: str
+    cost: float | None = None
+    cost_as_given: float | None = None
+    strength: float = math.nan
+    edges: tuple[int, ...] = ()
+    proven: bool = False
+
+    def __post_init__(self) -> None:
+        if math.isnan(self.strength):
+            object.__setattr__(self, "strength", explained(self.cost, self.cost_as_given))
+
+    def __str__(self) -> str:
+        return f"{self.said}. {self.next[:1].upper()}{self.next[1:]}" if self.next else self.said
+
+
+def explained(cost: float | None, as_given: float | None) -> float:
+    """The logarithm to base 10 of the ratio of two costs; 0 without both, 16 at most."""
+    if cost is None or as_given is None or not as_given > 0.0:
+        return 0.0
+    return 16.0 if cost <= 1e-16 * as_given else math.log10(as_given / cost)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Diagnosis(Speaking):
+    """What may be wrong with a map, best explanation first.
+
+    Attributes
+    ----------
+    findings : of falling strength; empty if nothing was found
+    tried : how many hypotheses were tried
+    about : what was examined, in a phrase
+    detectable : what sizes of errors would have been found, in words
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import certpgo
+    >>> from certpgo.io.datasets.synthetic import helix
+    >>> made = helix(6, np.random.default_rng(0))
+    >>> turned = certpgo.Estimate(np.swapaxes(made.truth.rotations, 1, 2), made.truth.translations)
+    >>> found = certpgo.diagnose(made, turned)
+    >>> found.findings[0].kind
+    'inverse-rotations'
+    """
+
+    findings: tuple[Finding, ...]
+    tried: int
+    about: str
+    detectable: str = ""
+
+    @property
+    def _headline(self) -> str:
+        if self.findings:
+            return str(self.findings[0])
+        return f"Nothing is found to be wrong, by {counted(self.tried, 'trial{s}')}"
+
+    def _facts(self) -> Iterator[tuple[str, str]]:
+        yield "examined", self.about
+        for number, finding in enumerate(self.findings[1:SHOWN], 2):
+            yield f"or {number}", str(finding)
+        if self.detectable:
+            yield "detectable", self.detectable
+
+    def as_data(self) -> dict[str, Any]:
+        """Everything, for JSON."""
+        return {
+            "about": self.about,
+            "tried": self.tried,
+            "detectable": self.detectable or None,
+            "findings": [asdict(finding) for finding in self.findings],
+        }
+
+    def to_json(self, indent: int | None = 2) -> str:
+        """The same as a JSON object; infinite numbers are null.
+
+        Parameters
+        ----------
+        indent : of the lines; None for a single one
+        """
+        return json.dumps(plain(self.as_data()), indent=indent, allow_nan=False)
