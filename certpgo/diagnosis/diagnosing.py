@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from certpgo.diagnosis import estimates
+from certpgo.diagnosis import estimates, truth
 from certpgo.diagnosis.examined import Examined, KnownTruth
 from certpgo.diagnosis.finding import Diagnosis, Finding
 from certpgo.graph import Estimate, Graph, Instance
@@ -16,7 +16,7 @@ from certpgo.io.writing import AnyAnswer
 from certpgo.optimize.monitor import Monitor, silent
 
 #: What is looked for, each given what is examined.
-CHECKS: tuple[Callable[[Examined], Iterator[Finding]], ...] = (estimates.found,)
+CHECKS: tuple[Callable[[Examined], Iterator[Finding]], ...] = (estimates.found, truth.found)
 
 
 def diagnose(

@@ -169,7 +169,7 @@ FORMS = (
 )
 
 
-def _of_axes(d: int) -> Iterator[Convention]:
+def of_axes(d: int) -> Iterator[Convention]:
     """Axes mirrored, permuted, or of another frame of the body."""
     names = "xyz"[:d]
     for axis, name in enumerate(names):
@@ -196,7 +196,7 @@ def _of_axes(d: int) -> Iterator[Convention]:
                 f"write them as {' '.join(names)}",
                 _permuted(order),
             )
-    for C in _quarter_turns(d):
+    for C in quarter_turns(d):
         yield Convention(
             "permuted-axes",
             f"its bodies have other axes: {axes_of(C)}, as of a camera and its vehicle",
@@ -213,7 +213,7 @@ def axes_of(C: FloatArray) -> str:
     return ", ".join(f"{own} is {of}" for own, of in zip(names, named, strict=True))
 
 
-def _quarter_turns(d: int) -> Iterator[FloatArray]:
+def quarter_turns(d: int) -> Iterator[FloatArray]:
     """All rotations that permute axes, but for the identity."""
     for order in permutations(range(d)):
         for signs in product((1.0, -1.0), repeat=d):
@@ -226,7 +226,7 @@ def _quarter_turns(d: int) -> Iterator[FloatArray]:
 def _candidates(d: int) -> Iterator[tuple[Convention, ...]]:
     """Conventions to try, single ones first, then with quaternions of w first."""
     yield ()
-    alone = (*FORMS, *_of_axes(d))
+    alone = (*FORMS, *of_axes(d))
     if d == 3:
         yield (W_FIRST,)
     for one in alone:
@@ -255,7 +255,7 @@ def _tried(examined: Examined, given: Estimate, conventions: tuple[Convention, .
             unit, factor = unit_of(scale)
             if not conventions:
                 kind = unit
-            more = f"it is in {unit}" if unit in UNITS else f"its lengths are off by {factor}"
+            more = unit_in_words(unit, factor)
             said = f"{said}, and {more}" if said else more
             times = f"multiply its positions by {factor}"
             next, cost = f"{next}, and {times}" if next else times, scaled
@@ -296,6 +296,11 @@ def unit_of(scale: float) -> tuple[str, str]:
         if abs(scale / metres - 1.0) < NEAR:
             return name, f"{metres:g}"
     return "scaled", f"{scale:.4g}"
+
+
+def unit_in_words(unit: str, factor: str) -> str:
+    """What `unit_of` says, in words."""
+    return f"it is in {unit}" if unit in UNITS else f"its lengths are off by {factor}"
 
 
 # --- Orders of nodes ------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ import numpy as np
 
 from certpgo.graph import Estimate, Instance
 from certpgo.graph.succession import Succession, succession
-from certpgo.linalg.arrays import BoolArray, IntArray
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.choose_cost import Certifiable, objective_of
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.solve.fit import Fit
@@ -19,17 +19,37 @@ from certpgo.solve.solving import solve
 
 
 @dataclass(frozen=True, eq=False)
+class Clock:
+    """Times of nodes, and the whole true trajectory by its own clock.
+
+    Attributes
+    ----------
+    nodes : (n,) seconds of the nodes; not a number where there is none
+    times : (K,) seconds of the trajectory, rising
+    positions : (K, d) metres
+    allowed : by how much matched times may differ, seconds
+    """
+
+    nodes: FloatArray
+    times: FloatArray
+    positions: FloatArray
+    allowed: float = 0.01
+
+
+@dataclass(frozen=True, eq=False)
 class KnownTruth:
     """Known poses of some nodes.
 
     Attributes
     ----------
     nodes : (k,) which, ascending
-    poses : k of them, from any frame
+    poses : k of them, from any frame; positions alone are points in their keys
+    clock : what is known of times; None for nothing
     """
 
     nodes: IntArray
     poses: Estimate
+    clock: Clock | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,291 @@
+"""Why an estimate is far from the truth: conventions, frames, units and times of the truth.
+
+A reading of the truth is judged by what is left of the errors after the best rigid motion: root
+mean squares of positions, metres, and of angles, degrees.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from certpgo.diagnosis import estimates
+from certpgo.diagnosis.examined import Clock, Examined, KnownTruth
+from certpgo.diagnosis.finding import Finding
+from certpgo.graph import Estimate
+from certpgo.linalg import rotations as so
+from certpgo.linalg.arrays import FloatArray
+from certpgo.linalg.procrustes import procrustes
+from certpgo.solve.metrics import alignment, trajectory_errors
+
+#: Errors that are not asked about: of positions over their spread, and of angles, degrees.
+NEAR, TURNED = 0.02, 5.0
+#: A reading explains errors if it leaves at most this share of them.
+SHARE = 0.25
+#: Signed permutations are taken for such up to this angle, degrees.
+QUARTER = 10.0
+#: Alternations between a motion and what is fitted with it.
+ROUNDS = 20
+#: Offsets of times that are tried, in median steps to either side, and refinements of the best.
+OFFSETS, REFINED = 400, 40
+
+
+def found(examined: Examined) -> Iterator[Finding]:
+    """What explains the errors against the truth, if they are not small."""
+    truth = examined.truth
+    if truth is None:
+        return
+    if truth.clock is not None:
+        yield from _of_units_of_time(truth.clock)
+    if len(truth.nodes) < 3:
+        return
+    given = examined.answer.estimate if examined.estimate is None else examined.estimate
+    estimate, poses = given.subset(truth.nodes), truth.poses
+    if poses.translations is None:
+        estimate = estimate.with_translations(None)
+    elif estimate.translations is None:
+        return
+    errors = _Errors.of(estimate, poses)
+    if errors.size < 1.0:
+        return
+    trials = [_read(examined, estimate, poses, one) for one in _conventions(estimate.d)]
+    trials += [*_of_frames(examined, estimate, poses, errors)]
+    if poses.translations is not None:
+        trials += [*_of_scale(examined, estimate, poses)]
+    best = min((trial.errors.size for trial in trials), default=math.inf)
+    chosen = next((one for one in trials if one.errors.size <= 1.05 * best), None)
+    if chosen is not None and errors.are_explained(chosen.errors):
+        yield chosen.finding(errors)
+    if truth.clock is not None and given.translations is not None:
+        yield from _of_offset(examined, given, truth, truth.clock)
+
+
+@dataclass(frozen=True)
+class _Errors:
+    """Root mean squares after the best rigid motion; None for what is not known."""
+
+    metres: float | None
+    degrees: float | None
+    spread: float
+
+    @staticmethod
+    def of(estimate: Estimate, truth: Estimate) -> _Errors:
+        found = trajectory_errors(estimate, truth)
+        t = truth.translations
+        spread = 0.0 if t is None else float(np.linalg.norm(t - t.mean(axis=0), axis=1).max())
+        return _Errors(found.ate_m, found.ate_deg, spread)
+
+    @property
+    def size(self) -> float:
+        """The larger of both over what is small."""
+        moved = 0.0 if not self.metres or not self.spread else self.metres / self.spread
+        return max(moved / NEAR, (self.degrees or 0.0) / TURNED)
+
+    def are_explained(self, left: _Errors) -> bool:
+        """Whether a reading that leaves others explains these."""
+        return left.size < (SHARE if left.size > 1.0 else 2.0 * SHARE) * self.size
+
+    def __str__(self) -> str:
+        named = ((self.metres, "m"), (self.degrees, "degrees"))
+        return " and ".join(f"{x:.3g} {unit}" for x, unit in named if x is not None)
+
+
+@dataclass(frozen=True)
+class _Trial:
+    kind: str
+    said: str
+    next: str
+    errors: _Errors
+
+    def finding(self, given: _Errors) -> Finding:
+        off = f"so read it is off by {self.errors}, as it stands by {given}"
+        said = f"of the truth, {self.said}: {off}"
+        return Finding(self.kind, said, self.next, self.errors.size, given.size)
+
+
+# --- Conventions and frames -----------------------------------------------------------------------
+
+
+def _conventions(d: int) -> Iterator[estimates.Convention]:
+    """Those of positions and of whole poses; turns of the body are fitted."""
+    if d == 3:
+        yield estimates.W_FIRST
+    yield from estimates.FORMS
+    yield from (one for one in estimates.of_axes(d) if one.kind != "permuted-axes")
+
+
+def _read(
+    examined: Examined, estimate: Estimate, truth: Estimate, convention: estimates.Convention
+) -> _Trial:
+    examined.trying(f"truth {convention.kind}")
+    read = estimates.read_by(truth, (convention,)).keyed(truth.keys)
+    errors = _Errors.of(estimate, read)
+    return _Trial(convention.kind, convention.said, convention.next, errors)
+
+
+def _of_scale(examined: Examined, estimate: Estimate, truth: Estimate) -> Iterator[_Trial]:
+    """The truth in the unit of the estimate."""
+    examined.trying("truth scaled")
+    _, _, s = alignment(estimate, truth, scaled=True)
+    if s > 0.0 and abs(s - 1.0) > estimates.NEAR and truth.translations is not None:
+        scaled = truth.with_translations(truth.translations / s)
+        unit, factor = estimates.unit_of(1.0 / s)
+        said = estimates.unit_in_words(unit, factor)
+        errors = _Errors.of(estimate, scaled)
+        yield _Trial(unit, said, f"multiply its positions by {factor}", errors)
+
+
+def _of_frames(
+    examined: Examined, estimate: Estimate, truth: Estimate, errors: _Errors
+) -> Iterator[_Trial]:
+    """The truth of another frame of the body: turned, and mounted elsewhere."""
+    if truth.keys.are_positions:
+        return
+    examined.trying("truth other-frame")
+    C, a = mounting(estimate, truth)
+    R = truth.rotations @ C.T
+    angle = math.degrees(float(so.angle(C[None])[0]))
+    near = max(estimates.quarter_turns(estimate.d), key=lambda Q: float(np.trace(Q.T @ C)))
+    off = math.degrees(float(so.angle((near.T @ C)[None])[0]))
+    t = truth.translations
+    turned = Estimate(R, t)
+    if off < QUARTER:
+        axes = estimates.axes_of(near)
+        said = f"its bodies have other axes, {angle:.4g} degrees everywhere: {axes}"
+        kind, next = "permuted-axes", "multiply each of its rotations by that permutation"
+    else:
+        said = f"it is of another frame of the body, turned by {angle:.4g} degrees everywhere"
+        kind, next = "other-frame", "give the truth of the frame that the graph's poses have"
+    if angle > TURNED:
+        yield _Trial(kind, said, next, _Errors.of(estimate, turned))
+    if t is not None and errors.metres is not None:
+        moved = Estimate(R, t - np.einsum("nab,b->na", truth.rotations, a))
+        length = float(np.linalg.norm(a))
+        arm = ", ".join(f"{x:.3g}" for x in a)
+        point = f"it is of a point {length:.3g} m from that of the graph, at ({arm}) in its frame"
+        if length > 0.1 * NEAR * errors.spread:
+            is_turned = angle > TURNED
+            said, kind = (f"{said}, and {point}", kind) if is_turned else (point, "lever-arm")
+            yield _Trial(kind, said, next, _Errors.of(estimate, moved))
+
+
+def mounting(estimate: Estimate, truth: Estimate) -> tuple[FloatArray, FloatArray]:
+    """How the truth's body is mounted: C (d, d) and a (d,) with R' ~ S R C and t' ~ S t + R' a.
+
+    By alternation between the common motion and these.
+    """
+    R, true, d = estimate.rotations, truth.rotations, estimate.d
+    t, u = estimate.translations, truth.translations
+    C, a = np.eye(d), np.zeros(d)
+    for _ in range(ROUNDS):
+        if t is None or u is None:
+            S = so.project((true @ C.T @ np.swapaxes(R, 1, 2)).sum(axis=0)[None])[0]
+        else:
+            at = u - np.einsum("nab,b->na", true, a)
+            [S], [shift], _ = procrustes(at[None], t[None])
+            # Least squares over the shift, too, which the arm would take a part of.
+            off = u - t @ S.T - shift
+            mean = true.mean(axis=0)
+            A = (true - mean).reshape(-1, d)
+            a = np.linalg.lstsq(A, (off - off.mean(axis=0)).ravel(), rcond=1e-6)[0]
+        C = so.project(np.einsum("nba,nbc->ac", S @ R, true)[None])[0]
+    return C, a
+
+
+# --- Times ----------------------------------------------------------------------------------------
+
+
+def _of_units_of_time(clock: Clock) -> Iterator[Finding]:
+    """Clocks of which one counts in other units."""
+    known = np.sort(clock.nodes[np.isfinite(clock.nodes)])
+    if len(known) < 2 or len(clock.times) < 2:
+        return
+    lengths = [float(times[-1] - times[0]) for times in (known, clock.times)]
+    if not min(lengths) > 0.0:
+        return
+    ratio = lengths[1] / lengths[0]
+    for name, factor in (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9)):
+        for of, off in (("the truth's", ratio / factor), ("the nodes'", 1.0 / (ratio * factor))):
+            if 0.2 < off < 5.0:
+                both = f"{lengths[1]:.4g} seconds of truth, {lengths[0]:.4g} of nodes"
+                said = f"{of} times are in {name}: {both}"
+                yield Finding("times-units", said, f"divide {of} times by {factor:g}", strength=8.0)
+
+
+def _of_offset(
+    examined: Examined, estimate: Estimate, truth: KnownTruth, clock: Clock
+) -> Iterator[Finding]:
+    """The offset of the truth's clock, by the errors that are left with it."""
+    examined.trying("shifted-times")
+    known = np.flatnonzero(np.isfinite(clock.nodes))
+    t = estimate.translations
+    if t is None or len(known) < 4 or len(clock.times) < 4:
+        return
+    t, at = t[known], clock.nodes[known]
+    given = _left(t, at, clock, 0.0)
+    offset, left = best_offset(t, at, clock)
+    spread = float(np.linalg.norm(t - t.mean(axis=0), axis=1).max())
+    matched = len(truth.nodes) > 0 and given < math.inf
+    if not (left < SHARE * given and left < 5.0 * NEAR * spread and abs(offset) > clock.allowed):
+        return
+    as_it_stands = f"{given:.3g} m as it stands" if matched else "no times match as they stand"
+    said = f"the truth's clock is {abs(offset):.4g} s {'late' if offset > 0.0 else 'early'}"
+    said = f"{said}: with that undone positions are off by {left:.3g} m, {as_it_stands}"
+    drift = _drift(t, at, clock, offset)
+    if abs(drift) > 10.0 * clock.allowed:
+        said = f"{said}; it drifts by {drift:.3g} s from the first half to the second"
+    yield Finding(
+        "shifted-times",
+        said,
+        f"add --truth-offset {-offset:.4g}",
+        left,
+        given if matched else None,
+        strength=math.nan if matched else 6.0,
+    )
+
+
+def best_offset(t: FloatArray, at: FloatArray, clock: Clock) -> tuple[float, float]:
+    """By how much the truth's clock is late, and the errors (metres) with that undone.
+
+    Parameters
+    ----------
+    t : (k, d) positions
+    at : (k,) their times
+    """
+    step = float(np.median(np.diff(clock.times)))
+    starts = clock.times[0] - at.min(), clock.times[-1] - at.max()
+    tried = np.concatenate([step * np.arange(-OFFSETS, OFFSETS + 1), starts])
+    about = 0.5 * (starts[0] + starts[1])
+    if abs(about) > OFFSETS * step:
+        tried = np.concatenate([tried, about + step * np.arange(-OFFSETS, OFFSETS + 1)])
+    left = [_left(t, at, clock, float(offset)) for offset in tried]
+    best = int(np.argmin(left))
+    offset, width = float(tried[best]), step
+    for _ in range(REFINED):
+        ends = [(x, _left(t, at, clock, x)) for x in (offset - width, offset, offset + width)]
+        offset, value = min(ends, key=lambda one: one[1])
+        width *= 0.5 if offset == ends[1][0] else 1.0
+    return offset, value
+
+
+def _left(t: FloatArray, at: FloatArray, clock: Clock, offset: float) -> float:
+    """Errors of positions, root mean square, after the best motion; infinite for less than half."""
+    times = at + offset
+    inside = (times >= clock.times[0]) & (times <= clock.times[-1])
+    if inside.sum() < max(4, len(at) // 2):
+        return math.inf
+    columns = [np.interp(times[inside], clock.times, x) for x in clock.positions.T]
+    true, own = np.stack(columns, axis=1)[None], t[inside][None]
+    [S], [shift], _ = procrustes(true, own)
+    return float(np.sqrt(((own[0] @ S.T + shift - true[0]) ** 2).sum(axis=1).mean()))
+
+
+def _drift(t: FloatArray, at: FloatArray, clock: Clock, offset: float) -> float:
+    """The difference of offsets between both halves."""
+    halves = [at <= np.median(at), at > np.median(at)]
+    near = Clock(clock.nodes, clock.times - offset, clock.positions, clock.allowed)
+    found = [best_offset(t[half], at[half], near)[0] for half in halves if half.sum() >= 4]
+    return found[1] - found[0] if len(found) == 2 else 0.0
