@@ -22,7 +22,7 @@ GROUPS = {
     "Solve and certify": ("solve", "certify", "check", "prove", "bounds", "follow"),
     "From images and scans": ("reconstruct", "register"),
     "Look and convert": ("info", "view", "convert"),
-    "Outliers, maps and loop closures": ("outliers", "merge", "sparsify", "suggest"),
+    "Mistakes, maps and loop closures": ("diagnose", "outliers", "merge", "sparsify", "suggest"),
     "Compare": ("compare", "optima", "list", "fetch"),
     "Reproduce": ("reproduce", "report", "gate", "bench"),
 }

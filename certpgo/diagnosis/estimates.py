@@ -40,7 +40,7 @@ class Convention:
     Attributes
     ----------
     kind : its name in findings
-    said : what was written, in words
+    said : what was written, in words; ``{it}`` and ``{its}`` are what is read
     next : what to do about it
     read : rotations (n, d, d) and translations (n, d), as they are read in the usual way, to those
         that are meant
@@ -67,7 +67,8 @@ def found(examined: Examined) -> Iterator[Finding]:
     cost = chosen.share * given
     if explains(cost, given, examined.best):
         so_read, as_given = cost_shown(cost), cost_shown(given)
-        said = f"{chosen.said}: so read it costs {so_read}, as it stands {as_given}"
+        said = in_words(chosen.said, "the estimate")
+        said = f"{said}: so read it costs {so_read}, as it stands {as_given}"
         yield Finding(chosen.kind, said, chosen.next, cost, given)
 
 
@@ -143,26 +144,26 @@ def _turned(C: FloatArray) -> Callable[[FloatArray, FloatArray | None], Poses]:
 
 W_FIRST = Convention(
     "quaternion-w-first",
-    "its quaternions have w first",
+    "{its} quaternions have w first",
     "write them as qx qy qz qw",
     _with_w_first,
 )
 FORMS = (
     Convention(
         "inverse-poses",
-        "its poses are of the world in the body (world to camera), not of the body in the world",
+        "{its} poses are of the world in the body (world to camera), not of the body in the world",
         "invert each pose",
         _inverse,
     ),
     Convention(
         "inverse-rotations",
-        "its rotations are inverse, its positions are not",
+        "{its} rotations are inverse, its positions are not",
         "transpose each rotation, or negate x, y and z of its quaternion",
         _turned_back,
     ),
     Convention(
         "inverse-positions",
-        "its positions are of the world in the body, its rotations of the body in the world",
+        "{its} positions are of the world in the body, its rotations of the body in the world",
         "replace each position t by -R t",
         _positions_of_inverses,
     ),
@@ -175,7 +176,7 @@ def of_axes(d: int) -> Iterator[Convention]:
     for axis, name in enumerate(names):
         yield Convention(
             "mirrored",
-            f"its positions are mirrored: {name} has the other sign",
+            f"{{its}} positions are mirrored: {name} has the other sign",
             f"negate {name}",
             _mirrored(axis),
         )
@@ -183,7 +184,7 @@ def of_axes(d: int) -> Iterator[Convention]:
     for axis, name in enumerate(names):
         yield Convention(
             "other-handedness",
-            f"it is of the other handedness, mirrored in {name}",
+            f"{{it}} is of the other handedness, mirrored in {name}",
             f"negate {name}, and turn rotations accordingly (S R S)",
             _of_other_hand(axis),
         )
@@ -192,14 +193,14 @@ def of_axes(d: int) -> Iterator[Convention]:
             columns = " ".join(names[k] for k in np.argsort(order))
             yield Convention(
                 "permuted-axes",
-                f"its positions are in the order {columns}",
+                f"{{its}} positions are in the order {columns}",
                 f"write them as {' '.join(names)}",
                 _permuted(order),
             )
     for C in quarter_turns(d):
         yield Convention(
             "permuted-axes",
-            f"its bodies have other axes: {axes_of(C)}, as of a camera and its vehicle",
+            f"{{its}} bodies have other axes: {axes_of(C)}, as of a camera and its vehicle",
             "multiply each rotation from the right by that permutation",
             _turned(C),
         )
@@ -298,9 +299,14 @@ def unit_of(scale: float) -> tuple[str, str]:
     return "scaled", f"{scale:.4g}"
 
 
+def in_words(said: str, it: str) -> str:
+    """What a convention says of an estimate or a truth."""
+    return said.format(it=it, its=f"{it}'s")
+
+
 def unit_in_words(unit: str, factor: str) -> str:
     """What `unit_of` says, in words."""
-    return f"it is in {unit}" if unit in UNITS else f"its lengths are off by {factor}"
+    return f"{{it}} is in {unit}" if unit in UNITS else f"{{its}} lengths are off by {factor}"
 
 
 # --- Orders of nodes ------------------------------------------------------------------------------
@@ -333,6 +339,6 @@ def _reordered(examined: Examined, estimate: Estimate, called: str, places: IntA
     other = Estimate(estimate.rotations[chosen], None if t is None else t[chosen])
     known = has_pose[problem.graph.edges].all(axis=1)
     costs, given = (float(problem.edge_costs(one)[known].sum()) for one in (other, estimate))
-    said = f"its poses are of nodes in another order: {called}"
+    said = f"{{its}} poses are of nodes in another order: {called}"
     share = costs / given if given > 0.0 else math.inf
     return _Trial("reordered", said, "give each pose the id of its node", share)

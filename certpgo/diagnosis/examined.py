@@ -7,8 +7,13 @@ from functools import cached_property
 
 import numpy as np
 
+from certpgo.errors import InputError
 from certpgo.graph import Estimate, Instance
+from certpgo.graph.keys import NO_TIME, SECOND
 from certpgo.graph.succession import Succession, succession
+from certpgo.io.estimates import truth_among
+from certpgo.io.format import LabelledPoses
+from certpgo.io.matching import Matching
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.choose_cost import Certifiable, objective_of
 from certpgo.optimize.monitor import Monitor, silent
@@ -35,6 +40,23 @@ class Clock:
     positions: FloatArray
     allowed: float = 0.01
 
+    @classmethod
+    def of(cls, poses: LabelledPoses, instance: Instance, how: Matching) -> Clock | None:
+        """Of poses and nodes with times; None unless both have some that differ."""
+        stamps, t = poses.times_ns, poses.translations
+        if stamps is None or t is None or how.timestamps is not None:
+            return None
+        if instance.times_ns is None or not instance.keys.times_differ:
+            return None
+        kept = np.unique(np.where(stamps == NO_TIME, NO_TIME, stamps), return_index=True)[1]
+        kept = kept[stamps[kept] != NO_TIME]
+        of_nodes = np.full(instance.graph.num_nodes, np.nan)
+        known = np.flatnonzero(instance.times_ns != NO_TIME)
+        zero = int(instance.times_ns[known].min())  # seconds since then are exact enough
+        of_nodes[known] = (instance.times_ns[known] - zero) / SECOND
+        times = (stamps[kept] - zero) / SECOND + how.offset
+        return cls(of_nodes, times, t[kept][:, : instance.graph.d], how.max_difference)
+
 
 @dataclass(frozen=True, eq=False)
 class KnownTruth:
@@ -50,6 +72,25 @@ class KnownTruth:
     nodes: IntArray
     poses: Estimate
     clock: Clock | None = None
+
+    @classmethod
+    def of(cls, poses: LabelledPoses, instance: Instance, how: Matching) -> KnownTruth:
+        """The truth among poses of a file; of no node, with the clock, where no times match.
+
+        Raises
+        ------
+        InputError
+            No pose is of a node, and that is not for their times.
+        """
+        clock = Clock.of(poses, instance, how)
+        try:
+            nodes, known, _ = truth_among(poses, instance, how)
+        except InputError:
+            if clock is None:
+                raise
+            nowhere = np.zeros(0, dtype=np.intp)
+            return cls(nowhere, Estimate(poses.rotations, poses.translations), clock)
+        return cls(nodes, known, clock)
 
 
 @dataclass(frozen=True, eq=False)

@@ -47,7 +47,8 @@ class Finding:
             object.__setattr__(self, "strength", explained(self.cost, self.cost_as_given))
 
     def __str__(self) -> str:
-        return f"{self.said}. {self.next[:1].upper()}{self.next[1:]}" if self.next else self.said
+        sentences = (self.said, self.next) if self.next else (self.said,)
+        return ". ".join(f"{one[:1].upper()}{one[1:]}" for one in sentences)
 
 
 def explained(cost: float | None, as_given: float | None) -> float:

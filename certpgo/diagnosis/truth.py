@@ -102,7 +102,7 @@ class _Trial:
 
     def finding(self, given: _Errors) -> Finding:
         off = f"so read it is off by {self.errors}, as it stands by {given}"
-        said = f"of the truth, {self.said}: {off}"
+        said = f"{estimates.in_words(self.said, 'the truth')}: {off}"
         return Finding(self.kind, said, self.next, self.errors.size, given.size)
 
 
@@ -154,10 +154,10 @@ def _of_frames(
     turned = Estimate(R, t)
     if off < QUARTER:
         axes = estimates.axes_of(near)
-        said = f"its bodies have other axes, {angle:.4g} degrees everywhere: {axes}"
+        said = f"{{its}} bodies have other axes, {angle:.4g} degrees everywhere: {axes}"
         kind, next = "permuted-axes", "multiply each of its rotations by that permutation"
     else:
-        said = f"it is of another frame of the body, turned by {angle:.4g} degrees everywhere"
+        said = f"{{it}} is of another frame of the body, turned by {angle:.4g} degrees everywhere"
         kind, next = "other-frame", "give the truth of the frame that the graph's poses have"
     if angle > TURNED:
         yield _Trial(kind, said, next, _Errors.of(estimate, turned))
@@ -165,11 +165,14 @@ def _of_frames(
         moved = Estimate(R, t - np.einsum("nab,b->na", truth.rotations, a))
         length = float(np.linalg.norm(a))
         arm = ", ".join(f"{x:.3g}" for x in a)
-        point = f"it is of a point {length:.3g} m from that of the graph, at ({arm}) in its frame"
-        if length > 0.1 * NEAR * errors.spread:
+        point = (
+            f"{{it}} is of a point {length:.3g} m from that of the graph, at ({arm}) in its frame"
+        )
+        left = _Errors.of(estimate, moved)
+        if left.metres is not None and left.metres < 2.0 * SHARE * errors.metres:
             is_turned = angle > TURNED
             said, kind = (f"{said}, and {point}", kind) if is_turned else (point, "lever-arm")
-            yield _Trial(kind, said, next, _Errors.of(estimate, moved))
+            yield _Trial(kind, said, next, left)
 
 
 def mounting(estimate: Estimate, truth: Estimate) -> tuple[FloatArray, FloatArray]:

@@ -226,16 +226,20 @@ def matched_truth(
     path: Path, of: Instance, how: Matching, *, format: str | None = None, topic: str | None = None
 ) -> tuple[IntArray, Estimate, Match]:
     """As `read_truth`, with the match instead of a warning."""
-    form = format_of(path, format, topic)
-    if form.read_poses is not None:
-        poses = form.read_poses(path)
-    elif form.read_graph is not None:
-        bare = ReadOptions(ignore_information=True, ignore_variances=True)
-        poses = _integrated(form.read_graph(path, bare))
-    else:
-        raise FormatError(path, None, f"{form.name} files hold {form.holds}, no truth")
+    poses = true_poses(path, format=format, topic=topic)
     with in_file(path):
         return truth_among(poses, of, how)
+
+
+def true_poses(path: Path, *, format: str | None = None, topic: str | None = None) -> LabelledPoses:
+    """The poses of a file of ground truth, of whatever nodes."""
+    form = format_of(path, format, topic)
+    if form.read_poses is not None:
+        return form.read_poses(path)
+    if form.read_graph is not None:
+        bare = ReadOptions(ignore_information=True, ignore_variances=True)
+        return _integrated(form.read_graph(path, bare))
+    raise FormatError(path, None, f"{form.name} files hold {form.holds}, no truth")
 
 
 def _integrated(instance: Instance) -> LabelledPoses:

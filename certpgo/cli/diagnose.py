@@ -1,0 +1,121 @@
+"""certpgo diagnose: what is wrong with a map, an estimate or its truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from certpgo.cli._options import (
+    CostOption,
+    GraphName,
+    Json,
+    MaxDifference,
+    Timestamps,
+    time_limit_option,
+)
+from certpgo.cli._outputs import Outputs
+from certpgo.cli._reading import Reading, restricted_to, takes_reading
+from certpgo.cli._show import StatusLine, document, facts, noticing, paragraph, working
+from certpgo.cli._truth import OF_TRUTH, TruthFile, TruthOffset
+
+if TYPE_CHECKING:
+    from certpgo.diagnosis import KnownTruth
+    from certpgo.graph import Estimate, Instance
+    from certpgo.io.datasets.source import Source
+    from certpgo.io.matching import Matching
+
+RULES = (OF_TRUTH,)
+
+
+@takes_reading
+def command(
+    graph: GraphName,
+    estimate: Annotated[
+        str | None,
+        typer.Argument(metavar="ESTIMATE", help="Estimate that is asked about: file or dataset."),
+    ] = None,
+    cost: CostOption = None,
+    truth: TruthFile = None,
+    truth_offset: TruthOffset = 0.0,
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="OUT", help="Write the findings to this text file."),
+    ] = None,
+    time_limit: Annotated[
+        float | None, time_limit_option("For each search.", "30 s after a first bound")
+    ] = None,
+    timestamps: Timestamps = None,
+    max_difference: MaxDifference = 0.01,
+    json: Json = False,
+    *,
+    reading: Reading,
+) -> None:
+    """Say why a map is wrong: which mistake explains it, with its cost and that of the map.
+
+    Tried are conventions of estimates, measurements and truth, wrong measurements, the stated
+    noise, the optimizer, and the graph itself. Nothing is changed. Without an estimate the graph is
+    examined alone.
+    """
+    from certpgo.diagnosis import diagnose
+    from certpgo.io.matching import Matching
+    from certpgo.io.timestamps import timed
+    from certpgo.io.writing import write_text
+
+    source, of_estimate = reading.resolve(graph), reading.resolve(estimate)
+    of_truth = reading.resolve(truth)
+    outputs = Outputs(scene=out, json=json)
+    outputs.refuse(source, of_estimate, of_truth)
+    whole = timed(reading.open(source, operation=None), timestamps)
+    [instance, *_] = reading.parts(whole)
+    how = Matching.of(timestamps, max_difference)
+    given = None if of_estimate is None else _estimate(of_estimate, whole, instance, reading, how)
+    known = _truth(of_truth, instance, reading, how.of_truth(truth_offset))
+    with working(f"examining {instance.name}") as status:
+        found = diagnose(
+            instance,
+            given,
+            truth=known,
+            cost=cost,
+            time_limit=time_limit,
+            monitor=StatusLine(status),
+        )
+    if out is not None:
+        write_text(out, f"{found}\n")
+    if json:
+        document({"graph": instance.name, **found.as_data()})
+        return
+    paragraph(f"{found._headline}.".replace("..", "."))
+    typer.echo()
+    facts(found._facts())
+
+
+def _estimate(
+    of: Source, whole: Instance, part: Instance, reading: Reading, how: Matching
+) -> Estimate:
+    from certpgo.io import read_estimate
+
+    with noticing():
+        found = read_estimate(
+            of.path(),
+            whole,
+            timestamps=how.timestamps,
+            max_difference=how.max_difference,
+            topic=reading.topic_of(of),
+        )
+    return restricted_to(part, found, whole)
+
+
+def _truth(
+    of: Source | None, instance: Instance, reading: Reading, how: Matching
+) -> KnownTruth | None:
+    from certpgo.diagnosis import KnownTruth
+    from certpgo.errors import in_file
+    from certpgo.io.estimates import true_poses
+
+    if of is None:
+        return None
+    poses = true_poses(of.path(), topic=reading.topic_of(of))
+    with in_file(of.path()):
+        return KnownTruth.of(poses, instance, how)
