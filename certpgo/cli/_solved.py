@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, cast
 import typer
 
 from certpgo.cli import _uncertainty, _verdict
+from certpgo.cli._cause import cause, cause_as_json, cause_of
 from certpgo.cli._next import Asked, steps_after
 from certpgo.cli._outputs import Outputs, Result
 from certpgo.cli._paging import origin_of, write_page
@@ -20,6 +21,7 @@ from certpgo.cli._truth import KnownPoses
 
 if TYPE_CHECKING:
     from certpgo.certify.region import ProvenDistance
+    from certpgo.diagnosis import Finding
     from certpgo.graph import Instance
     from certpgo.objective.choose_cost import Certifiable
     from certpgo.optimize.solution import Solution
@@ -98,6 +100,13 @@ class Solved(Result):
         weights = self.solution.weights
         return fit_of(self.part, self._judged, self.solution.estimate, weights)
 
+    @cached_property
+    def cause(self) -> Finding | None:
+        """What explains errors against the truth."""
+        estimate, kept = self.solution.estimate, self.solution.kept is None
+        how = self.certificate, self.asked.cost, self.truth
+        return cause_of(self.part, estimate, *how) if kept else None
+
     @property
     def distance(self) -> ProvenDistance | None:
         """How far all optima can be, whatever is rejected of them where that is proven."""
@@ -140,6 +149,7 @@ class Solved(Result):
                 under=self._of_all,
             ),
             **_verdict.distance_as_json(self.distance, self.part),
+            **cause_as_json(self.cause),
             "solution": {
                 "method": self.method,
                 "start": None if found is None else found.start,
@@ -157,22 +167,11 @@ class Solved(Result):
                 "noise_scale": None if found is None else found.noise_scale,
                 "rejected": _verdict.edges_as_json(self.part, solution.rejected),
                 "rejection": _verdict.rejection_as_json(self.part, self.rejection),
-                "at_stated_noise": self._at_stated_noise(),
+                "at_stated_noise": _verdict.stated_noise_as_json(self.part, found),
                 "own_bound": solution.lower_bound,
                 "settings": None if found is None else asdict(found.settings),
                 "written": None if outputs.estimate is None else str(outputs.estimate),
             },
-        }
-
-    def _at_stated_noise(self) -> dict[str, Any] | None:
-        """What is rejected at the stated noise, for --json, where another is assumed."""
-        stated = None if self.found is None else self.found.at_stated_noise
-        if stated is None:
-            return None
-        return {
-            **_verdict.in_short(stated.certificate),
-            "rejected": _verdict.edges_as_json(self.part, stated.solution.rejected),
-            "rejection": _verdict.rejection_as_json(self.part, stated.rejection),
         }
 
     def show(self, outputs: Outputs) -> None:
@@ -190,7 +189,11 @@ class Solved(Result):
             self.part,
             self.assessment,
             self.disagreement,
-            more=[*_verdict.distance(self.distance, self.part), *self._uncertified()],
+            more=[
+                *cause(self.cause),
+                *_verdict.distance(self.distance, self.part),
+                *self._uncertified(),
+            ],
             cost=self._of_all,
             steps=self._steps(written),
             fit=self.fit,

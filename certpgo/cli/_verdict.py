@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from certpgo.solve.metrics import TrajectoryErrors
     from certpgo.solve.outliers import Disagreement
     from certpgo.solve.rejection import Rejection
+    from certpgo.solve.result import CertifiedSolution
 
 #: Exit codes by verdict, by increasing severity.
 EXIT_CODES = {"CERTIFIED": 0, "ERROR": 1, "BOUNDED": 3, "REFUTED": 4, "UNDECIDED": 5}
@@ -244,6 +245,20 @@ def rejection_as_json(instance: Instance, found: Rejection | None) -> dict[str, 
         "quantile": found.quantile,
         "prices": found.prices.tolist(),
         "ambiguous": edges_as_json(instance, found.ambiguous),
+    }
+
+
+def stated_noise_as_json(
+    instance: Instance, found: CertifiedSolution | None
+) -> dict[str, Any] | None:
+    """What is rejected at the stated noise, where another is assumed; else None."""
+    stated = None if found is None else found.at_stated_noise
+    if stated is None:
+        return None
+    return {
+        **in_short(stated.certificate),
+        "rejected": edges_as_json(instance, stated.solution.rejected),
+        "rejection": rejection_as_json(instance, stated.rejection),
     }
 
 

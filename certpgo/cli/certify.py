@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, cast
 
 import typer
 
 from certpgo.cli import _verdict
+from certpgo.cli._cause import cause, cause_as_json, cause_of
 from certpgo.cli._help import JUDGING
 from certpgo.cli._interrupting import INTERRUPTED, tell_interrupted, tells_unwritten
 from certpgo.cli._next import Asked, is_better_known, steps_after
@@ -42,6 +44,7 @@ from certpgo.errors import InputError
 
 if TYPE_CHECKING:
     from certpgo.certify.region import ProvenDistance
+    from certpgo.diagnosis import Finding
     from certpgo.graph import Estimate, Instance
     from certpgo.io.datasets.source import Source
     from certpgo.io.matching import Matching
@@ -198,12 +201,11 @@ def command(
     truths = [KnownPoses.of(of_truth, part.instance, reading, that) for part in parts]
 
     def assessed(part: JudgedPart, point: Estimate, truth: KnownPoses | None) -> _Assessed:
-        accuracy = None if truth is None else truth.errors(point)
         with working(f"certifying {part.instance.name}") as status.line:
             found = part.assessed(point, writing)
             disagreement = None if part.judge.ended_by else _disagreement(part.problem, found)
         title = "" if part.instance.name == instance.name else part.instance.name
-        kept = found.certificate, part, point, found, disagreement, accuracy
+        kept = found.certificate, part, point, found, disagreement, truth
         return _Assessed(*kept, asked, title, reference)
 
     return emit(map(assessed, parts, given, truths), [outputs] * len(parts))
@@ -217,7 +219,7 @@ class _Assessed(Result):
     given: Estimate
     found: Assessment
     disagreement: Disagreement | None
-    accuracy: TrajectoryErrors | None
+    truth: KnownPoses | None
     asked: Asked
     title: str
     reference: int | None
@@ -227,6 +229,17 @@ class _Assessed(Result):
     @property
     def standing(self) -> str:
         return "what is proven by then stands" if self.part.judge.interrupted else ""
+
+    @property
+    def accuracy(self) -> TrajectoryErrors | None:
+        """Trajectory errors, if the truth is known."""
+        return None if self.truth is None else self.truth.errors(self.given)
+
+    @cached_property
+    def cause(self) -> Finding | None:
+        """What explains an estimate that is not certified, or far from the truth."""
+        how = self.found.certificate, self.asked.cost, self.truth
+        return cause_of(self.part.instance, self.given, *how)
 
     @property
     def distance(self) -> ProvenDistance | None:
@@ -255,6 +268,7 @@ class _Assessed(Result):
             found,
             self.disagreement,
             more=[
+                *cause(self.cause),
                 *_verdict.distance(self.distance, instance),
                 *([] if self.accuracy is None else accuracy(self.accuracy)),
             ],
@@ -274,7 +288,8 @@ class _Assessed(Result):
             fit=self.found.fit,
             under=self.asked.cost,
         )
-        return {**judged, **_verdict.distance_as_json(self.distance, self.part.instance)}
+        far = _verdict.distance_as_json(self.distance, self.part.instance)
+        return {**judged, **far, **cause_as_json(self.cause)}
 
     def notices(self, outputs: Outputs) -> Iterator[str]:
         yield from _verdict.warnings(self.found.fit)

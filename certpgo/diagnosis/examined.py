@@ -103,6 +103,7 @@ class Examined:
     estimate : of all nodes, that is asked about; None for none
     truth : of some nodes; None if it is not known
     cost : name of the cost; by default the instance's own
+    least : the least cost that is known; None to search for it
     time_limit : seconds of a search; None for the usual ones
     monitor : of all searches
     tried : counts hypotheses
@@ -112,6 +113,7 @@ class Examined:
     estimate: Estimate | None = None
     truth: KnownTruth | None = None
     cost: str | None = None
+    least: float | None = None
     time_limit: float | None = None
     monitor: Monitor = silent
     tried: list[str] = field(default_factory=list)
@@ -137,7 +139,7 @@ class Examined:
     @property
     def best(self) -> float:
         """The least cost known."""
-        return self.answer.cost
+        return self.answer.cost if self.least is None else self.least
 
     @cached_property
     def fit(self) -> Fit | None:

@@ -1,0 +1,41 @@
+"""What explains an estimate that is not certified, or that is far from the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from certpgo.certify import Certificate
+    from certpgo.cli._truth import KnownPoses
+    from certpgo.diagnosis import Finding
+    from certpgo.graph import Estimate, Instance
+
+
+def cause_of(
+    instance: Instance,
+    estimate: Estimate,
+    certificate: Certificate | None,
+    cost: str,
+    truth: KnownPoses | None,
+) -> Finding | None:
+    """The likeliest mistake, by what is known already; None if nothing is wrong, or none is."""
+    if certificate is None or certificate.rejected or (certificate.is_optimal and truth is None):
+        return None
+    from certpgo.diagnosis import Examined, KnownTruth, first_finding
+
+    known = None if truth is None else KnownTruth(truth.nodes, truth.poses)
+    least = certificate.best_cost
+    return first_finding(Examined(instance, estimate, known, cost, least))
+
+
+def cause(found: Finding | None) -> Iterable[tuple[str, str]]:
+    """The same as a fact."""
+    if found is not None:
+        yield "likely cause", str(found)
+
+
+def cause_as_json(found: Finding | None) -> dict[str, Any]:
+    """The same as data: a list of at most one."""
+    return {"findings": [] if found is None else [asdict(found)]}
