@@ -189,3 +189,62 @@ def test_a_quaternion_far_from_norm_1_is_other_columns(file, text, said):
 def test_rounded_quaternions_are_read(file):
     estimate = io.read_estimate(file("1 0 0 0 0.7 0 0 0.7\n", "e.tum"))
     np.testing.assert_allclose(so.log(estimate.rotations)[0], [np.pi / 2, 0, 0], atol=1e-12)
+
+
+def matrices():
+    """Poses of a walk that turns, (4, 4, 4)."""
+    M = np.tile(np.eye(4), (4, 1, 1))
+    M[:, :3, :3] = so.exp(np.arange(4.0)[:, None] * np.array([[0.1, -0.2, 0.3]]))
+    M[:, :3, 3] = np.arange(4.0)[:, None] * np.array([1.0, 0.5, 0.1])
+    return M
+
+
+def numbers(*columns):
+    """Rows of numbers separated by commas."""
+    rows = zip(*(column.reshape(len(column), -1).tolist() for column in columns), strict=True)
+    return "".join(",".join(repr(x) for part in row for x in part) + "\n" for row in rows)
+
+
+def test_matrices_of_mulran_with_times(file):
+    M, times = matrices(), 1403636580838555648 + 10**8 * np.arange(4)
+    found = io.read_estimate(file(numbers(times, M[:, :3]), "global_pose.csv"))
+    assert found.keys.times_ns.tolist() == times.tolist()
+    np.testing.assert_allclose(found.rotations, M[:, :3, :3], atol=1e-12)
+    np.testing.assert_allclose(found.translations, M[:, :3, 3], atol=1e-12)
+
+
+def test_a_comma_at_the_end_of_rows_of_vins(file):
+    rows = EUROC.splitlines()[1:]
+    text = "".join(f"{row},0.2,0.3,\n" for row in rows)
+    found = io.read_estimate(file(text, "vins_result_loop.csv"))
+    assert found.keys.times_ns.tolist() == TIMES
+    np.testing.assert_allclose(so.log(found.rotations)[1], EIGHTH, atol=1e-12)
+
+
+def test_names_of_maplab(file):
+    names = "timestamp [ns], position x [m], position y [m], position z [m]"
+    names += ", quaternion x, quaternion y, quaternion z, quaternion w\n"
+    text = f"{names}{TIMES[0]}, 1, 2, 3, 0, 0, 0, 1\n{TIMES[1]}, 2, 2, 3, 0, 0, 1, 0\n"
+    found = io.read_estimate(file(text, "vertex_poses.csv"))
+    assert found.keys.times_ns.tolist() == TIMES
+    assert found.translations.tolist() == [[1.0, 2.0, 3.0], [2.0, 2.0, 3.0]]
+    np.testing.assert_allclose(found.rotations[1], np.diag([-1.0, -1.0, 1.0]), atol=1e-15)
+
+
+def test_sixteen_numbers_and_arrays(file, tmp_path):
+    M = matrices()
+    text = "".join(" ".join(map(repr, row)) + "\n" for row in M.reshape(4, 16).tolist())
+    found = [io.read_estimate(file(text, "poses.txt"))]
+    for name, array in (("a.npy", M), ("b.npy", M[:, :3])):
+        np.save(tmp_path / name, array)
+        found.append(io.read_estimate(tmp_path / name))
+    for estimate in found:
+        np.testing.assert_allclose(estimate.rotations, M[:, :3, :3], atol=1e-12)
+        np.testing.assert_array_equal(estimate.translations, M[:, :3, 3])
+    for name, wrong in (("c.npy", M[0]), ("d.npy", M.astype(int)), ("e.npy", M[:, :2])):
+        np.save(tmp_path / name, wrong)
+        with pytest.raises(FormatError, match=r"poses \(n, 4, 4\) or \(n, 3, 4\) expected"):
+            io.read_estimate(tmp_path / name)
+    np.save(tmp_path / "f.npy", np.array([{"a": 1}]), allow_pickle=True)
+    with pytest.raises(FormatError, match="no array of numbers"):
+        io.read_estimate(tmp_path / "f.npy")

@@ -7,13 +7,16 @@ The columns are those that a first line names, ``#`` and units in brackets aside
     #sec,nsec,x,y,z,qx,qy,qz,qw
     #timestamp x y z qx qy qz qw id
     num,t,x,y,z,qx,qy,qz,qw
+    timestamp [ns], position x [m], position y [m], position z [m], quaternion x, quaternion y, ...
 
 The first is of the ground truth of EuRoC (state_groundtruth_estimate0/data.csv; Burri et al., The
 EuRoC micro aerial vehicle datasets, IJRR 2016) and TUM-VI, the second of Kimera-Multi and DPGO, the
-third of the Newer College dataset, then rtabmap's (corelib/src/Graph.cpp, format 11) and MCD's.
-Without names, rows separated by commas have EuRoC's first eight columns, as evo reads them
-(evo/tools/file_interface.py). Columns x and y, perhaps z, without a quaternion are positions alone,
-which are a truth and no estimate. Timestamps without a unit are seconds, or whole nanoseconds.
+third of the Newer College dataset, then rtabmap's (corelib/src/Graph.cpp, format 11), MCD's and
+maplab's. Without names, rows separated by commas have EuRoC's first eight columns, as evo reads
+them (evo/tools/file_interface.py) and VINS-Mono writes them, with a comma at the end; or MulRan's
+thirteen, a time and the matrix [R t] row by row. Columns x and y, perhaps z, without a quaternion
+are positions alone, which are a truth and no estimate. Timestamps without a unit are seconds, or
+whole nanoseconds.
 """
 
 from __future__ import annotations
@@ -30,6 +33,7 @@ from certpgo.graph.keys import SECOND
 from certpgo.io.chunks import floats_of_rows, is_number, lines_of_rows, parsed, text_lines
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Format, LabelledPoses
+from certpgo.io.formats.matrices import of_matrices
 from certpgo.io.nodes import refuse_duplicates
 from certpgo.io.timestamps import decimals, times_and_ids
 from certpgo.linalg.arrays import FloatArray, IntArray
@@ -37,7 +41,8 @@ from certpgo.linalg.arrays import FloatArray, IntArray
 _UNIT = re.compile(r"[\[(]([^\])]*)[\])]")
 _EUROC = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
 _POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
-_TURNED = {*_POSE[3:]}
+_MULRAN = ("t", *(f"m{row}{column}" for row in "xyz" for column in "xyzt"))
+_TURNED = {*_POSE[3:], *_MULRAN[1:]}
 #: Times in two columns.
 _PAIR = {"t s", "t ns"}
 #: Billionths of a second in a unit of time.
@@ -96,11 +101,13 @@ class _Layout:
         if set(_POSE if _TURNED & {*names} else "xy") <= {*names}:
             return cls(names, separator, first)
         rows = [line for line in lines if not line.startswith(b"#")]
-        numbers = rows[0].split(b",") if rows else []
+        numbers = rows[0].removesuffix(b",").split(b",") if rows else []
         if len(numbers) < len(_EUROC) or not all(map(is_number, numbers)):
             return None
         if first is not rows[0] and len(words) == len(numbers):
             return None  # names that are not known
+        if len(numbers) == len(_MULRAN) and _is_rotation(numbers[1:]):
+            return cls(_MULRAN, b",")
         unnamed = ("",) * (len(numbers) - len(_EUROC))
         return cls((*_EUROC, *unnamed), b",")
 
@@ -148,10 +155,13 @@ class _Layout:
         if not {len(row) for row in words} <= {len(self.names)}:
             found = next(len(row) for row in words if len(row) != len(self.names))
             raise InputError(f"{self.expected} expected; {found} found")
-        place = [self.names.index(name) for name in _POSE if name in self.names]
+        chosen = _MULRAN[1:] if self.names == _MULRAN else _POSE
+        place = [self.names.index(name) for name in chosen if name in self.names]
         used = [[row[k] for k in place] for row in words]
         poses = floats_of_rows(used, len(place), self.expected)
-        if self.is_turned:
+        if self.names == _MULRAN:
+            R, poses = of_matrices(poses.reshape(-1, 3, 4))
+        elif self.is_turned:
             R = quaternion.unit_rotations(poses, [k + 1 for k in place])
         else:
             R, poses = np.tile(np.eye(3), (len(poses), 1, 1)), np.pad(poses, ((0, 0), (0, 1)))
@@ -178,11 +188,17 @@ class _Layout:
 def _named(word: str) -> str:
     """What a column holds by its name and unit: t, t ns, id, x, ..., qw; or the name itself."""
     unit = _UNIT.search(word)
-    name = _UNIT.sub("", word).strip()
+    name = _UNIT.sub("", word).strip().replace(" ", "_")
     found = _MEANINGS.get(name, name)
     if found == "t" and unit is not None and unit[1].strip() in _UNITS:
         return f"t {unit[1].strip()}"
     return found
+
+
+def _is_rotation(numbers: list[bytes]) -> bool:
+    """Whether twelve numbers are [R t] row by row, of a rotation to the digits of files."""
+    R = np.array([float(number) for number in numbers]).reshape(3, 4)[:, :3]
+    return bool(np.abs(R @ R.T - np.eye(3)).max() < 1e-2) and np.linalg.det(R) > 0.0
 
 
 def _recognises(path: Path, head: bytes) -> bool:

@@ -12,6 +12,7 @@ from certpgo.graph.keys import Keys
 from certpgo.io.chunks import first_row, read_rows
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Chart, Format, LabelledPoses
+from certpgo.io.formats.matrices import of_matrices
 from certpgo.linalg.arrays import FloatArray
 
 
@@ -25,8 +26,7 @@ def _read_poses(path: Path) -> LabelledPoses:
 
 
 def _convert(rows: FloatArray) -> tuple[FloatArray, ...]:
-    M = rows.reshape(-1, 3, 4)
-    return quaternion.rotations(quaternion.from_matrices(M[:, :, :3])), M[:, :, 3]
+    return of_matrices(rows.reshape(-1, 3, 4))
 
 
 def _write_poses(path: Path, estimate: Estimate, keys: Keys) -> None:
