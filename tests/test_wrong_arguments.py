@@ -122,6 +122,7 @@ def calls(of):
         "choose_cost.costs_of": (costs_of, read),
         "choose_cost.objective_of": (objective_of, read, "g2o"),
         "check": (certpgo.check, of["path"], proof),
+        "diagnose": (certpgo.diagnose, graph, estimate),
         "fit_logarithms": (certpgo.fit_logarithms, graph),
         "from_gtsam": (certpgo.from_gtsam, graph, estimate),
         "get_solver": (certpgo.get_solver, "newton"),
@@ -175,6 +176,8 @@ def calls(of):
 OTHERS = {"SolveSettings", "NewtonSettings", "Solution", "Status", "Tier", "Verdict", "Iteration"}
 OTHERS |= {"Certificate", "CertifiedSolution", "Disagreement", "LogarithmFit", "Merged", "Monitor"}
 OTHERS |= {
+    "Diagnosis",
+    "Finding",
     "ProvenDistance",
     "Region",
     "Reweighed",

@@ -56,6 +56,20 @@ def diagnose(
     ------
     InputError
         An estimate or a truth of another graph.
+
+    Examples
+    --------
+    Poses of the world in the body, where those of the body in the world are meant:
+
+    >>> import numpy as np
+    >>> import certpgo
+    >>> from certpgo.io.datasets.synthetic import helix
+    >>> made = helix(6, np.random.default_rng(0))
+    >>> R, t = made.truth.rotations, made.truth.translations
+    >>> back = np.swapaxes(R, 1, 2)
+    >>> inverse = certpgo.Estimate(back, -np.einsum("nab,nb->na", back, t))
+    >>> certpgo.diagnose(made, inverse).findings[0].next
+    'invert each pose'
     """
     instance = as_instance(graph, "diagnose")
     given = None if estimate is None else estimated(estimate, instance)

@@ -31,6 +31,13 @@ class Finding:
         the two costs, unless it is stated
     edges : numbers of the measurements that it is about, see `certpgo.Instance`
     proven : whether it is proven, not only by far the better explanation
+
+    Examples
+    --------
+    >>> from certpgo import Finding
+    >>> wrong = Finding("mirrored", "y has the other sign", "negate y", 3.0, 3000.0)
+    >>> print(wrong, round(wrong.strength, 3))
+    Y has the other sign. Negate y 3.0
     """
 
     kind: str
