@@ -222,8 +222,6 @@ class Solved(Result):
         yield from self._kept()
         if written:
             yield "written", written
-        if self.found is not None and (chordal := self.found.chordal) is not None:
-            yield "chordal", f"{chordal.certificate.in_brief}, at another estimate"
         if self._undetermined is not None:
             yield "undetermined", self._undetermined
 

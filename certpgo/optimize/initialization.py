@@ -61,15 +61,27 @@ def start_of(problem: Quadratic) -> Start:
         return Start(problem.complete(blocks), found.name)
     if problem.has_positions and problem.graph.is_partial:
         return _of_partial_edges(problem)
-    averaged, converged = _averaged(problem, tree_initialization(problem.rotation.graph))
+    averaged, converged = _averaged(problem)
     if converged:
-        # In the plane the Hessian is nearly always definite there.
-        near = problem.d == 2
-        return Start(problem.complete(averaged.rotations), "laplacian_gauss_newton", near)
+        return _of_averages(problem, averaged)
     try:
         return _of_eigenvectors(problem, averaged)
     except (NumericalError, np.linalg.LinAlgError):
-        return Start(problem.complete(averaged.rotations), "laplacian_gauss_newton")
+        return replace(_of_averages(problem, averaged), near=False)
+
+
+def averaged_start(problem: Quadratic) -> Start | None:
+    """Averaged rotations with best translations, where little noise lets averaging converge."""
+    if problem.graph.has_others or (problem.has_positions and problem.graph.is_partial):
+        return None
+    averaged, converged = _averaged(problem)
+    return _of_averages(problem, averaged) if converged else None
+
+
+def _of_averages(problem: Quadratic, averaged: Estimate) -> Start:
+    # In the plane the Hessian is nearly always definite there.
+    near = problem.d == 2
+    return Start(problem.complete(averaged.rotations), "laplacian_gauss_newton", near)
 
 
 def _of_eigenvectors(problem: Quadratic, averaged: Estimate) -> Start:
@@ -89,8 +101,9 @@ def _of_partial_edges(problem: Quadratic) -> Start:
     return Start(found, "eigen_q")
 
 
-def _averaged(problem: Quadratic, tree: Estimate) -> tuple[Estimate, bool]:
-    """Averaged rotations, and whether they converged fast."""
+def _averaged(problem: Quadratic) -> tuple[Estimate, bool]:
+    """Rotations along a tree, averaged, and whether that converged fast."""
+    tree = tree_initialization(problem.rotation.graph)
     tolerance = ROUGH if problem.has_positions else FINE
     patience = HASTY if problem.n < LARGE else PATIENT
     try:

@@ -99,7 +99,6 @@ def _result(search: Search, found: Certificate) -> CertifiedSolution:
         search.settings,
         search.original,
         outliers,
-        search.chordal,
     )
 
 

@@ -47,8 +47,6 @@ class CertifiedSolution(Speaking):
     problem : what the certificate is about: the measurements, those kept if some were rejected
     disagreement : measurements that disagree with the rest, if there are any;
         `certpgo.solve_robustly` rejects them
-    chordal : under the cost of another program, the result for the chordal cost F from which the
-        search began; None for F itself, or from a given initial estimate
     rejection : what is proven about measurements that `certpgo.solve_robustly` rejected; else None
     noise_scale : standard deviation of the noise that rejections assume, over the stated one
     at_stated_noise : the answer at the stated noise, where another is assumed and it rejects others
@@ -73,7 +71,6 @@ class CertifiedSolution(Speaking):
     settings: SolveSettings
     problem: Certifiable = field(repr=False)
     disagreement: Disagreement | None = None
-    chordal: CertifiedSolution | None = None
     instance: Instance | None = field(default=None, repr=False)
     rejection: Rejection | None = None
     noise_scale: float = 1.0

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import Any, cast
@@ -16,7 +17,7 @@ import numpy as np
 
 from certpgo.certify.certificate import Tier, Verdict
 from certpgo.certify.normalized import NormalizedProblem
-from certpgo.errors import GraphError
+from certpgo.errors import GraphError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Point
 from certpgo.graph.trees import tree_initialization
@@ -24,7 +25,7 @@ from certpgo.objective.choose_cost import Certifiable
 from certpgo.objective.lifted_distances import LiftedDistances
 from certpgo.optimize import similarity_starts
 from certpgo.optimize.curvature import resolution
-from certpgo.optimize.initialization import Start, start_of
+from certpgo.optimize.initialization import Start, averaged_start, start_of
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.randomized_rounding import roundings
 from certpgo.optimize.solution import Level, Status
@@ -102,6 +103,17 @@ def _least_shrunk_start(search: Search) -> Start:
     return similarity_starts.least_shrunk_start(search.problem)
 
 
+def _averaged_start(search: Search) -> Start:
+    """The rotations that F's searches begin at, unless large noise makes others better."""
+    found = None
+    with search.watch.phase("start"), suppress(GraphError):
+        form = search.problem.isotropic
+        found = averaged_start(form) if form.is_chordal else None
+    if found is None:
+        raise NumericalError("averaged rotations are no start")
+    return found
+
+
 def _chordal_start(own: Search) -> Start:
     """The best estimate under F, found in half of the time; else along a tree."""
     settings, limit = own.settings, own.settings.time_limit
@@ -116,7 +128,7 @@ def _chordal_start(own: Search) -> Start:
         time_limit=None if limit is None else 0.5 * limit,
     )
     monitor = own.stop.monitor
-    own.chordal = found = search(problem, half, monitor=monitor, on_disagreement=ignore)
+    found = search(problem, half, monitor=monitor, on_disagreement=ignore)
     for phase, seconds in found.solution.seconds.items():
         own.watch.seconds[phase] = own.watch.seconds.get(phase, 0.0) + seconds
     own.stop.interrupted |= found.solution.status is Status.INTERRUPTED
@@ -320,10 +332,10 @@ DISTANCES = Plan(
     bounds_estimates=False,
     outliers="last",
 )
-#: The cost of another program: the optimum under F comes first, unless an estimate is given, and
-#: many outliers found there limit the time.
+#: The cost of another program: the optimum under F follows, unless an estimate is given, where the
+#: first one is not proven optimal, and many outliers found there limit the time.
 SURROGATES = Plan(
-    (_chordal_start,),
+    (_averaged_start, _chordal_start),
     roundings_of_surrogates,
     finish_surrogates,
     endings.obstacle_of_surrogates,

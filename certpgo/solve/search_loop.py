@@ -30,7 +30,6 @@ from certpgo.optimize.solution import Level, Solution, Status
 from certpgo.solve import bounding
 from certpgo.solve.outliers import Disagreement, disagreement
 from certpgo.solve.plan import Plan
-from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.settings import OUTLIERS_PATIENCE, SolveSettings
 
 #: What outliers are reported to.
@@ -91,7 +90,6 @@ class Search:
         self.climbed = Climbed(False, d)  # how far the relaxation of distances was minimised
         self.surrogates = 0
         self.disagreement: Disagreement | None = None
-        self.chordal: CertifiedSolution | None = None
 
     def run(
         self,

@@ -154,9 +154,9 @@ def test_solve_certifies_and_says_where_it_started(certpgo, square):
 def test_solve_shows_every_iteration_when_asked(certpgo, square):
     done = certpgo("solve", square, "--trace", "--max-rank", "3")
     lines = done.err.splitlines()
-    assert lines[0] == "the chordal cost F"
+    assert lines[0].startswith("g2o's chi2")
     assert "gradient" in lines[1]
-    assert len(lines) >= 4
+    assert len(lines) >= 3
 
 
 @pytest.mark.parametrize("cost", ["chordal", "g2o", "gtsam"])
