@@ -14,13 +14,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csgraph
 
 from certpgo.certify.dual import DualBound
 from certpgo.graph.bridges import bridges
+from certpgo.graph.edges import components_of
 from certpgo.graph.relaxed_point import Point
 from certpgo.linalg.arrays import IntArray
-from certpgo.linalg.blocks import adjacency
 from certpgo.objective.quadratic import Quadratic
 
 
@@ -55,9 +54,7 @@ def parts(problem: Quadratic) -> list[Part]:
         return []
     pair = np.array([graph.num_nodes, 1])
     kept = ~np.isin(np.sort(graph.edges, axis=1) @ pair, cut @ pair)
-    i, j = graph.edges[kept].T
-    tied = adjacency(graph.num_nodes, i, j, np.ones(len(i)))
-    labels = csgraph.connected_components(tied, directed=False)[1]
+    labels = components_of(graph.num_nodes, graph.edges[kept])
     order = np.argsort(labels, kind="stable")
     groups = np.split(order, np.flatnonzero(np.diff(labels[order])) + 1)
     return [

@@ -6,10 +6,10 @@ No other measurement checks a bridge: its residual is zero at the optimum.
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csgraph
 
 from certpgo.graph.graph import Graph
 from certpgo.graph.kinds import Measurements
+from certpgo.linalg import compiled
 from certpgo.linalg.arrays import IntArray
 from certpgo.linalg.blocks import adjacency
 
@@ -50,8 +50,14 @@ def _spanning_tree(
     # One extra node, connected to a node of each component, joins the forest to one tree.
     i = np.concatenate([low, np.full(len(roots), n)])
     j = np.concatenate([high, roots])
-    joined = adjacency(n + 1, i, j, np.ones(len(i)))
-    order, parent = csgraph.breadth_first_order(joined, n, directed=False)
+    if compiled.AVAILABLE:
+        parent, order = np.empty((2, n + 1), dtype=np.int64)
+        compiled.kernel.tree(np.stack([i, j], axis=1).astype(np.int64), n, parent, order)
+    else:
+        from scipy.sparse import csgraph
+
+        joined = adjacency(n + 1, i, j, np.ones(len(i)))
+        order, parent = csgraph.breadth_first_order(joined, n, directed=False)
     parent = np.where(parent[:n] == n, -1, parent[:n])
     return np.asarray(order[1:], dtype=np.intp), np.asarray(parent, dtype=np.intp)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csgraph
 
 from certpgo.errors import GraphError
 from certpgo.graph.graph import Graph
@@ -39,6 +38,8 @@ def is_cycle(graph: Graph) -> bool:
 
 def walk(graph: Graph) -> Walk:
     """The walk around a cycle; GraphError for other graphs."""
+    from scipy.sparse import csgraph
+
     n, (i, j) = graph.num_nodes, graph.edges.T
     if not is_cycle(graph):
         raise GraphError(

@@ -7,7 +7,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csgraph
 
 from certpgo.checker import FAR
 from certpgo.errors import GraphError, InputError
@@ -143,6 +142,8 @@ def components_of(n: int, edges: IntArray) -> IntArray:
     if compiled.AVAILABLE:
         compiled.kernel.components(np.ascontiguousarray(edges, dtype=np.int64), labels)
     else:
+        from scipy.sparse import csgraph
+
         matrix = adjacency(n, edges[:, 0], edges[:, 1], np.ones(len(edges)))
         labels = csgraph.connected_components(matrix, directed=False)[1].astype(np.int64)
     labels.flags.writeable = False

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from scipy.sparse import csgraph, csr_array
 
 from certpgo.graph import Estimate
 from certpgo.graph.graph_data import GraphData
@@ -14,6 +13,9 @@ from certpgo.linalg import compiled
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.blocks import adjacency
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 
 def spanning_tree(
@@ -31,8 +33,9 @@ def spanning_tree(
     root : a node, or ``"center"`` for one in the middle: errors accumulate along paths
     """
     if lengths is None and root == "center" and compiled.AVAILABLE:
-        parents = np.empty(graph.num_nodes, dtype=np.int64)
-        compiled.kernel.central_tree(np.ascontiguousarray(graph.edges, dtype=np.int64), parents)
+        parents, order = np.empty((2, graph.num_nodes), dtype=np.int64)
+        edges = np.ascontiguousarray(graph.edges, dtype=np.int64)
+        compiled.kernel.tree(edges, -1, parents, order)
         return parents
     tree = _neighbours(graph) if lengths is None else minimum_spanning_tree(graph, lengths)
     start = _center(tree) if root == "center" else root
@@ -46,6 +49,8 @@ def tree_initialization(graph: GraphData) -> Estimate:
 
 def minimum_spanning_tree(graph: GraphData, lengths: FloatArray) -> csr_array:
     """(n, n) lengths of the edges of a minimum spanning tree, for positive lengths (m,)."""
+    from scipy.sparse import csgraph
+
     return csgraph.minimum_spanning_tree(_simple(graph, lengths))
 
 
@@ -75,6 +80,8 @@ def _center(graph: csr_array) -> int:
 
 
 def _breadth_first(graph: csr_array, root: int) -> tuple[IntArray, IntArray]:
+    from scipy.sparse import csgraph
+
     order, parents = csgraph.breadth_first_order(graph, root, directed=False)
     return np.asarray(order, dtype=np.intp), np.asarray(parents, dtype=np.intp)
 

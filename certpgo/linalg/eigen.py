@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from scipy.sparse.linalg import LinearOperator, eigsh
 
 from certpgo.errors import NumericalError
 from certpgo.linalg.arrays import CSC, FloatArray
@@ -166,6 +165,8 @@ def arpack(A: CSC, solve: Solve, k: int, *, shift: float = 0.0, tol: float = 1e-
     Parameters as `krylov_schur`. Not a block method: it may miss copies of a multiple eigenvalue,
     which the connection Laplacian has if d = 2 or all rotations share an axis.
     """
+    from scipy.sparse.linalg import LinearOperator, eigsh
+
     N = A.shape[0]
     solves = 0
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.linalg import splu
 
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.residual import measured_residual
@@ -33,6 +32,8 @@ def _dominant(indptr: IntArray, indices: IntArray) -> CSC:
 
 
 def _splu_without_pivoting(A: CSC, ordering: str) -> Any:
+    from scipy.sparse.linalg import splu
+
     try:
         return splu(
             A,

@@ -25,7 +25,6 @@ from fractions import Fraction
 from math import factorial
 
 import numpy as np
-from scipy.special import zeta
 
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.ball_arithmetic import Ball, crossed, polynomial
@@ -42,8 +41,19 @@ H = [Fraction(2 * (-1) ** k * (4**k - 4 * k**2), factorial(2 * k + 1)) for k in 
 FEWEST, NEGLIGIBLE = 4, 2.0**-72
 #: The least angle at which functions are expanded, and the least distance from pi.
 SMALL, EDGE = 2.0**-60, 2.0**-24
-#: Coefficients of c = (1 - (theta/2) cot(theta/2)) / theta^2 = sum |B_2n| x^(n-1) / (2n)!.
-C = [float(2.0 * zeta(2 * n) / (2.0 * np.pi) ** (2 * n)) for n in range(1, 31)]
+
+
+def _of_cotangent(terms: int) -> list[float]:
+    """Coefficients of c = (1 - (theta/2) cot(theta/2)) / theta^2 = sum |B_2n| x^(n-1) / (2n)!."""
+    sine = [Fraction((-1) ** k, factorial(2 * k + 1)) for k in range(terms + 1)]
+    ratio: list[Fraction] = []  # of u cot u = cos u / (sin u / u), in u^2
+    for n in range(terms + 1):
+        known = sum(ratio[k] * sine[n - k] for k in range(n))
+        ratio.append(Fraction((-1) ** n, factorial(2 * n)) - known)
+    return [float(-ratio[n] / 4**n) for n in range(1, terms + 1)]
+
+
+C = _of_cotangent(30)
 
 
 def series(coefficients: list[Fraction], x: Ball) -> Ball:

@@ -15,15 +15,12 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from scipy import optimize, special
 
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.objective import Objective
 
 #: Share of clean graphs in which a correct measurement may be flagged.
 FALSE_ALARMS = 0.01
-#: How closely a quantile is found: to rounding.
-CLOSE = {"xtol": 1e-300, "rtol": 1e-15}
 
 
 def flagged_from(problem: Objective) -> float:
@@ -54,6 +51,8 @@ def exceeded_by(problem: Objective, share: float) -> FloatArray:
 @lru_cache
 def _exceeded(turned: int, moved: int, weight: int, share: float) -> float:
     """What ``turned`` squares, times ``weight``, and ``moved`` others exceed with this chance."""
+    from scipy import special
+
     if turned + moved == 0:
         return 0.0
     once = 2.0 * float(special.gammainccinv(0.5 * (turned + moved), share))
@@ -66,11 +65,14 @@ def _exceeded(turned: int, moved: int, weight: int, share: float) -> float:
     log = math.log(share)
     if not _log_tail(least) > log > _log_tail(most):  # a share of almost all, to rounding
         return once
-    y = float(optimize.brentq(lambda y: _log_tail(y) - log, least, most, **CLOSE))
+    while least < (y := 0.5 * (least + most)) < most:
+        least, most = (y, most) if _log_tail(y) > log else (least, y)
     return 4.0 * y * y
 
 
 def _log_tail(y: float) -> float:
     """The logarithm of P(2 z0^2 + z1^2 + z2^2 > 4 y^2)."""
+    from scipy import special
+
     dawson = 2.0 / math.sqrt(math.pi) * special.dawsn(y)
     return float(np.log(special.erfcx(y) + dawson) - y * y)

@@ -117,6 +117,8 @@ def _averaged_start(search: Search) -> Start:
 def _chordal_start(own: Search) -> Start:
     """The best estimate under F, found in half of the time; else along a tree."""
     settings, limit = own.settings, own.settings.time_limit
+    if limit is None:
+        own.stop.deadline = math.inf  # what an earlier start has proven does not limit this one
     try:
         problem = own.original.isotropic
     except GraphError:  # what F has no terms for joins some nodes

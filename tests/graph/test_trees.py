@@ -119,8 +119,10 @@ def test_the_kernel_refuses_what_is_no_tree():
     ):
         with pytest.raises(ValueError, match="same nodes"):
             compiled.kernel.compose(*(x.copy() if isinstance(x, np.ndarray) else x for x in wrong))
-    with pytest.raises(ValueError, match="pairs"):
-        compiled.kernel.central_tree(np.array([[0, 3]]), np.empty(3, dtype=np.int64))
+    parents, order = np.empty((2, 3), dtype=np.int64)
+    for wrong, root, nodes in ((3, -1, order), (2, 3, order), (2, -2, order), (2, 0, order[:2])):
+        with pytest.raises(ValueError, match="pairs"):
+            compiled.kernel.tree(np.array([[0, wrong]]), root, parents, nodes)
     with pytest.raises(ValueError, match="pairs"):
         compiled.kernel.components(np.array([[0, 3]]), np.empty(3, dtype=np.int64))
 

@@ -253,26 +253,33 @@ static PyObject *components_of(Held *held, PyObject *args)
 }
 CALL(components)
 
-/* central_tree(pairs, parents): the breadth-first tree of a node in the middle of a long path */
-static PyObject *central_tree_of(Held *held, PyObject *args)
+/* tree(pairs, root, parents, order): the breadth-first tree of a root, or of a node in the middle of a
+ * long path if that is -1, and its nodes in order; the order of what it does not reach is -1 */
+static PyObject *tree_of(Held *held, PyObject *args)
 {
-    Array pairs = {held, INTS}, into = {held, INTS, WRITTEN};
-    if (!PyArg_ParseTuple(args, "O&O&", array, &pairs, array, &into)) return NULL;
-    Int n = into.length, ends = pairs.length, *parents = into.at;
-    if (n < 1 || ends % 2 || !all_below(pairs.at, ends, n))
-        return refuse("pairs of the nodes that have parents expected");
-    Int *queue = memory(held, 2 * n + 1 + 2 * ends, sizeof(Int)), length = 0;
-    if (!queue) return NULL;
-    Int *start = queue + n, *to = start + n + 1, *arcs = to + ends;
+    Array pairs = {held, INTS}, into = {held, INTS, WRITTEN}, order = {held, INTS, WRITTEN};
+    Py_ssize_t root;
+    if (!PyArg_ParseTuple(args, "O&nO&O&", array, &pairs, &root, array, &into, array, &order))
+        return NULL;
+    Int n = into.length, ends = pairs.length, *parents = into.at, *queue = order.at;
+    if (n < 1 || order.length != n || root < -1 || root >= n || ends % 2 ||
+        !all_below(pairs.at, ends, n))
+        return refuse("pairs and a root of the nodes that have parents expected");
+    Int *start = memory(held, n + 1 + 2 * ends, sizeof(Int)), length = 0;
+    if (!start) return NULL;
+    Int *to = start + n + 1, *arcs = to + ends;
     list_neighbours(n, ends / 2, pairs.at, start, to, queue, arcs);
-    Int end = breadth_first(n, start, to, 0, parents, queue);
-    Int middle = breadth_first(n, start, to, end, parents, queue);
-    for (Int i = middle; i != end; i = parents[i]) length++;
-    for (Int k = 0; k < (length + 1) / 2; k++) middle = parents[middle];
-    breadth_first(n, start, to, middle, parents, queue);
+    if (root < 0) {
+        Int end = breadth_first(n, start, to, 0, parents, queue);
+        root = breadth_first(n, start, to, end, parents, queue);
+        for (Int i = root; i != end; i = parents[i]) length++;
+        for (Int k = 0; k < (length + 1) / 2; k++) root = parents[root];
+    }
+    for (Int i = 0; i < n; i++) queue[i] = -1;
+    breadth_first(n, start, to, root, parents, queue);
     return Py_NewRef(Py_None);
 }
-CALL(central_tree)
+CALL(tree)
 
 /* compose(edges, d, parents, R, t | None): poses of the edges between children and parents, composed */
 static PyObject *compose_of(Held *held, PyObject *args)

@@ -530,7 +530,7 @@ CALL(lower)
 
 static PyMethodDef methods[] = {
     {"components", components, METH_VARARGS, "Connected components."},
-    {"central_tree", central_tree, METH_VARARGS, "Parents in the tree of a central node."},
+    {"tree", tree, METH_VARARGS, "A breadth-first tree, and its nodes in order."},
     {"compose", compose, METH_VARARGS, "Poses composed along a tree."},
     {"worst_defect", worst_defect, METH_VARARGS, "The matrix farthest from being a rotation."},
     {"gradient", gradient, METH_VARARGS, "Half the gradient, and the edges' terms."},
