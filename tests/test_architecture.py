@@ -10,6 +10,8 @@ import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from certpgo.linalg import compiled
+
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "certpgo"
 HARNESS = ROOT / "reports" / "harness"
@@ -249,11 +251,12 @@ def test_the_integer_checker_computes_with_integers_alone():
     assert {ast.unparse(n) for n in divided} == {"path / 'EGs.txt'", "self.lower / self.upper"}
 
 
-def third_party_after(statement):
+def third_party_after(statement, parts=1):
     code = (
         f"import sys\n{statement}\n"
-        "heads = {name.partition('.')[0] for name in sys.modules}\n"
-        "print(*sorted(h for h in heads if h not in sys.stdlib_module_names))"
+        f"heads = {{'.'.join(name.split('.')[:{parts}]) for name in sys.modules}}\n"
+        "heads = {h for h in heads if h.partition('.')[0] not in sys.stdlib_module_names}\n"
+        "print(*sorted(heads))"
     )
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
@@ -296,20 +299,33 @@ def test_functions_win_over_the_subpackages_of_their_names():
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
 
 
+#: Parts of SciPy that take as long to load as all else that commands need.
+SLOW = {"scipy.optimize", "scipy.spatial", "scipy.stats", "scipy.sparse.linalg", "scipy.integrate"}
+
+
 @pytest.mark.parametrize(
-    "arguments",
-    [("solve", "{g}"), ("certify", "{g}", "{e}"), ("check", "{g}", "{e}"), ("info", "{g}")],
-    ids=lambda arguments: arguments[0],
+    ("arguments", "spared"),
+    [
+        (("solve", "{g}"), SLOW),
+        (("certify", "{g}", "{e}"), SLOW),
+        (("check", "{g}", "{e}"), {"numpy", "scipy"}),
+        (("info", "{g}"), {*SLOW, "scipy.special"}),
+        (("convert", "{g}", "{e}.npz"), {*SLOW, "scipy.special"}),
+    ],
+    ids=lambda value: value[0] if isinstance(value, tuple) else "",
 )
-def test_a_command_loads_what_it_needs_alone(arguments, tmp_path):
+def test_a_command_loads_what_it_needs_alone(arguments, spared, tmp_path):
     graph, estimate = tmp_path / "graph.g2o", tmp_path / "estimate.g2o"
     graph.write_text("EDGE_SE2 0 1 1 0 0.1 1 0 0 1 0 1\n")
     estimate.write_text("VERTEX_SE2 0 0 0 0\nVERTEX_SE2 1 1 0 0.1\n")
     line = [argument.format(g=graph, e=estimate) for argument in arguments]
     loaded = third_party_after(
         "import contextlib, io, certpgo.cli\n"
-        f"with contextlib.redirect_stdout(io.StringIO()): certpgo.cli.main({line!r})"
+        f"with contextlib.redirect_stdout(io.StringIO()): certpgo.cli.main({line!r})",
+        parts=3,
     )
+    if compiled.AVAILABLE:  # SciPy takes the place of the kernel
+        assert not loaded & spared
     heavy = {"gtsam", "cvxpy", "clarabel", "pooch", "matplotlib", "jinja2", "reports"}
     assert not loaded & heavy
 

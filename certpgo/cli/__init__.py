@@ -2,7 +2,7 @@
 
 A command is a function ``command`` that returns an exit code or None. Its file imports nothing
 heavy at the top, so that ``certpgo --help`` is quick. It may have ``RULES``: combinations of
-options that are refused.
+options that are refused; and ``NUMERICS = False``, if it runs without NumPy and SciPy.
 """
 
 from __future__ import annotations
@@ -153,14 +153,16 @@ def _guarded(function: Command) -> Callable[..., None]:
     @functools.wraps(function)
     def guarded(**options: object) -> None:
         def run() -> int | None:
-            # Not earlier: the help needs no numerics. Until they are here, Ctrl-C ends at once.
-            importlib.import_module("certpgo.graph")
+            module = inspect.unwrap(function).__globals__
+            if module.get("NUMERICS", True):
+                # Not earlier: the help needs none. Until they are here, Ctrl-C ends at once.
+                importlib.import_module("certpgo.graph")
             _start.usual_interrupts()
             from certpgo.io.pipes import pipes_kept
 
             # What --no-x gives is False.
             given = {k: v or True for k, v in options.items() if v != known[k].default}
-            refuse(inspect.unwrap(function).__globals__.get("RULES", ()), **given)
+            refuse(module.get("RULES", ()), **given)
             with pipes_kept():
                 return function(**options)
 

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from certpgo.checker import Answer
     from certpgo.integer_checker import Answer as InIntegers
 
+#: The checker is another process.
+NUMERICS = False
 #: What the checker's line begins with if it cannot read a file.
 SAYS = "error: "
 #: How it prints file names that are no UTF-8.

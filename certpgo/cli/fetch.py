@@ -9,6 +9,8 @@ import typer
 from certpgo.cli._options import Data, Json
 from certpgo.cli._show import document, working
 
+NUMERICS = False
+
 
 def command(
     names: Annotated[

@@ -8,12 +8,14 @@ are searched recursively by file name and checksum. An unknown name is a SpecErr
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from certpgo.graph import Estimate, Instance
 from certpgo.io.datasets.catalogue import Entry, entry, names
 from certpgo.io.datasets.source import dataset
-from certpgo.linalg.arrays import IntArray
+
+if TYPE_CHECKING:
+    from certpgo.graph import Estimate, Instance
+    from certpgo.linalg.arrays import IntArray
 
 __all__ = ["Entry", "entry", "fetch", "find", "load", "names", "truth"]
 

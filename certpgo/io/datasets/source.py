@@ -6,18 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
-from xml.etree import ElementTree
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
+from certpgo import io
 from certpgo.errors import InputError, SpecError, nearest
-from certpgo.graph import Estimate, Instance
 from certpgo.io.datasets import lookup
 from certpgo.io.datasets.catalogue import Entry, entries, entry, names
-from certpgo.io.estimates import read_truth
-from certpgo.io.reading import read
-from certpgo.linalg.arrays import BoolArray, IntArray
+
+if TYPE_CHECKING:
+    from certpgo.graph import Estimate, Instance
+    from certpgo.linalg.arrays import BoolArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -67,7 +65,7 @@ class Source:
         InputError
             The file is missing, is not a graph, or cannot be read.
         """
-        return read([self.name, *also], **reading)
+        return io.read([self.name, *also], **reading)
 
     def truth(self, instance: Instance) -> tuple[IntArray, Estimate] | None:
         """Ground truth that is in another local file, or None: nodes and their poses.
@@ -118,7 +116,7 @@ class Dataset(Source):
         if kind not in ("graph", "adjacency"):
             raise InputError(f"{self.name} holds no graph but {kind}; fetch returns its path")
         reading["weights_are"] = reading.get("weights_are") or self.entry.weights_are or None
-        instance = read([self.path(download=download), *also], **reading)
+        instance = io.read([self.path(download=download), *also], **reading)
         if also:
             return instance
         instance = replace(instance, name=self.entry.name, outliers=self._outliers(instance))
@@ -130,10 +128,14 @@ class Dataset(Source):
     def truth(self, instance: Instance) -> tuple[IntArray, Estimate] | None:
         """The dataset's ground truth, as of a `Source`."""
         path = self._other(self.entry.truth)
-        return None if path is None else read_truth(path, instance)
+        return None if path is None else io.read_truth(path, instance)
 
     def _outliers(self, instance: Instance) -> BoolArray | None:
         """(m,) outliers according to the dataset's labels; None without labels."""
+        from xml.etree import ElementTree
+
+        import numpy as np
+
         path = self._other(f"{self.entry.name}_labels")
         if path is None or instance.graph.num_edges != self.entry.edges:
             return None
