@@ -60,7 +60,7 @@ class Ball:
     def exact(values: FloatArray | float) -> Ball:
         """Doubles as they are."""
         mid = np.asarray(values, dtype=np.float64)
-        return Ball(mid, np.zeros_like(mid))
+        return Ball(mid, np.zeros(mid.shape))
 
     @staticmethod
     def within(values: FloatArray | float, radius: float | FloatArray) -> Ball:
@@ -148,8 +148,13 @@ class Ball:
         return Ball(self.mid.reshape(shape), self.radius.reshape(shape))
 
     def padded(self, widths: tuple[tuple[int, int], ...]) -> Ball:
-        """Zeros around, as by `numpy.pad`."""
-        return Ball(np.pad(self.mid, widths), np.pad(self.radius, widths))
+        """Zeros around, as by `numpy.pad`, which takes ten times as long for small arrays."""
+        shape = self.mid.shape
+        whole = tuple(low + n + high for n, (low, high) in zip(shape, widths, strict=True))
+        inside = tuple(slice(low, low + n) for n, (low, _) in zip(shape, widths, strict=True))
+        mid, radius = np.zeros(whole, self.mid.dtype), np.zeros(whole)
+        mid[inside], radius[inside] = self.mid, self.radius
+        return Ball(mid, radius)
 
     @property
     def absolute(self) -> Ball:

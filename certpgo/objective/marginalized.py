@@ -64,7 +64,6 @@ def set_aside(
     """
     d = graph.d
     T, P, W = blocks(graph.information_matrices, d)
-    m = len(W)
     x, slope = e[:, d:], 2.0 * (graph.information_matrices @ e[:, :, None])[:, :, 0]
     # For a smaller lam, S is positive definite.
     definite = graph.is_definite & ~unmeasured(graph.information_matrices).any(axis=1)
@@ -74,16 +73,19 @@ def set_aside(
     covariance = np.linalg.inv(graph.information_matrices[tried])
     largest[tried] = 1.0 / np.linalg.eigvalsh(covariance[:, :d, :d])[:, -1]
     lam = np.where(scalar & definite, WHOLE * largest, np.nan)
-    schur, best = np.where(scalar[:, None, None], W, np.nan), np.full(m, -np.inf)
-    for share in SHARES if len(tried) else ():
-        weight = share * largest[tried]
-        rest = T[tried] - weight[:, None, None] * np.eye(d)
-        left = W[tried] - np.swapaxes(P[tried], 1, 2) @ np.linalg.solve(rest, P[tried])
-        worth = curvature(left, x[tried], slope[tried, d:])
+    schur = np.where(scalar[:, None, None], W, np.nan)
+    if len(tried):
+        # All shares of an edge in turn, in one call.
+        every, shares = np.repeat(tried, len(SHARES)), np.tile(SHARES, len(tried))
+        weight = shares * largest[every]
+        rest = T[every] - weight[:, None, None] * np.eye(d)
+        left = W[every] - np.swapaxes(P[every], 1, 2) @ np.linalg.solve(rest, P[every])
+        worth = curvature(left, x[every], slope[every, d:])
         worth = np.where(worth > 0.0, weight**d, 1.0) * worth
-        better = worth > best[tried]
-        place = tried[better]
-        lam[place], schur[place], best[place] = weight[better], left[better], worth[better]
+        worth = np.where(worth > -np.inf, worth, -np.inf).reshape(-1, len(SHARES))
+        best = len(SHARES) * np.arange(len(tried)) + worth.argmax(axis=1)
+        fits = worth.max(axis=1) > -np.inf
+        lam[tried[fits]], schur[tried[fits]] = weight[best[fits]], left[best[fits]]
     target = e[:, :d] - slope[:, :d] / (2.0 * lam[:, None])
     b = graph.translations + (graph.rotations @ target[:, :, None])[:, :, 0]
     return SetAside(lam, schur, slope[:, d:], b)
@@ -117,7 +119,7 @@ def remainder(
     side = pull[:, :, None].padded(((0, 0), (0, 0), (p, 0)))
     corner = (weights * y.dot(y))[:, None, None].padded(((0, 0), (p, 0), (p, 0)))
     aside = weights[:, None, None] * np.diag(np.repeat((1.0, 0.0), (d, p + 1 - d)))
-    form = Ball.exact(np.pad(information, ((0, 0), (0, 1), (0, 1)))) - aside + side + side.T
+    form = Ball.exact(information).padded(((0, 0), (0, 1), (0, 1))) - aside + side + side.T
     left, definite = eliminated(form - corner, d)
     linear = 2.0 * left[:, :-1, -1]
     coupled = information[:, :d, d:].any(axis=1)
