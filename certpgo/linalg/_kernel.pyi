@@ -171,6 +171,15 @@ def combine(
     radius: FloatArray,
     /,
 ) -> None: ...
+def polynomial(
+    coefficients: FloatArray,
+    unit: float,
+    x: FloatArray,
+    radii: FloatArray,
+    mid: FloatArray,
+    radius: FloatArray,
+    /,
+) -> None: ...
 def eliminate(
     A: FloatArray,
     radii: FloatArray,

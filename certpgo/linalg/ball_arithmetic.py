@@ -206,13 +206,25 @@ def sums(ball: Ball, axis: int = -1) -> Ball:
     return _rounded(mid, errors * (1.0 + 2.0 * count * U) + count * TINY)
 
 
-def polynomial(coefficients: Sequence[Fraction], x: Ball) -> Ball:
-    """Values of sum_k c_k x^k, by Horner's rule."""
+def split(coefficients: Sequence[Fraction]) -> FloatArray:
+    """(k, 2) doubles and what they leave of coefficients, which counts in the wider format."""
+    return np.array([(float(c), float(c - Fraction(float(c)))) for c in coefficients])
+
+
+def polynomial(coefficients: FloatArray, x: Ball) -> Ball:
+    """Values of sum_k c_k x^k, by Horner's rule, for coefficients of `split`."""
+    if not compiled.AVAILABLE:
+        return _polynomial_in_numpy(coefficients, x)
+    at, radii = np.ascontiguousarray(x.mid), np.ascontiguousarray(x.radius)
+    mid, radius = np.empty(at.shape, at.dtype), np.empty(at.shape)
+    arrays = at, radii, mid, radius
+    compiled.kernel.polynomial(np.ascontiguousarray(coefficients), _unit(at), *arrays)
+    return Ball(mid, radius)
+
+
+def _polynomial_in_numpy(coefficients: FloatArray, x: Ball) -> Ball:
     total = Ball.exact(0.0)
-    for c in reversed(coefficients):
-        # A double and what it leaves of the coefficient, which counts in the wider format.
-        high = float(c)
-        low = float(c - Fraction(high))
+    for high, low in coefficients[::-1].tolist():
         total = total * x + Ball.within(low, U * abs(low)) + high
     return total
 

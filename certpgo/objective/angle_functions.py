@@ -27,16 +27,24 @@ from math import factorial
 import numpy as np
 
 from certpgo.linalg.arrays import FloatArray
-from certpgo.linalg.ball_arithmetic import Ball, crossed, polynomial
+from certpgo.linalg.ball_arithmetic import Ball, crossed, polynomial, split
 
 #: Terms of the series, and the largest x for which they stand.
 TERMS, LARGEST = 22, 10.5
-A = [Fraction(2 * (-1) ** k, factorial(2 * k + 4)) for k in range(TERMS + 1)]
-B = [Fraction(2 * (-1) ** k, factorial(2 * k + 2)) for k in range(TERMS + 1)]
-S = [Fraction((-1) ** k, factorial(2 * k + 1)) for k in range(TERMS + 1)]
-D = [Fraction((-1) ** (k + 1) * (2 * k + 2), factorial(2 * k + 3)) for k in range(TERMS + 1)]
-DD = [Fraction((-1) ** k * (k + 1) * (2 * k + 4), factorial(2 * k + 5)) for k in range(TERMS + 1)]
-H = [Fraction(2 * (-1) ** k * (4**k - 4 * k**2), factorial(2 * k + 1)) for k in range(3, TERMS + 4)]
+EXACT = {
+    "A": [Fraction(2 * (-1) ** k, factorial(2 * k + 4)) for k in range(TERMS + 1)],
+    "B": [Fraction(2 * (-1) ** k, factorial(2 * k + 2)) for k in range(TERMS + 1)],
+    "S": [Fraction((-1) ** k, factorial(2 * k + 1)) for k in range(TERMS + 1)],
+    "D": [Fraction((-1) ** (k + 1) * (2 * k + 2), factorial(2 * k + 3)) for k in range(TERMS + 1)],
+    "DD": [
+        Fraction((-1) ** k * (k + 1) * (2 * k + 4), factorial(2 * k + 5)) for k in range(TERMS + 1)
+    ],
+    "H": [
+        Fraction(2 * (-1) ** k * (4**k - 4 * k**2), factorial(2 * k + 1))
+        for k in range(3, TERMS + 4)
+    ],
+}
+A, B, S, D, DD, H = map(split, EXACT.values())
 #: Fewest terms, and a tail over the first term that no longer counts.
 FEWEST, NEGLIGIBLE = 4, 2.0**-72
 #: The least angle at which functions are expanded, and the least distance from pi.
@@ -56,7 +64,7 @@ def _of_cotangent(terms: int) -> list[float]:
 C = _of_cotangent(30)
 
 
-def series(coefficients: list[Fraction], x: Ball) -> Ball:
+def series(coefficients: FloatArray, x: Ball) -> Ball:
     """Alternating series at 0 <= x <= `LARGEST`, where its terms decrease from the third on.
 
     Then the tail is at most its first term, and as few terms are summed as make that negligible.
@@ -64,7 +72,7 @@ def series(coefficients: list[Fraction], x: Ball) -> Ball:
     """
     # NaN does not count, and has a tail without bounds.
     largest = min(float(np.fmax.reduce(x.upper, axis=None, initial=0.0)), LARGEST)
-    sizes = [abs(float(c)) for c in coefficients]
+    sizes = np.abs(coefficients[:, 0]).tolist()
     terms = FEWEST
     while terms < TERMS and sizes[terms] * largest**terms > NEGLIGIBLE * sizes[0]:
         terms += 1

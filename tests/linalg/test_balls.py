@@ -21,6 +21,7 @@ from certpgo.linalg.ball_arithmetic import (
     joined,
     near_rotations,
     polynomial,
+    split,
     sums,
 )
 
@@ -204,13 +205,30 @@ def test_angles_of_points():
     assert unknown.lower[0] == -np.inf
 
 
-def test_polynomials(wide):
-    coefficients = [Fraction(1, 3), Fraction(-2, 7), Fraction(5), Fraction(1, 10**5)]
+COEFFICIENTS = [Fraction(1, 3), Fraction(-2, 7), Fraction(5), Fraction(1, 10**5)]
+
+
+def test_polynomials(wide, compiled_form):
+    coefficients = COEFFICIENTS
     x = balls(10, 100, wide)
-    found = polynomial(coefficients, x)
+    found = polynomial(split(coefficients), x)
     for k in range(100):
         for value in ends(x, k):
             assert holds(found, k, sum(c * value**n for n, c in enumerate(coefficients)))
+
+
+@needs_the_kernel
+@pytest.mark.parametrize("shape", [(7,), (5, 1, 1), (0,)], ids=str)
+def test_compiled_polynomials_are_those_in_numpy(shape, wide, monkeypatch):
+    x, coefficients = balls(12, shape, wide), split(COEFFICIENTS)
+    found = polynomial(coefficients, x)
+    arrays = x.mid, x.radius, x.mid.copy(), np.empty(1 + x.radius.size)
+    with pytest.raises(ValueError, match="coefficients"):
+        compiled.kernel.polynomial(coefficients, 0.0, *arrays)
+    monkeypatch.setattr(compiled, "AVAILABLE", False)
+    expected = polynomial(coefficients, x)
+    np.testing.assert_array_equal(found.mid, expected.mid, strict=True)
+    np.testing.assert_array_equal(found.radius, expected.radius, strict=True)
 
 
 @pytest.mark.parametrize("q", [1, 3])

@@ -100,7 +100,7 @@ def intervals(end, pieces):
 
 def test_h_is_concave():
     # -h' = B (-H) / (S A^2) increases in x = theta^2: its logarithm's derivative, times S.
-    A, B, S, H = functions.A, functions.B, functions.S, functions.H
+    A, B, S, H = (functions.EXACT[name] for name in "ABSH")
     for x in intervals(arb.pi() ** 2, 200):
         parts = [entire(derived(c), x) / entire(c, x) for c in (B, H, A)]
         rate = entire(S, x) * (parts[0] + parts[1] - 2 * parts[2]) - entire(derived(S), x)

@@ -99,6 +99,24 @@ static void IN(combine)(Steps *s, int operation, const Matrices *of, double unit
     } while (next_row(s, index));
 }
 
+/* Values of a polynomial of k coefficients, doubles with what they leave, at m balls. */
+static void IN(evaluate)(Int m, Int k, const double *coefficients, double unit, const REAL *x,
+                         const double *radii, REAL *mid, double *radius)
+{
+    for (Int e = 0; e < m; e++) {
+        REAL a = 0;
+        double u = 0.0;
+        for (Int i = k - 1; i >= 0; i--) {
+            double high = coefficients[2 * i], low = coefficients[2 * i + 1];
+            a = IN(multiply)(a, u, x[e], radii[e], unit, &u) + low;
+            u = IN(rounded)(a, u + ROUNDING * fabs(low), unit);
+            a += high;
+            u = IN(rounded)(a, u, unit);
+        }
+        mid[e] = a, radius[e] = u;
+    }
+}
+
 /* Schur complements of the leading `count` rows of matrices (m, p, p), see `eliminated`. */
 static void IN(complement)(Int m, Int p, Int count, double unit, const REAL *A, const double *radii,
                           REAL *mid, double *radius, Int *proven)

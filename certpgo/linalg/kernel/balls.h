@@ -185,6 +185,29 @@ done:
     return result;
 }
 
+/* polynomial(coefficients, unit, x, radii, mid, radius): values at balls (m,), of coefficients (k, 2) */
+static PyObject *polynomial_of(Held *held, PyObject *args)
+{
+    Array coefficients = {held, DOUBLES}, x = {held, NUMBERS}, radii = {held, DOUBLES};
+    Array mid = {held, NUMBERS, WRITTEN}, radius = {held, DOUBLES, WRITTEN};
+    double unit;
+    if (!PyArg_ParseTuple(args, "O&dO&O&O&O&", array, &coefficients, &unit, array, &x, array, &radii,
+                          array, &mid, array, &radius))
+        return NULL;
+    Int m = x.length, k = coefficients.length / 2;
+    if (coefficients.length % 2 || radii.length != m || mid.length != m || radius.length != m ||
+        mid.itemsize != x.itemsize)
+        return refuse("pairs of coefficients, balls, and room for as many expected");
+    Py_BEGIN_ALLOW_THREADS
+    if (x.itemsize != sizeof(double))
+        evaluate_wide(m, k, coefficients.at, unit, x.at, radii.at, mid.at, radius.at);
+    else
+        evaluate_double(m, k, coefficients.at, unit, x.at, radii.at, mid.at, radius.at);
+    Py_END_ALLOW_THREADS
+    return Py_NewRef(Py_None);
+}
+CALL(polynomial)
+
 /* eliminate(A, radii, count, unit, mid, radius, proven): matrices (m, p, p) to (m, p - count,
  * p - count); proven (m,) whether the leading blocks are proven positive definite */
 static PyObject *eliminate_of(Held *held, PyObject *args)

@@ -548,6 +548,7 @@ static PyMethodDef methods[] = {
     {"pin", pin, METH_VARARGS, "Rows and columns of a matrix set to zero."},
     {"lever_sums", lever_sums, METH_VARARGS, "Sizes of levers summed by nodes."},
     {"scatter_sum", scatter_sum, METH_VARARGS, "Rows summed by an index."},
+    {"polynomial", polynomial, METH_VARARGS, "Values of a polynomial at balls."},
     {"eliminate", eliminate, METH_VARARGS, "Schur complements of balls."},
     {"slopes", slopes, METH_VARARGS, "Terms and half the gradient of a cost."},
     {"curvatures", curvatures, METH_VARARGS, "Blocks of a Gauss-Newton matrix."},
