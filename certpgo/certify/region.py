@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from certpgo.errors import InputError, require
 from certpgo.graph import Estimate
 from certpgo.graph.display import Brief
 from certpgo.linalg.arrays import FloatArray
+from certpgo.linalg.ball_arithmetic import U as UNIT
 from certpgo.objective.lifting import quarter_turn
 
 
@@ -106,7 +108,7 @@ class Region(Brief):
     shape: FloatArray
 
     def holds(self, estimate: Estimate) -> bool:
-        """Whether an estimate has the node inside.
+        """Whether an estimate has the node inside: False only if it is outside despite rounding.
 
         Raises
         ------
@@ -120,16 +122,32 @@ class Region(Brief):
         if other or max(self.node, self.reference) >= estimate.num_nodes:
             raise InputError(f"an estimate of the graph expected, not {estimate!r}")
         position, rotation = seen_from(estimate, self.node, self.reference)
-        U = np.zeros((estimate.d, 0))
+        U, off = np.zeros((estimate.d, 0)), np.zeros(0)
         if self.rotation is not None:
             U = rotation - self.rotation
+            off = np.full(len(U), np.linalg.norm(rotation, 2) + np.linalg.norm(self.rotation, 2))
         if self.position is not None and position is not None:
             u = position - self.position
-            columns = [u[:, None], U]
+            columns = [u[:, None]]
             if len(self.shape) > U.shape[1] + 1:
-                columns.insert(1, quarter_turn(u)[:, None])
-            U = np.concatenate(columns, axis=1)
-        return bool(np.trace(U @ np.linalg.solve(self.shape, U.T)) <= 1.0)
+                columns.append(quarter_turn(u)[:, None])
+            U = np.concatenate([*columns, U], axis=1)
+            far = np.linalg.norm(position) + np.linalg.norm(self.position)
+            off = np.concatenate([np.full(len(columns), far), off])
+        return _is_inside(self.shape, U, 16.0 * UNIT * off)
+
+
+def _is_inside(shape: FloatArray, columns: FloatArray, off: FloatArray) -> bool:
+    """Whether tr(U shape^-1 U^T) <= 1 for some U whose entries are as far off as these (b,).
+
+    More than the rounding of the factorization and of the solution is put on the diagonal of the
+    shape, scaled to one.
+    """
+    size, b = np.sqrt(np.maximum(np.diagonal(shape), np.finfo(float).tiny)), len(shape)
+    L = np.linalg.cholesky(shape / np.outer(size, size) + 32.0 * b * b * UNIT * np.eye(b))
+    found = np.abs(solve_triangular(L, (columns / size).T, lower=True))
+    found -= 1.01 * (np.abs(np.linalg.inv(L)) @ (off / size))[:, None]
+    return bool((np.maximum(found, 0.0) ** 2).sum() <= 1.0 + 64.0 * UNIT)
 
 
 def seen_from(

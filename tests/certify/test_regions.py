@@ -377,3 +377,23 @@ def test_costs_at_the_proof_tier_are_those_of_the_stored_numbers_too():
         judged.distance.metres[0] = 0.0
     with pytest.raises(InputError, match="the number of a node"):
         judged.distance_from(1.7)
+
+
+def test_rounding_alone_puts_nothing_outside():
+    """Shapes whose axes differ by twelve orders, and an estimate at the very edge."""
+    rng = rng_of(0)
+    for _ in range(200):
+        B = np.linalg.qr(rng.standard_normal((4, 4)))[0]
+        shape = (B * 10.0 ** rng.uniform(-12.0, 0.0, 4)) @ B.T
+        shape = 0.5 * (shape + shape.T)
+        R, u = so.exp(1e-3 * rng.standard_normal(3)), 0.01 * rng.standard_normal(3)
+        edge = [[Fraction(x) for x in row] for row in np.c_[u, R - np.eye(3)].tolist()]
+        inverse = exact_inverse(shape)
+        share = sum(a * x * b for r in edge for a, of in zip(r, inverse, strict=True)
+                    for x, b in zip(of, r, strict=True))  # fmt: skip
+        shape *= float(share) * (1.0 + 1e-11)
+        there = Estimate(np.stack([np.eye(3), R]), np.stack([np.zeros(3), u]))
+        region = certpgo.Region(1, 0, np.zeros(3), np.eye(3), 1.0, 1.0, 0.0, shape)
+        assert region.holds(there)
+        wide = certpgo.Region(1, 0, np.zeros(3), np.eye(3), 1.0, 1.0, 0.0, 0.9 * shape)
+        assert not wide.holds(there) or np.linalg.cond(shape) > 1e10
