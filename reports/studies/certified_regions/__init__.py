@@ -1,0 +1,1 @@
+"""Certified regions, attacked and measured."""
