@@ -6,12 +6,14 @@ and LaTeX: Debian's packages pandoc, texlive-latex-base and texlive-latex-recomm
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 from certpgo.view.markdown_tables import markdown_table
 from reports.harness.experiments.journal import latest, read_entries
@@ -46,7 +48,9 @@ WHOSE = ("g2o", "GTSAM")
 ABOVE = {
     "optima": rf"& & & \multicolumn{{3}}{{c}}{{{WHOSE[0]}'s cost}} "
     rf"& \multicolumn{{3}}{{c}}{{{WHOSE[1]}'s cost}} \\"
-    r"\cmidrule(lr){4-6}\cmidrule(lr){7-9}"
+    r"\cmidrule(lr){4-6}\cmidrule(lr){7-9}",
+    "regions": r"& & \multicolumn{3}{c}{chordal cost} & \multicolumn{3}{c}{g2o's cost} \\"
+    r"\cmidrule(lr){3-5}\cmidrule(lr){6-8}",
 }
 #: The columns of the table of times, by cost.
 COSTS = {
@@ -82,7 +86,12 @@ def main() -> int:
 
 def tables() -> dict[str, tuple[Sequence[str], list[Sequence[str]]]]:
     """Header and rows of each table, by its name."""
-    return {"optima": optima(), "certifiers": certifiers(), "times": times()}
+    return {
+        "optima": optima(),
+        "certifiers": certifiers(),
+        "times": times(),
+        "regions": regions(),
+    }
 
 
 def filled(text: str) -> str:
@@ -107,7 +116,7 @@ def optima() -> tuple[Sequence[str], list[Sequence[str]]]:
 
 
 def numbers() -> str:
-    """What the text says of the optima, as commands of LaTeX."""
+    """What the text says of optima and regions, as commands of LaTeX."""
     records = latest(read_entries(RESULTS / "own_cost.jsonl", Record))
     ours = [
         record
@@ -117,11 +126,14 @@ def numbers() -> str:
         and "cost" in record.metrics
     ]
     left = [r for r in ours if r.verdict != "CERTIFIED"]
+    tallies = _of_regions()["campaign"].values()
     said = {
         "ofGraphs": len({r.row.partition(", ")[0] for r in ours}),
         "openGtwoo": sum(r.objective == "g2o" for r in left),
         "openGTSAM": sum(r.objective == "gtsam" for r in left),
         "slowest": f"{max(r.metrics['total_seconds'] for r in ours if r not in left):.1f}",
+        "regionChecks": f"{sum(tally['checks'] for tally in tallies):,}",
+        "regionsOutside": sum(tally["outside"] for tally in tallies),
     }
     return "".join(f"\\newcommand{{\\{name}}}{{{value}}}\n" for name, value in said.items())
 
@@ -171,6 +183,31 @@ def times() -> tuple[Sequence[str], list[Sequence[str]]]:
         (graph, *(_two_digits(found.get((graph, cost))) for cost in COSTS)) for graph in graphs
     ]
     return ("graph", *COSTS.values()), rows
+
+
+def regions() -> tuple[Sequence[str], list[Sequence[str]]]:
+    """Widths of regions over those of covariances, and times, of ``certified_regions``."""
+    found = {(row["graph"], row["cost"]): row for row in _of_regions()["widths"]}
+    rows: list[Sequence[str]] = []
+    for graph in dict.fromkeys(graph for graph, _ in found):
+        cells = [f"{found[graph, 'chordal']['poses']:,}"]
+        for cost in ("chordal", "g2o"):
+            row = found.get((graph, cost))
+            widths = ("", "") if row is None else (_both(row["metres"]), _both(row["degrees"]))
+            cells += [*widths, _two_digits(row and row["time"])]
+        rows.append((graph, *cells))
+    return ("graph", "$n$", *("position", "angle", "time") * 2), rows
+
+
+def _of_regions() -> dict[str, Any]:
+    """The records of ``reports.studies.certified_regions``."""
+    read: dict[str, Any] = json.loads((RESULTS / "certified_regions.json").read_text())
+    return read
+
+
+def _both(ratios: Sequence[float] | None) -> str:
+    """Median and largest."""
+    return "" if ratios is None else " / ".join(f"{ratio:.2f}" for ratio in ratios)
 
 
 def _two_digits(value: float | None) -> str:
