@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from typing import Any
@@ -25,6 +26,8 @@ from certpgo.objective.quadratic import CHORDAL
 
 __all__ = ["CHORDAL", "Certificate", "Tier", "Verdict"]
 
+#: Nodes up to which the distance to optima takes a fifth of a second, and is printed.
+SMALL = 2000
 #: Fields that are no numbers or words.
 _ARRAYS = frozenset(
     {"multipliers", "refined", "better", "bounds", "support", "obstacle", "regions"}
@@ -255,6 +258,17 @@ class Certificate(Statement):
             There is no such pose, or its scale is unknown.
         """
         return None if self.regions is None else self.regions.distance(reference)
+
+    def stated_distance(self, reference: int | None = None) -> ProvenDistance | None:
+        """The same where the verdict says something: None if it is UNDECIDED."""
+        return None if self.verdict is Verdict.UNDECIDED else self.distance_from(reference)
+
+    def far(self, named: Callable[[int], str] = "node {}".format) -> Iterator[tuple[str, str]]:
+        """The distance in words, where it is known or takes no time."""
+        known = self.regions
+        if known is not None and (known.bound.inverses or known.form.n <= SMALL):
+            distance = self.stated_distance()
+            yield from () if distance is None else distance.in_words(named)
 
     def region(
         self, node: int, reference: int | None = None, *, excess: float = 0.0

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -56,6 +57,11 @@ COVER = 1.05
 AMPLE = 4.75
 
 
+#: By the reference, and whether residuals are measured: bounds that shifted multipliers prove, each
+#: with (n, b, b) upper bounds on the inverse's blocks.
+Inverses: TypeAlias = dict[tuple[int, bool], list[tuple[FloatArray, float]]]
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Support(Brief):
     """What a bound on the cost of another program rests on.
@@ -91,6 +97,8 @@ class DualBound(Brief):
     attained : the cost of the point whose multipliers gave it: what is missing to that, is rounding
         unless it is loose
     ambiguous : indices of rejected measurements whose prices are not part of it, ascending
+    inverses : what `certpgo.certify.regions` knows of the inverse of the certificate matrix, which
+        all estimates judged by this bound share
     """
 
     value: float
@@ -103,6 +111,8 @@ class DualBound(Brief):
     loose: bool = False
     attained: float = math.inf
     ambiguous: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    # Of this very matrix: a copy with other multipliers has none.
+    inverses: Inverses = field(default_factory=dict, init=False, repr=False)
 
 
 def dual_bound(

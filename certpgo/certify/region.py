@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,9 +11,13 @@ from scipy.linalg import solve_triangular
 from certpgo.errors import InputError, require
 from certpgo.graph import Estimate
 from certpgo.graph.display import Brief
+from certpgo.graph.phrases import rounded_up
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.ball_arithmetic import U as UNIT
 from certpgo.objective.lifting import quarter_turn
+
+#: Degrees of which nothing is known.
+NO_LIMIT = 180.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -63,6 +68,22 @@ class ProvenDistance(Brief):
         """The median of the nodes' distances, metres, and of their angles, degrees."""
         metres = None if self.metres is None else float(np.median(self.metres))
         return metres, float(np.median(self.degrees))
+
+    def in_words(self, named: Callable[[int], str]) -> Iterator[tuple[str, str]]:
+        """The largest and the median, rounded up, as names and values.
+
+        Nothing of rotations alone where nothing is known of one.
+
+        Parameters
+        ----------
+        named : what a node is called
+        """
+        if limits(self) == (None, None):
+            return
+        unit = "" if self.scales is None else ", in its unit"
+        at = f"(most at {named(self.node)}; seen from {named(self.reference)}{unit})"
+        yield "proven distance", f"within {apart(*self.largest)} of every optimum  {at}"
+        yield "", f"half of the nodes within {apart(*self.median)}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -148,6 +169,27 @@ def _is_inside(shape: FloatArray, columns: FloatArray, off: FloatArray) -> bool:
     found = np.abs(solve_triangular(L, (columns / size).T, lower=True))
     found -= 1.01 * (np.abs(np.linalg.inv(L)) @ (off / size))[:, None]
     return bool((np.maximum(found, 0.0) ** 2).sum() <= 1.0 + 64.0 * UNIT)
+
+
+def limits(
+    found: ProvenDistance | None, node: int | None = None
+) -> tuple[float | None, float | None]:
+    """Metres and degrees of a node, or the largest of any; None where nothing is known."""
+    if found is None:
+        return None, None
+    metres, degrees = found.largest
+    if node is not None:
+        metres = None if found.metres is None else float(found.metres[node])
+        degrees = float(found.degrees[node])
+    return metres, degrees if degrees < NO_LIMIT else None
+
+
+def apart(metres: float | None, degrees: float | None) -> str:
+    """A distance and an angle in words, rounded up."""
+    turned = "any angle"
+    if degrees is not None and degrees < NO_LIMIT:
+        turned = f"{rounded_up(degrees, 3)} degrees"
+    return turned if metres is None else f"{rounded_up(metres, 3)} m and {turned}"
 
 
 def seen_from(

@@ -27,7 +27,7 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from numbers import Integral, Real
 
 import numpy as np
@@ -79,7 +79,6 @@ class Regions(Brief):
     anchor: int
     unit: float
     measures: bool
-    _found: dict[int, list[tuple[FloatArray, float]]] = field(default_factory=dict)
 
     @property
     def form(self) -> Quadratic:
@@ -222,7 +221,8 @@ class Regions(Brief):
 
     def _inverses(self, reference: int) -> list[tuple[FloatArray, float]]:
         """Bounds v with (n, b, b) upper bounds on the blocks of A^-1, zero for the reference."""
-        if reference not in self._found:
+        known, key = self.bound.inverses, (reference, self.measures)
+        if key not in known:
             found, gap = list[tuple[FloatArray, float]](), self.known - self.bound.value
             for share in SHIFTS if gap > LOOSE * self.known else SHIFTS[:1]:
                 multipliers, v = self._shifted(share * gap)
@@ -231,8 +231,8 @@ class Regions(Brief):
                     if G is not None and np.isfinite(G).all():
                         G[reference] = 0.0
                         found.append((G, v))
-            self._found[reference] = found
-        return self._found[reference]
+            known[key] = found
+        return known[key]
 
     def _shifted(self, taken: float) -> tuple[FloatArray, float]:
         """Multipliers (n, d, d), less about ``taken`` of the bound, and the bound they prove."""

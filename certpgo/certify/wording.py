@@ -100,6 +100,8 @@ class Statement(Speaking):
         @property
         def best_cost(self) -> float: ...  # noqa: D102
 
+        def far(self) -> Iterable[tuple[str, str]]: ...  # noqa: D102
+
     @property
     def reason(self) -> str:
         """The reason for the verdict: what is proven, and what limits it."""
@@ -126,13 +128,11 @@ class Statement(Speaking):
         return f"{self.stated}. {meaning(self)}"
 
     def _facts(self) -> Iterator[tuple[str, str]]:
-        yield from self._proven()
+        yield from self._proven(self.far())
         yield "next", advice(self)
 
-    def _proven(self) -> Iterator[tuple[str, str]]:
-        yield from numbers(self)
-        yield from reasons(self)
-        yield from trusts(self)
+    def _proven(self, far: Iterable[tuple[str, str]]) -> Iterator[tuple[str, str]]:
+        yield from (*numbers(self), *reasons(self), *far, *trusts(self))
 
 
 def named_cost(objective: str) -> str:
@@ -284,6 +284,7 @@ def numbers(
 _CLAIM = "no estimate of this graph costs less"
 _OVERFLOW = "the cost of this estimate is beyond the range of doubles"
 _NO_BOUND = "no lower bound above zero could be proven"
+_LOOSE = "the relaxation is not tight, as far as is known: its optimum is below all estimates"
 
 
 def reason_of(c: Statement) -> str:
@@ -365,9 +366,6 @@ def obstacle_in_words(c: Statement) -> str:
         f"{share:.1g} of the total weight W, too little for a proof that allows for rounding, and "
         "too much for an exact fit"
     )
-
-
-_LOOSE = "the relaxation is not tight, as far as is known: its optimum is below all estimates"
 
 
 def _stopped(o: Obstacle, *, undecided: bool) -> str:

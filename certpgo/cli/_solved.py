@@ -111,8 +111,8 @@ class Solved(Result):
     def distance(self) -> ProvenDistance | None:
         """How far all optima can be, whatever is rejected of them where that is proven."""
         certificate, rejection = self.certificate, self.rejection
-        if certificate is not None and rejection is not None and rejection.covers(certificate):
-            certificate = rejection.certificate
+        if certificate is not None and rejection is not None:
+            certificate = rejection.standing(certificate)
         return _verdict.distance_of(certificate, self.reference, self.part)
 
     @cached_property

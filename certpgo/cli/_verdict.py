@@ -102,37 +102,26 @@ def distance_of(
     certificate: Certificate | None, reference: int | None, part: Instance
 ) -> ProvenDistance | None:
     """How far all optima can be, seen from the pose with an id; None where nothing is known."""
-    if certificate is None or certificate.verdict == "UNDECIDED":
+    if certificate is None:
         return None
-    return certificate.distance_from(pose_called(reference, part))
+    return certificate.stated_distance(pose_called(reference, part))
 
 
 def distance(found: ProvenDistance | None, part: Instance) -> Iterable[tuple[str, str]]:
-    """How far the estimate can be from every optimum, rounded up; nothing where that is far."""
-    if found is None or (found.metres is None and not found.largest[1] < 180.0):
-        return
-    most, seen = part.named(found.node), part.named(found.reference)
-    unit = "" if found.scales is None else ", in its unit"
-    at = f"(most at {most}; seen from {seen}{unit})"
-    yield "proven distance", f"within {_apart(*found.largest)} of every optimum  {at}"
-    yield "", f"half of the nodes within {_apart(*found.median)}"
-
-
-def _apart(metres: float | None, degrees: float) -> str:
-    from certpgo.graph.phrases import rounded_up
-
-    turned = "any angle" if degrees >= 180.0 else f"{rounded_up(degrees, 3)} degrees"
-    return turned if metres is None else f"{rounded_up(metres, 3)} m and {turned}"
+    """How far the estimate can be from every optimum, as names and values; nothing if unknown."""
+    return () if found is None else found.in_words(part.named)
 
 
 def distance_as_json(found: ProvenDistance | None, part: Instance) -> dict[str, Any]:
     """The same; null where there is no limit. Of nodes by their ids, or null for the world."""
-    metres, degrees = (None, None) if found is None else found.largest
+    from certpgo.certify.region import limits
+
+    metres, degrees = limits(found)
     nodes = [] if found is None else [found.node, found.reference]
     node, seen = [None if k == part.world else int(part.ids[k]) for k in nodes] or (None, None)
     return {
         "distance_m": metres,
-        "distance_deg": None if degrees is None or degrees >= 180.0 else degrees,
+        "distance_deg": degrees,
         "distance_node": node,
         "distance_reference": seen,
     }

@@ -40,7 +40,7 @@ USUAL = (
 )
 FAILED = "not run or failed"
 #: Columns that are empty for most methods.
-_SPARSE = ("kept, %", "ATE", "RPE", "by phase", FAILED)
+_SPARSE = ("off by", "kept, %", "ATE", "RPE", "by phase", FAILED)
 STAND_INS = ("sphere2500.txt", "w100", "w10000")
 #: Seconds of a method per byte of a file, certified, on one core of 2024; and the least said.
 PACE, SHORT = 7e-7, 15.0

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 from certpgo.certify.certificate import of_instance
+from certpgo.certify.region import limits
 from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate, Instance
 from certpgo.io.csv_files import write_csv
@@ -33,6 +34,8 @@ class JudgedEstimate:
     best_cost : F of the best estimate found, see `certpgo.solve.assessment.Assessment`
     chi2, degrees_of_freedom : as in `certpgo.solve.fit.Fit`
     mean_deg, worst_deg, mean_m, worst_m : distance to that estimate, degrees and metres
+    distance_m, distance_deg : the largest distance and angle of any node from where any optimum has
+        it, proven, as in `certpgo.certify.region.ProvenDistance`; None where nothing is known
     objective : the cost that is meant by F
     reason : one sentence
     """
@@ -53,6 +56,8 @@ class JudgedEstimate:
     worst_m: float | None = None
     chi2: float | None = None
     degrees_of_freedom: int | None = None
+    distance_m: float | None = None
+    distance_deg: float | None = None
     objective: str = ""
 
 
@@ -115,6 +120,7 @@ def write_rows(path: Path, rows: Iterable[JudgedEstimate]) -> None:
 
 def _row(name: str, graph: str, a: Assessment) -> JudgedEstimate:
     c = a.certificate
+    distance_m, distance_deg = limits(c.stated_distance())
     return JudgedEstimate(
         estimate=name,
         graph=graph,
@@ -132,5 +138,7 @@ def _row(name: str, graph: str, a: Assessment) -> JudgedEstimate:
         worst_m=a.distance.worst_m,
         chi2=None if a.fit is None else a.fit.chi2,
         degrees_of_freedom=None if a.fit is None else a.fit.freedom,
+        distance_m=distance_m,
+        distance_deg=distance_deg,
         objective=c.cost_in_words if c.broken else c.objective,
     )

@@ -11,6 +11,7 @@ from typing import Any, Literal
 from certpgo import registry
 from certpgo.certify import Certificate
 from certpgo.certify.certificate import CHORDAL as OF_F
+from certpgo.certify.region import limits
 from certpgo.errors import CertPGOError, SpecError, require
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.io.accept_paths import AnyPath, as_instance
@@ -23,7 +24,7 @@ from certpgo.objective.choose_cost import (
 )
 from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.solution import Solution, Solver, Status
-from certpgo.solve.judging import certify
+from certpgo.solve.judging import Judge, certify
 from certpgo.solve.metrics import TrajectoryErrors, f_ml
 
 
@@ -118,6 +119,8 @@ class MethodResult:
     kept : share of the measurements that a robust method kept, or None
     accuracy : as in `certpgo.solve.metrics.TrajectoryErrors`, if the truth was given; else empty
     verdict, lower_bound, gap, relative_gap : as in `certpgo.Certificate`, for the kept measurements
+    distance_m, distance_deg : the largest distance and angle of any node from where any optimum of
+        these has it, as in `certpgo.certify.region.ProvenDistance`; None where nothing is known
     """
 
     graph: str
@@ -141,6 +144,8 @@ class MethodResult:
     lower_bound: float | None = None
     gap: float | None = None
     relative_gap: float | None = None
+    distance_m: float | None = None
+    distance_deg: float | None = None
     certified_cost: float | None = None
     accuracy: Mapping[str, float | None] = field(default_factory=dict)
 
@@ -181,7 +186,9 @@ def compare(
 ) -> Iterator[MethodResult]:
     """Run methods on a connected graph in turn and certify their estimates.
 
-    A method that fails, or whose package is not installed, gives a row with the reason.
+    Estimates of all measurements are judged by one `certpgo.solve.judging.Judge`: they share the
+    best bound so far. A method that fails, or whose package is not installed, gives a row with the
+    reason.
 
     Parameters
     ----------
@@ -203,9 +210,9 @@ def compare(
     if methods is not None:
         require(methods, Iterable, "a list of Competitors")
     require_poses_alone(instance)
-    judge = objective_of(instance, cost)
-    cost = judge.cost_name
-    problem, objective = judge.chordal, OF_F if judge.is_chordal else judge.title
+    posed = objective_of(instance, cost)
+    cost, judge = posed.cost_name, Judge(posed)
+    problem, objective = posed.chordal, OF_F if posed.is_chordal else posed.title
     for method in methods_under(cost) if methods is None else methods:
         require(method, Competitor, "a Competitor")
         announce(method.label)
@@ -223,7 +230,7 @@ def compare(
         try:
             solution = solution_of(method, problem, instance)
             accuracy = {} if errors is None else asdict(errors(solution.estimate))
-            yield replace(_result(blank, solution, judge), accuracy=accuracy)
+            yield replace(_result(blank, solution, posed, judge), accuracy=accuracy)
         except CertPGOError as error:
             yield replace(blank, error=str(error))
         except MemoryError:
@@ -232,10 +239,16 @@ def compare(
             yield replace(blank, error=in_one_line(error))
 
 
-def _result(blank: MethodResult, solution: Solution, problem: Quadratic | Sum) -> MethodResult:
+def _result(
+    blank: MethodResult, solution: Solution, problem: Quadratic | Sum, judge: Judge
+) -> MethodResult:
     if solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
-    certificate, _ = certified(solution, problem)
+    if solution.weights is None:
+        certificate = judge.certify(solution.estimate)
+    else:
+        certificate, _ = certified(solution, problem)
+    distance_m, distance_deg = limits(certificate.stated_distance())
     graph = problem.chordal.graph
     weights = None if solution.weights is None else solution.weights[graph.is_measured]
     return replace(
@@ -251,6 +264,8 @@ def _result(blank: MethodResult, solution: Solution, problem: Quadratic | Sum) -
         lower_bound=certificate.lower_bound,
         gap=certificate.gap,
         relative_gap=certificate.relative_gap,
+        distance_m=distance_m,
+        distance_deg=distance_deg,
         certified_cost=certificate.cost_upper,
     )
 

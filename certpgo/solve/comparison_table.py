@@ -13,10 +13,12 @@ from certpgo.solve.comparison import OF_THE_FILE, MethodResult
 TITLE = "Methods side by side, every estimate certified by the same procedure"
 _ON_COSTS = (
     "{cost}, f_ML the log-likelihood of Moreira's thesis, with unit weights. The gap is proven: no "
-    "estimate of the graph costs less than this one by more than the gap. If a method rejects "
-    "measurements (see the share kept), {name}, gap and verdict refer to the kept ones, f_ML to "
-    "all. CERTIFIED: the gap is at most {tolerance}. BOUNDED: it is larger. REFUTED: a lower-cost "
-    "estimate is known that local descent from this one does not reach, or was given up far from."
+    "estimate of the graph costs less than this one by more than the gap; so is how far it is off: "
+    "in no optimum is any node further from where it is here, seen from one pose. If a method "
+    "rejects measurements (see the share kept), {name}, gap, verdict and distance refer to the "
+    "kept ones, f_ML to all. CERTIFIED: the gap is at most {tolerance}. BOUNDED: it is larger. "
+    "REFUTED: a lower-cost estimate is known that local descent from this one does not reach, or "
+    "was given up far from."
 )
 #: Notes printed below the tables; see `notes`.
 NOTES = (
@@ -52,6 +54,7 @@ COLUMNS = (
     "gap",
     "gap / F",
     "verdict",
+    "off by",
     "kept, %",
     "ATE",
     "RPE",
@@ -122,6 +125,7 @@ def cells(result: MethodResult) -> tuple[str, ...]:
         _at_most(result.gap, 3, "e"),
         _at_most(result.relative_gap, 2, "e"),
         result.verdict,
+        _off(result),
         _number(kept, ".1f"),
         _accuracy(result.accuracy, "ate"),
         _accuracy(result.accuracy, "rpe"),
@@ -148,6 +152,14 @@ def _accuracy(accuracy: Mapping[str, float | None], kind: str) -> str:
     if metres is not None:
         return f"{metres:.4g} m"
     return "" if degrees is None else f"{degrees:.4g} deg"
+
+
+def _off(result: MethodResult) -> str:
+    """The distance from every optimum; of rotations alone the angle."""
+    if result.distance_m is not None:
+        return f"{rounded_up(result.distance_m, 3)} m"
+    degrees = result.distance_deg
+    return "" if degrees is None else f"{rounded_up(degrees, 3)} deg"
 
 
 def _phases(phases: Mapping[str, float]) -> str:

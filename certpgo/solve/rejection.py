@@ -96,6 +96,10 @@ class Rejection(Brief):
         """Whether the verdict stands for that about the kept measurements: both are CERTIFIED."""
         return self.verdict == certificate.verdict == Verdict.CERTIFIED
 
+    def standing(self, certificate: Certificate) -> Certificate:
+        """The certificate that stands for both: its own if it `covers` the other."""
+        return self.certificate if self.covers(certificate) else certificate
+
     @property
     def whole(self) -> str:
         """The truncated cost in words."""

@@ -156,14 +156,16 @@ class CertifiedSolution(Speaking):
             yield "kept", f"{self.graph.num_measurements} measurements{rest}"
         if self.rejection is not None:
             yield from self.rejection.in_words(self.certificate)
-        yield from self.certificate._proven()
+        standing = self.certificate
+        if self.rejection is not None:
+            standing = self.rejection.standing(standing)
+        yield from self.certificate._proven(standing.far(self._named))
         if self.fit is not None:
             yield "chi^2", self.fit.warning.removeprefix("chi^2 is ") or str(self.fit)
         steps, seconds = counted(solution.iterations, "iteration{s}"), solution.seconds.values()
         yield "ended", f"{solution.status} after {steps}, {sum(seconds):.3g} s; {solution.note}"
         if self.undetermined is not None:
-            named = "node {}".format if self.instance is None else self.instance.named
-            yield "undetermined", self.undetermined.in_words(named)
+            yield "undetermined", self.undetermined.in_words(self._named)
         if self.instance is not None:
             yield from fixed(self.instance)
         if found is not None:
@@ -173,6 +175,9 @@ class CertifiedSolution(Speaking):
             yield "next", f"certpgo.write(path, answer){more}"
         else:
             yield "next", "the reason says what was in the way"
+
+    def _named(self, node: int) -> str:
+        return f"node {node}" if self.instance is None else self.instance.named(node)
 
     @cached_property
     def fit(self) -> Fit | None:

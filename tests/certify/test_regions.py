@@ -23,6 +23,7 @@ from certpgo.objective.choose_cost import COSTS, objective_of
 from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.sum import Sum
 from certpgo.objective.truncated_cost import TruncatedCost
+from certpgo.solve.judging import Judge
 
 KINDS = ("rotations", "poses", "points", "fixes", "g2o", "gtsam", "priors g2o")
 #: Distances with F alone, and what all else is measured with.
@@ -357,12 +358,32 @@ def test_points_are_no_references():
 def test_it_costs_nothing_before_it_is_asked_for(seed, kind):
     problem, truth = problem_of(kind, rng_of(seed), 2)
     regions = certpgo.certify(problem, truth).regions
-    assert not regions._found
+    known = regions.bound.inverses
+    assert not known
     regions.distance()
-    [first] = regions._found.values()
+    [first] = known.values()
     regions.distance()
     regions.region(0 if regions.anchor else 1)
-    assert regions._found[regions.anchor] is first
+    assert known == {(regions.anchor, False): first}
+    assert not replace(regions.bound).inverses  # a copy may have other multipliers
+
+
+@given(seeds, st.sampled_from(["poses", "points", "rotations", "g2o"]), dimensions)
+@settings(max_examples=10)
+def test_estimates_that_share_a_bound_share_the_inverse(seed, kind, d):
+    rng = rng_of(seed)
+    problem, truth = problem_of(kind, rng, d, noise=0.01)
+    best = certpgo.solve(problem).estimate
+    judge = Judge(problem)
+    first, *others = [judge.certify(x) for x in (best, truth, moved(rng, best, 0.01))]
+    assert first.distance is not None
+    for other in others:
+        assert other.regions.bound is first.regions.bound
+        alone = certpgo.certify(problem, other.regions.estimate).distance
+        apart = other.distance
+        assert apart.reference == alone.reference
+        np.testing.assert_allclose(apart.degrees, alone.degrees, rtol=1e-3, atol=1e-6)
+    assert len(first.regions.bound.inverses) == 1
 
 
 def test_costs_at_the_proof_tier_are_those_of_the_stored_numbers_too():

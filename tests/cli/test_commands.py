@@ -676,7 +676,12 @@ def test_many_estimates_make_a_csv(certpgo, answers, tmp_path):
     assert header.startswith("estimate,graph,verdict,cost,lower_bound,gap")
     assert rows[0].startswith(f"{best},square,CERTIFIED,")
     assert "broken.g2o:1: numbers expected" in rows[2]
-    assert header.endswith(",objective,reason")
+    assert header.endswith(",distance_m,distance_deg,objective,reason")
+    near, far, none = ((row["distance_m"], row["distance_deg"]) for row in done.json)
+    alone = certpgo("certify", square, best, "--json").json
+    assert near == pytest.approx((alone["distance_m"], alone["distance_deg"]), rel=1e-6)
+    assert far > near
+    assert none == (None, None)
     assert ",g2o's chi2 of EdgeSE2 with full information," in rows[0]
     assert certpgo("certify", square, best, broken, "--csv", out).code == 1
     assert certpgo("certify", square, best, "--csv", out).code == 0

@@ -2,19 +2,30 @@
 
 import inspect
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from certpgo import certify, read, solve
+from certpgo.certify.region import limits
+from certpgo.certify.regions import Regions
 from certpgo.certify.tolerances import ATOL, NEGLIGIBLE, RTOL
 from certpgo.cli.certify import command
 from certpgo.errors import InputError
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.objective.choose_cost import objective_of
 from certpgo.objective.quadratic import Quadratic
-from certpgo.solve.comparison import METHODS, Competitor, MethodResult, compare, methods_under
-from certpgo.solve.comparison_table import COLUMNS, NOTES, captions, columns, notes, title
+from certpgo.solve.comparison import (
+    METHODS,
+    Competitor,
+    MethodResult,
+    compare,
+    methods_under,
+    solution_of,
+)
+from certpgo.solve.comparison_table import COLUMNS, NOTES, captions, cells, columns, notes, title
+from certpgo.solve.judging import Judge
 
 NAMES = ("certified", "certified (F)", "spanning_tree")
 
@@ -92,6 +103,51 @@ def test_the_verdict_on_a_robust_method_is_about_what_it_keeps(tmp_path):
     assert kept.cost(estimate) == pytest.approx(factors @ problem.edge_costs(estimate), rel=1e-12)
     assert row.kept == 0.8
     assert row.cost - row.lower_bound > 100.0 * row.gap  # the cost is that of all measurements
+
+
+@pytest.mark.parametrize("cost", ["chordal", "g2o"])
+def test_distances_are_those_of_certificates(uneven, cost):
+    rows = list(compare(uneven, named(*NAMES, "eigen_ma", cost=cost), cost=cost))
+    posed, judge = objective_of(uneven, cost), None
+    for row in rows:
+        method = next(one for one in methods_under(cost) if one.label == row.method)
+        estimate = solution_of(method, posed.chordal, uneven).estimate
+        judge = judge or Judge(posed)
+        distance = judge.certify(estimate).distance
+        assert (row.distance_m, row.distance_deg) == limits(distance)
+        # From a bound of its own, up to rounding.
+        alone = certify(posed, estimate).distance
+        assert row.distance_m == pytest.approx(alone.largest[0], rel=1e-2)
+        assert cells(row)[columns(row).index("off by")].endswith(" m")
+        assert float(cells(row)[6].removesuffix(" m")) >= row.distance_m
+    best = rows[0].distance_m
+    assert best == min(row.distance_m for row in rows)
+    assert best < 1e-3 < rows[-1].distance_m
+
+
+def test_one_inverse_serves_all_rows(uneven, monkeypatch):
+    counted, found = [], Regions._inverse
+
+    def inverse(self, *given):
+        counted.append(given)
+        return found(self, *given)
+
+    monkeypatch.setattr(Regions, "_inverse", inverse)
+    rows = list(compare(uneven, named(*NAMES, "eigen_ma", cost="g2o"), cost="g2o"))
+    assert all(row.distance_m for row in rows)
+    assert len(counted) == 1
+
+
+def test_rotations_alone_are_off_by_an_angle_and_unproven_estimates_by_nothing():
+    cycle, around = winding_cycle(9, 0.3, 1)
+    [row] = compare(cycle, [Competitor("certified")])
+    best = solve(cycle).estimate
+    assert (row.distance_m, row.distance_deg) == limits(certify(cycle, best).distance)
+    assert row.distance_m is None
+    assert re.fullmatch(r"\S+ deg", cells(row)[6])
+    assert cells(replace(row, distance_deg=None))[6] == ""
+    # The other way around the cycle is further off than an angle says.
+    assert limits(certify(cycle, around).distance) == (None, None)
 
 
 @pytest.mark.gtsam
