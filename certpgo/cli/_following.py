@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -32,6 +32,59 @@ if TYPE_CHECKING:
 PIPE = "-"
 
 
+@dataclass(frozen=True)
+class Newest:
+    """How far every optimum can have the newest pose from where a session has it.
+
+    Attributes
+    ----------
+    pose, reference : what it and the pose that it is seen from are called
+    metres, degrees : None where nothing is known, and metres of rotations alone
+    in_its_unit : whether metres are in the unit of the reference
+    """
+
+    pose: Label | None = None
+    reference: Label | None = None
+    metres: float | None = None
+    degrees: float | None = None
+    in_its_unit: bool = False
+
+    @classmethod
+    def of(cls, session: Session) -> Newest:
+        """That of the measurements of the moment."""
+        from certpgo.certify.region import limits
+
+        found, node = session.certificate.stated_distance(), session.newest
+        if found is None or node is None:
+            return cls()
+        pose, reference = session.nodes[node], session.nodes[found.reference]
+        return cls(pose, reference, *limits(found, node), found.scales is not None)
+
+    @property
+    def sentence(self) -> str:
+        """The same in words; empty where nothing is known, and for the reference itself."""
+        from certpgo.certify.region import apart
+        from certpgo.graph.labels import called
+
+        if self.metres is self.degrees is None or self.pose == self.reference:
+            return ""
+        unit = ", in its unit" if self.in_its_unit else ""
+        within = f"{called(self.pose)} within {apart(self.metres, self.degrees)} of every optimum"
+        return f"{within}, seen from {called(self.reference)}{unit}"
+
+    def as_json(self) -> dict[str, Any]:
+        """The same with the keys of `_verdict.distance_as_json`; the world is null."""
+        from certpgo.graph.labels import WORLD
+
+        node, seen = [None if one is WORLD else one for one in (self.pose, self.reference)]
+        return {
+            "distance_m": self.metres,
+            "distance_deg": self.degrees,
+            "distance_node": node,
+            "distance_reference": seen,
+        }
+
+
 @dataclass
 class Followed:
     """A session, and what was proven at its last certificate.
@@ -44,6 +97,7 @@ class Followed:
     cost : that judges it, where it is known from the start
     trace : whether each certificate is printed
     on_refresh : is called after each certificate
+    newest : where the newest pose can be, as of the last certificate, if that was printed
     options : how the measurements so far were read
     matrices : of information, of the measurements as they came, which F averages
     """
@@ -55,6 +109,7 @@ class Followed:
     trace: bool
     on_refresh: Callable[[Followed], object] = lambda followed: None
     standing: Standing | None = None
+    newest: Newest = field(default_factory=Newest)
     rejected: int = 0
     ended: bool = False
     options: Mapping[str, str] = field(default_factory=dict)
@@ -76,7 +131,7 @@ class Followed:
             self.standing = self.session.refresh()
         except GraphError:  # what is free so far, measurements to come determine
             return
-        self._note()
+        self._note(locate=self.trace)
         status.update(self.sentence)
         if self.trace:
             typer.echo(self.sentence)
@@ -94,9 +149,10 @@ class Followed:
         status.update(f"{self.name}: the certificate of the whole")
         if isinstance(self.session, RobustSession):
             self.standing = self.session.settle()
-            self._note()
         else:
             self.standing = self.session.refresh()
+        self._note(locate=True)
+        if not self._is_robust:
             self.warn()
         self.ended = True
         self.on_refresh(self)
@@ -154,7 +210,8 @@ class Followed:
         size = f"{counted(s.nodes, 'node{s}')}, {counted(s.edges, 'measurement{s}')}"
         cost = f"{named_cost(s.objective)} = {cost_shown(s.cost)}"
         proven = f"{s.stated}: {cost}, at most {gap_shown(s.gap)} above the optimum"
-        return f"{proven}; {size}{aside}"
+        newest = f"; {self.newest.sentence}".removesuffix("; ")
+        return f"{proven}; {size}{aside}{newest}"
 
     def best(self) -> tuple[Instance, Estimate]:
         """The graph so far and its estimate, nodes by id; the whole graph once all are there."""
@@ -175,8 +232,13 @@ class Followed:
     def _is_robust(self) -> bool:
         return hasattr(self.session, "rejected")
 
-    def _note(self) -> None:
-        self.rejected = len(getattr(self.session, "rejected", ()))
+    def _note(self, *, locate: bool) -> None:
+        """What is rejected; if asked for, where the newest pose can be, which takes a bound."""
+        self.rejected, self.newest = len(getattr(self.session, "rejected", ())), Newest()
+        if locate:
+            with suppress(GraphError):  # not all nodes are determined yet
+                self.newest = Newest.of(self.session)
+                self.standing = self.session.standing
 
     def _report(self, interrupted: bool) -> dict[str, Any]:
         from dataclasses import asdict
@@ -186,6 +248,7 @@ class Followed:
         return {
             "graph": self.name,
             **proven,
+            **self.newest.as_json(),
             "rejected": self.rejected,
             "interrupted": interrupted,
             "fit": fit,

@@ -62,7 +62,10 @@ def command(
         time_limit_option("For each certificate."),
     ] = None,
     trace: Annotated[
-        bool, typer.Option("--trace", help="Print a line at each certificate.")
+        bool,
+        typer.Option(
+            "--trace", help="Print a line at each certificate, with where the newest pose can be."
+        ),
     ] = False,
     json: Json = False,
     *,
@@ -71,8 +74,8 @@ def command(
     """Keep the best estimate of a growing graph, with a certificate.
 
     Measurements come as a robot makes them: from a pipe in the order of its lines, from a file by
-    their later pose. The last line is about all of them. Ctrl-C or SIGTERM ends with what is
-    proven and estimated so far.
+    their later pose. The last line is about all of them, and says how far the newest pose can be
+    from every optimum. Ctrl-C or SIGTERM ends with what is proven and estimated so far.
     """
     from certpgo import RobustSession, Session, SolveSettings
 

@@ -11,7 +11,7 @@ from certpgo.errors import GraphError
 from certpgo.graph import Estimate, Graph
 from certpgo.graph.concatenate import make_of, require_one_make
 from certpgo.graph.kinds import NODES, Node
-from certpgo.graph.labels import Label, called
+from certpgo.graph.labels import WORLD, Label, called
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
@@ -33,6 +33,7 @@ class Track:
         self.numbers: dict[Label, int] = {}
         self.kinds: list[int] = []
         self.num_scaled = 0  #: Nodes of unknown scale.
+        self.newest: int | None = None  #: The last pose of the last graph with new ones.
         self._num_known = 0  # nodes that are neither such nor points
         self._rotations = np.tile(np.eye(d), (FIRST, 1, 1))
         self._translations = np.zeros((FIRST, d))
@@ -83,7 +84,7 @@ class Track:
         GraphError
             As `steps`; then nothing changes.
         """
-        steps, kinds = self.steps(graph, labels), graph.nodes.tolist()
+        steps, kinds, before = self.steps(graph, labels), graph.nodes.tolist(), len(self)
         if not self.numbers:
             first = int(graph.edges[0, 0])
             self.numbers[labels[first]] = 0
@@ -91,7 +92,11 @@ class Track:
         for here, there, edge in steps:
             self._append(graph, labels, here, there, edge)
             self._count(kinds[there])
-        return np.array([self.numbers.get(label, -1) for label in labels], dtype=np.intp)
+        numbers = np.array([self.numbers.get(label, -1) for label in labels], dtype=np.intp)
+        is_world = np.array([label is WORLD for label in labels])
+        new = numbers[(numbers >= before) & ~is_world & (graph.nodes != Node.POINT)]
+        self.newest = int(new[-1]) if len(new) else self.newest
+        return numbers
 
     def steps(self, graph: Graph, labels: Sequence[Label]) -> list[tuple[int, int, int]]:
         """Edges (from, to, edge) that reach new nodes from known ones.

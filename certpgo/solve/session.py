@@ -304,13 +304,19 @@ class Session(Speaking):
     @property
     def estimate(self) -> Estimate:
         """The poses of `nodes`: optimal at the last refresh, those of newer nodes composed."""
-        found, turned = self._poses.estimate, not self._last.has_positions
-        return found.with_translations(None) if turned else found
+        found = self._poses.estimate
+        some = self._new[-1][0] if self._new else self._parts[0]
+        return found if some.has_positions else found.with_translations(None)
 
     @property
     def nodes(self) -> tuple[Hashable, ...]:
         """The names of the nodes, in the order of the estimate; `certpgo.WORLD` is the world."""
         return () if self._track is None else tuple(self._track.numbers)
+
+    @property
+    def newest(self) -> int | None:
+        """The last pose of the last graph with new ones, by its place in `nodes`, if any."""
+        return None if self._track is None else self._track.newest
 
     @property
     def edges(self) -> IntArray:
@@ -357,13 +363,6 @@ class Session(Speaking):
         part, here = added.subgraph(ends), self.estimate.subset(ends)
         self._fit = self._fit and self._terms.fits(part, here)
         self._cost = difference_up(self._cost, -self._terms.upper(part, here))
-
-    @property
-    def _last(self) -> Graph:
-        """Some measurements, which tell the kind of all."""
-        if not (self._new or self._parts):
-            raise InputError("the session has no measurements yet")
-        return self._new[-1][0] if self._new else self._parts[0]
 
     @property
     def _poses(self) -> Track:

@@ -1,13 +1,18 @@
 """certpgo follow: a stream from a file or a pipe, and a last line about the whole."""
 
 import io
+import re
 import sys
 
 import numpy as np
 import pytest
 
 import certpgo as package
+from certpgo.cli._following import Newest
+from certpgo.graph.phrases import rounded_up
+from certpgo.graph.streaming import streamed
 from certpgo.io.datasets.synthetic import helix
+from certpgo.io.datasets.thesis import langevin_graph
 from certpgo.objective.choose_cost import objective_of
 
 
@@ -298,3 +303,63 @@ def test_a_bag_is_followed_without_ros(certpgo, lines, tmp_path):
     assert len(before) == graph.num_edges // 20
     assert last.startswith("CERTIFIED")
     assert f"{graph.num_nodes} nodes, {graph.num_edges} measurements" in last
+
+
+def within(line):
+    """The newest pose of a line, its metres and degrees, and the pose that it is seen from."""
+    found = re.search(r"; node (\d+) within (\S+) m and (\S+) degrees of every optimum, seen", line)
+    return int(found[1]), float(found[2]), float(found[3]), int(line.split(" seen from node ")[1])
+
+
+def test_printed_certificates_locate_the_newest_pose(certpgo, lines):
+    done = certpgo("follow", lines, "--every", 20, "--trace")
+    session, expected = package.Session(every=None), []
+    for part, names in streamed(package.read(lines), 20):
+        session.add(part, names)
+        distance, node = session.certificate.distance, session.newest
+        numbers = distance.metres[node], distance.degrees[node]
+        expected.append((session.nodes[node], *numbers, session.nodes[distance.reference]))
+        assert session.nodes[node] == max(session.nodes)
+    printed = [line.partition("; chi^2")[0] for line in done.out.splitlines()]
+    assert len(printed) == len(expected)
+    for line, (node, metres, degrees, reference) in zip(printed, expected, strict=True):
+        if node == reference:
+            assert "of every optimum" not in line
+            continue
+        assert within(line) == (
+            node,
+            float(rounded_up(metres, 3)),
+            float(rounded_up(degrees, 3)),
+            reference,
+        )
+    report = certpgo("follow", lines, "--every", 20, "--json").json
+    keys = ("distance_node", "distance_m", "distance_deg", "distance_reference")
+    assert tuple(report[key] for key in keys) == expected[-1]
+
+
+def test_the_newest_pose_is_near_that_of_the_batch(certpgo, lines):
+    report = certpgo("follow", lines, "--json").json
+    node, seen = report["distance_node"], report["distance_reference"]
+    batch = package.solve(package.read(lines)).certificate.distance_from(seen)
+    assert report["distance_m"] == pytest.approx(batch.metres[node], rel=0.5)
+    assert report["distance_deg"] == pytest.approx(batch.degrees[node], rel=0.5)
+
+
+def test_what_is_not_printed_takes_no_bound(certpgo, lines, monkeypatch):
+    asked = []
+    monkeypatch.setattr(Newest, "of", classmethod(lambda cls, session: asked.append(1) or cls()))
+    report = certpgo("follow", lines, "--every", 20, "--json").json
+    assert len(asked) == 1  # of the whole
+    assert report["distance_m"] is report["distance_node"] is None
+    assert "of every optimum" not in certpgo("follow", lines, "--every", 20, "--trace").out
+
+
+def test_a_robust_stream_is_located_by_what_it_keeps(certpgo, tmp_path):
+    path = tmp_path / "wrong.g2o"
+    graph = langevin_graph(40, 12.0, 3.0, np.random.default_rng(0), outliers=0.15).graph
+    package.write(path, graph)
+    report = certpgo("follow", path, "--robust", "--json").json
+    assert report["rejected"] > 0
+    assert 0.0 < report["distance_deg"] < 1.0
+    last = certpgo("follow", path, "--robust").out
+    assert " put aside; node 39 within " in last
