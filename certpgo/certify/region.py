@@ -85,6 +85,11 @@ class ProvenDistance(Brief):
         yield "proven distance", f"within {apart(*self.largest)} of every optimum  {at}"
         yield "", f"half of the nodes within {apart(*self.median)}"
 
+    def sentence(self, named: Callable[[int], str]) -> str:
+        """The same as a sentence; empty where nothing is known."""
+        words = " ".join("; ".join(value for _, value in self.in_words(named)).split())
+        return words and f"{words[0].upper()}{words[1:]}."
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Region(Brief):

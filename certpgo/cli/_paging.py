@@ -77,7 +77,7 @@ def write_page(
     trace: Sequence[Iteration] = (),
     **seen: Any,
 ) -> None:
-    """Write the page of a certificate; ``seen`` is the cloud and the rejected edges, if any.
+    """Write the page of a certificate; ``seen`` is more of what `certificate_page` shows.
 
     Raises
     ------

@@ -388,4 +388,5 @@ class Solved(Result):
             origin,
             solution.trace,
             rejected=part.graph.pairs[solution.rejected],
+            distance=self.distance,
         )

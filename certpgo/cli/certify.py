@@ -319,7 +319,8 @@ class _Assessed(Result):
             disagreeing=disagreement is not None,
         )
         problem = cast("Certifiable", part.problem)  # --rejected is refused
-        write_page(out, part.instance, problem, self.given, self.found, origin)
+        of = part.instance, problem, self.given, self.found
+        write_page(out, *of, origin, distance=self.distance)
 
 
 def _resolved(

@@ -30,11 +30,22 @@ def excesses(problem: Certifiable, level: float) -> FloatArray:
     InputError
         The cost is no chi^2, as over similarities, or the level is no probability.
     """
+    return np.asarray(problem.double.max() * quantiles_of_nodes(problem, level))
+
+
+def quantiles_of_nodes(problem: Certifiable, level: float) -> FloatArray:
+    """(n,) of chi^2 with as many degrees of freedom as a node has.
+
+    Raises
+    ------
+    InputError
+        As for `excesses`.
+    """
     _require(problem, level)
     d, is_point = problem.d, problem.graph.nodes == Node.POINT
     turned, moved = tangent_dim(d), d if problem.graph.has_positions else 0
     degrees = np.where(is_point, moved, moved + turned)
-    return np.asarray(problem.double.max() * _quantile(degrees, 1.0 - level))
+    return _quantile(degrees, 1.0 - level)
 
 
 def quantile(problem: Certifiable, level: float) -> float:

@@ -10,9 +10,12 @@ import numpy as np
 from certpgo.graph.kinds import PRIORS
 from certpgo.graph.phrases import counted
 from certpgo.view.scene import Rgb, Scene, colours
+from certpgo.view.sureness import COVARIANCES, REGIONS
 
 #: Of rejected measurements, landmarks and priors.
 REJECTED, LANDMARKS, PRIOR_DOTS = (220, 50, 47), (213, 94, 0), (204, 121, 167)
+#: Of what surrounds nodes.
+OUTLINES = {REGIONS: (26, 140, 70), COVARIANCES: (160, 67, 138)}
 #: Colours of the scale of a measure.
 SHADES = 5
 
@@ -35,7 +38,7 @@ def truth_ink(dark: bool | None) -> Rgb:
 
 
 def legend(scene: Scene, unit: str, dark: bool | None) -> Iterator[tuple[list[Rgb], str]]:
-    """Colours and what they mean: of edges, rejected measurements, truth, landmarks and priors."""
+    """Colours and what they mean, of all that is drawn."""
     answer = scene.placements[-1] if scene.placements else None
     measure = None if answer is None else scene.measure(answer, unit)
     if measure is not None and measure.top > 0.0:
@@ -48,6 +51,11 @@ def legend(scene: Scene, unit: str, dark: bool | None) -> Iterator[tuple[list[Rg
         yield [truth_ink(dark)], "truth"
     if scene.landmarks.any():
         yield [LANDMARKS], counted(int(scene.landmarks.sum()), "landmark{s}")
+    for outlines in scene.outlines:
+        yield (
+            [OUTLINES[outlines.name]],
+            f"{outlines.sentence} Hidden at first: a layer of the scene's tree",
+        )
     if priors := int(scene.are(*PRIORS).sum()):
         yield [PRIOR_DOTS], counted(priors, "prior{s}")
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from certpgo.certify.certificate import Certificate
+from certpgo.certify.region import ProvenDistance
 from certpgo.certify.wording import bound_claim, meaning, numbers, part, stated_objective, trusts
 from certpgo.errors import CertPGOError, NumericalError
 from certpgo.graph import Estimate, Graph, Instance
@@ -31,6 +32,7 @@ from certpgo.view.eigenvalues import CertificateMatrix, certificate_matrix
 from certpgo.view.load_scene import INITIAL_VALUES, is_spread, scene_of, start
 from certpgo.view.page import page
 from certpgo.view.page_scene import Data, page_scene
+from certpgo.view.sureness import Sureness
 
 #: Eigenvalues shown beyond the d of the gauge.
 EIGENVALUES = 5
@@ -84,6 +86,7 @@ def certificate_page(
     *,
     cloud: Surface | None = None,
     rejected: IntArray | None = None,
+    distance: ProvenDistance | None = None,
 ) -> str:
     """The page as one HTML file; the same bytes for the same arguments.
 
@@ -95,21 +98,30 @@ def certificate_page(
     trace : iterations of the method that found it, if it kept them
     cloud : points that were seen from the estimate's poses, in its frame and unit
     rejected : (r, 2) nodes of measurements that the problem does without
+    distance : how far every optimum can be; by default that of the certificate
     """
     certificate = assessment.certificate
+    distance = distance or certificate.stated_distance()
     spectrum, spectrum_note = _spectrum(problem, certificate)
+    seen_from = None if distance is None else distance.reference
+    of = Sureness(instance, problem, certificate, estimate, seen_from)
     recheck_note, recheck = _recheck(instance, origin, problem, certificate)
     return page(
         "certificate.html",
         verdict=certificate.verdict.value,
         graph=instance.name,
         meaning=origin.meaning or meaning(certificate),
+        distance="" if distance is None else distance.sentence(instance.named),
         reason=_reason(certificate, origin),
         remarks=[*_cost(problem), *_misfit(assessment), *origin.remarks],
         figures=_figures(certificate, origin),
         advice=_advice(instance, origin, problem, certificate),
-        numbers=[*_head(instance, origin), *origin.choice, *_facts(instance, assessment)],
-        scene=_scene(instance, problem, estimate, cloud, rejected),
+        numbers=[
+            *_head(instance, origin),
+            *origin.choice,
+            *_facts(instance, assessment, distance),
+        ],
+        scene=_scene(of, cloud, rejected),
         angles=_angles(problem, estimate),
         edge_header=_edge_header(instance.graph),
         edges=[_edge(edge, instance) for edge in assessment.edges],
@@ -147,18 +159,14 @@ def _advice(
     )
 
 
-def _scene(
-    instance: Instance,
-    problem: Certifiable,
-    estimate: Estimate,
-    cloud: Surface | None,
-    rejected: IntArray | None,
-) -> Data:
+def _scene(of: Sureness, cloud: Surface | None, rejected: IntArray | None) -> Data:
     """The estimate of the measurements that the certificate is about, and how it began."""
+    instance, problem, estimate = of.instance, of.problem, of.estimate
     judged = replace(instance, graph=problem.measured, initial=None, outliers=None)
     begun = _beginning(judged, instance.initial, estimate)
     clouds = () if cloud is None else (cloud,)
-    shown = scene_of(judged, *begun, ("estimate", estimate), *clouds)
+    drawn = scene_of(judged, *begun, ("estimate", estimate), *clouds)
+    shown = replace(drawn, sureness=of)
     return page_scene(shown, problem.edge_costs(estimate), rejected=rejected)
 
 
@@ -246,11 +254,14 @@ def _head(instance: Instance, origin: Origin) -> Iterable[tuple[str, str]]:
         yield "method", origin.method
 
 
-def _facts(instance: Instance, assessment: Assessment) -> Iterable[tuple[str, str]]:
+def _facts(
+    instance: Instance, assessment: Assessment, distance: ProvenDistance | None
+) -> Iterable[tuple[str, str]]:
     certificate = assessment.certificate
     yield from numbers(certificate, assessment.farthest, length_unit(instance.graph))
     if assessment.fit is not None:
         yield "chi^2", str(assessment.fit)
+    yield from () if distance is None else distance.in_words(instance.named)
     yield from distances(assessment, instance)
     yield from digits(assessment)
     yield from trusts(certificate)

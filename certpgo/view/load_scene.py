@@ -36,6 +36,7 @@ from certpgo.solve.result import CertifiedSolution
 from certpgo.view.layout import Arrangement, layout
 from certpgo.view.placements import aligned, placement, residuals, weights
 from certpgo.view.scene import AT_POSITIONS, Placement, Scene, drawn_edges
+from certpgo.view.sureness import Sureness
 from certpgo.view.tracks import scene_of_trajectories
 
 #: What there is to look at: a path, the name of a dataset, what that was resolved to, or an object.
@@ -114,7 +115,7 @@ class _Found:
     estimates: list[tuple[str, Path | Estimate]] = field(default_factory=list)
     surfaces: list[tuple[str, Surface]] = field(default_factory=list)
     rejected: IntArray | None = None
-    verdict: str = ""
+    answer: CertifiedSolution | None = None
 
     def add(self, thing: Thing) -> None:
         """Read and keep a thing."""
@@ -134,7 +135,7 @@ class _Found:
                 self.estimates.append((self._fresh("answer"), thing.estimate))
             case CertifiedSolution():
                 self.add(thing.solution)
-                self.verdict = thing.certificate.in_brief
+                self.answer = thing
             case (str() as name, Estimate() as estimate):
                 self.estimates.append((self._fresh(name), estimate))
             case Surface():
@@ -215,8 +216,18 @@ def _of_graph(
         AT_POSITIONS[length_unit(graph)] if places is None else places.sentence,
         places is None,
         length_unit(graph),
-        found.verdict,
+        "" if found.answer is None else found.answer.certificate.in_brief,
+        _sureness(found.answer, instance, last),
     )
+
+
+def _sureness(
+    answer: CertifiedSolution | None, instance: Instance, last: Estimate
+) -> Sureness | None:
+    """What a certificate knows of the last estimate, if that is the answer's."""
+    if answer is None or answer.estimate is not last:
+        return None
+    return Sureness(instance, answer.problem, answer.certificate, last)
 
 
 def _read(path: Path, instance: Instance, how: Matching) -> Estimate:

@@ -12,6 +12,7 @@ from certpgo.graph.phrases import counted
 from certpgo.io.surfaces import Surface
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.view.scene import Placement, Scene
+from certpgo.view.sureness import COVARIANCES, REGIONS
 
 #: Edges drawn at most: the costliest, and the others sampled evenly.
 EDGES = 20_000
@@ -21,6 +22,8 @@ COSTLIEST = 0.1
 FRUSTA = 150
 #: Points of a cloud drawn at most.
 CLOUD = 15_000
+#: Of what surrounds nodes, as style sheets call it.
+INKS = {REGIONS: "good", COVARIANCES: "c3"}
 #: Of points without a colour.
 GREY = 128
 #: Kinds of edges, in data.
@@ -56,7 +59,8 @@ def page_scene(
     Where there are landmarks or a world or distances, ``landmarks`` (k,) flags, and ``kinds`` (e,)
     of edges: the ends of a `PRIOR` are both the measured node. Where there are clouds or meshes,
     ``cloud``, a sample of their points (p, 3) with ``colours`` (p,); of rejected measurements,
-    ``rejected`` (r, 2, 3).
+    ``rejected`` (r, 2, 3). With a certificate, ``outlines``, each with its ``name``, ``ink``,
+    ``points`` (k, 2 or 3) and ``shapes``, see `certpgo.view.sureness.Outlines`.
     """
     answer = scene.placements[-1]
     drawn = _chosen(costs, limit)
@@ -87,12 +91,23 @@ def page_scene(
     if rejected is not None and len(rejected):
         more["rejected"] = _rounded(answer.spread(len(scene.ids))[rejected, :d], rounding)
         sentences.append(f"Red: {counted(len(rejected), 'rejected edge{s}')}.")
+    if scene.outlines:
+        more["outlines"] = [
+            {
+                "name": outlines.name,
+                "ink": INKS[outlines.name],
+                "points": _rounded(outlines.centres[:, :d], rounding),
+                "shapes": [[_values(row) for row in one] for one in outlines.shapes[:, :d, :d]],
+            }
+            for outlines in scene.outlines
+        ]
+        sentences += [outlines.sentence for outlines in scene.outlines]
     if len(scene.placements) > 1:
         before = scene.placements[0]
         more["before"] = {
             "name": before.name,
             "points": _rounded(before.spread(len(scene.ids))[nodes, :d], rounding),
-            "values": [_values(m.values, drawn) for m in before.measures],
+            "values": [_values(m.values[drawn]) for m in before.measures],
             "frusta": _frusta(scene, before, rounding),
         }
     if scene.truth is not None and scene.metric:
@@ -113,7 +128,7 @@ def page_scene(
         "measures": [
             {
                 "unit": measure.unit,
-                "values": _values(measure.values, drawn),
+                "values": _values(measure.values[drawn]),
                 "top": float(f"{measure.top:.3g}"),
             }
             for measure in answer.measures
@@ -176,8 +191,8 @@ def _chosen(costs: FloatArray, limit: int) -> IntArray:
     return np.sort(np.concatenate([order[:worst], evenly]))
 
 
-def _values(values: FloatArray, drawn: IntArray) -> list[float]:
-    return [float(f"{value:.4g}") for value in values[drawn].tolist()]
+def _values(values: FloatArray) -> list[float]:
+    return [float(f"{value:.4g}") for value in values.tolist()]
 
 
 def _decimals(points: FloatArray) -> int:

@@ -13,6 +13,7 @@ from certpgo.graph import Instance
 from certpgo.graph.kinds import PRIORS, RELATIVE, Kind
 from certpgo.io.surfaces import Surface
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, round_below
+from certpgo.view.sureness import Outlines, Sureness
 
 #: The value of what an edge does not measure.
 NOT_MEASURED = -1.0
@@ -159,6 +160,7 @@ class Scene:
     metric : whether positions were estimated, not arranged
     length_unit : ``"m"`` or ``"units"``
     verdict : of the last placement, if a certificate came with it, and what it is about
+    sureness : what is known of where its nodes are; None without a certificate
     """
 
     name: str
@@ -176,6 +178,15 @@ class Scene:
     metric: bool = True
     length_unit: str = "m"
     verdict: str = ""
+    sureness: Sureness | None = None
+
+    @cached_property
+    def outlines(self) -> tuple[Outlines, ...]:
+        """How sure the positions of the last placement are."""
+        if self.sureness is None or not self.placements:
+            return ()
+        answer = self.placements[-1]
+        return self.sureness.outlines(answer.nodes, answer.positions, self.frame.extent)
 
     def are(self, *kinds: Kind) -> BoolArray:
         """(m,) which edges are of one of these kinds."""

@@ -17,7 +17,15 @@ from certpgo.graph.kinds import PRIORS, Kind
 from certpgo.io.exact import quaternion
 from certpgo.io.surfaces import Surface, glb
 from certpgo.linalg.arrays import BoolArray, FloatArray
-from certpgo.view.caption import LANDMARKS, PRIOR_DOTS, REJECTED, legend, overlay, truth_ink
+from certpgo.view.caption import (
+    LANDMARKS,
+    OUTLINES,
+    PRIOR_DOTS,
+    REJECTED,
+    legend,
+    overlay,
+    truth_ink,
+)
 from certpgo.view.scene import Placement, Rgb, Scene, colours
 
 #: The scene's extent in the browser, whose camera and controls are made for it.
@@ -110,6 +118,11 @@ class Drawing:
             self._add_estimate(placement, _ink(number, dark), shown=placement is answer)
         if scene.truth is not None:
             self._add_truth(scene.truth)
+        for outlines in scene.outlines:
+            ink = OUTLINES[outlines.name]
+            self._layer(outlines.name, shown=False)
+            if len(rings := self._placed(outlines.wires())):
+                self._lines(f"/{outlines.name}/rings", rings, ink, 1.0)
         for name, surface in scene.surfaces:
             self._add_surface(name, surface)
         self._add_scale()

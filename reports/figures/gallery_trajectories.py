@@ -48,6 +48,8 @@ def compute(quick: bool, data: Path | None) -> Data:
         if name in TURNED:
             drawn = scene_of(instance, best)
             shown = page_scene(drawn, problem.edge_costs(best.estimate), limit=EDGES)
+            if (distance := best.certificate.stated_distance()) is not None:
+                shown["sentences"].append(distance.sentence(instance.named))
             title = f"{name}: the certified optimum, edges by residual"
             views.append({"title": title, "scene": shown})
     return {

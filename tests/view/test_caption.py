@@ -8,7 +8,7 @@ import pytest
 
 import certpgo
 from certpgo.io.datasets import synthetic
-from certpgo.view.caption import legend, overlay
+from certpgo.view.caption import OUTLINES, legend, overlay
 from certpgo.view.load_scene import scene_of
 from certpgo.view.show import View
 
@@ -25,10 +25,10 @@ def test_title_verdict_and_legend_are_there(answered):
     text = html.unescape(re.sub("<[^>]*>", " ", overlay(scene, "degrees", None)))
     assert scene.name in text
     assert answer.certificate.in_brief in text
-    for said in ("degrees, 0 to", "2 measurements rejected", "truth"):
-        assert said in text
+    for said in ("degrees, 0 to", "2 measurements rejected", "truth", *OUTLINES):
+        assert said.casefold() in text.casefold()
     # A scale of colours, and one for each of the others.
-    assert [len(inks) for inks, _ in legend(scene, "degrees", None)] == [5, 1, 1]
+    assert [len(inks) for inks, _ in legend(scene, "degrees", None)] == [5, 1, 1, 1, 1]
 
 
 def test_what_is_not_there_is_not_named(answered):

@@ -150,6 +150,22 @@ def test_the_camera_turns_without_stretching(node):
         assert np.linalg.det(C) == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("d", [2, 3])
+def test_ellipsoids_look_as_their_projection(node, d):
+    rng = np.random.default_rng(d)
+    B = rng.standard_normal((d, d))
+    A, frame = B @ B.T, np.linalg.qr(rng.standard_normal((d, d)))[0]
+    given = f"{json.dumps(A.tolist())}, {{axes: {json.dumps(frame.tolist())}}}"
+    long, short, angle = node(f"Scene.outline({given}, {{turn: 0.7, tilt: 0.4}})")
+    seen = np.array(node("Scene.camera(0.7, 0.4)"))[:2] @ frame if d == 3 else frame
+    # The canvas has y downwards.
+    seen = np.array([[1.0, 0.0], [0.0, -1.0]]) @ seen
+    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    assert turn @ np.diag([long**2, short**2]) @ turn.T == pytest.approx(seen @ A @ seen.T)
+    ball = json.dumps((4.0 * np.eye(d)).tolist())
+    assert node(f"Scene.outline({ball}, null, {{turn: 1, tilt: 0.2}})")[:2] == pytest.approx([2, 2])
+
+
 def test_all_points_are_seen_from_everywhere(node):
     points = np.random.default_rng(0).standard_normal((50, 3)).tolist()
     flat = node(

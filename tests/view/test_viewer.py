@@ -13,6 +13,7 @@ from certpgo.errors import InputError, MissingDependency
 from certpgo.io.datasets import synthetic
 from certpgo.io.surfaces import Surface
 from certpgo.view import viewer
+from certpgo.view.caption import OUTLINES
 from certpgo.view.load_scene import scene_of
 
 pytest.importorskip("viser", reason="viser is not installed")
@@ -75,8 +76,11 @@ def test_viser_gets_every_edge_and_every_pose_once(answered):
         assert sum(lines[f"/{name}/{part}"] for part in parts) == m
         assert lines[f"/{name}/rejected"] == 1
         assert lines[f"/{name}/poses"] == 8 * n
-    assert list(drawing.layers) == ["answer", "before", "truth", "scale"]
-    assert [handle.visible for handle in drawing.layers.values()] == [True, False, True, True]
+    assert list(drawing.layers) == ["answer", "before", "truth", *OUTLINES, "scale"]
+    for outlines in scene.outlines:
+        assert lines[f"/{outlines.name}/rings"] == len(outlines.wires()) > 0
+    shown = [name for name, handle in drawing.layers.items() if handle.visible]
+    assert shown == ["answer", "truth", "scale"]
     assert {"/answer/start", "/answer/end", "/scale/bar", "/scale/axes"} <= added.keys()
 
 

@@ -97,6 +97,19 @@ const Scene = (function () {
     return flat;
   }
 
+  // How an ellipsoid {x : x^T shape^-1 x <= 1} looks: half its axes and their angle on the screen.
+  function outline(shape, frame, view) {
+    let axes = frame ? frame.axes : shape.map((_, k) => shape.map((_, l) => (k === l ? 1 : 0)));
+    if (shape.length === 3) {
+      const seen = camera(view.turn, view.tilt).slice(0, 2);
+      axes = seen.map((row) => axes[0].map((_, k) => row.reduce((sum, a, l) => sum + a * axes[l][k], 0)));
+    }
+    const form = (u, v) => u.reduce((sum, a, k) => sum + a * v.reduce((s, b, l) => s + shape[k][l] * b, 0), 0);
+    const [right, up] = axes, a = form(right, right), b = form(right, up), c = form(up, up);
+    const mean = (a + c) / 2, half = Math.hypot((a - c) / 2, b);
+    return [Math.sqrt(mean + half), Math.sqrt(Math.max(mean - half, 0)), -Math.atan2(2 * b, a - c) / 2];
+  }
+
   // Distance of a point to a line segment.
   function distance(x, y, ax, ay, bx, by) {
     const dx = bx - ax, dy = by - ay, length = dx * dx + dy * dy;
@@ -160,6 +173,11 @@ const Scene = (function () {
     const all = placements[0].points.concat(placements[0].frusta, cloud), box = frame(all);
     if (data.frame) box.seen = seenFrom(all, box, start(data));
     if (data.metric === false) every.checked = true;
+    const sure = (data.outlines || []).map((outlines, k) => ({
+      ...outlines,
+      points: framed(outlines.points, data.frame),
+      box: element.querySelectorAll(".outlines")[k],
+    }));
     const early = element.querySelector(".before"), known = element.querySelector(".truth");
     // Of the canvas above the strip.
     const tall = () => canvas.clientHeight - (data.metric ? STRIP : 0);
@@ -233,6 +251,7 @@ const Scene = (function () {
       buckets.forEach((list, k) => stroke(list, colour((k + 0.5) / COLOURS, dark), thin + 0.2));
       buckets.forEach((list, k) => dot(list, colour((k + 0.5) / COLOURS, dark)));
       if (rejected.length && refused.checked) segments(rejected, style("--bad"), 1);
+      if (placed === placements[0]) sure.filter((outlines) => outlines.box.checked).forEach((outlines) => rings(outlines, style("--" + outlines.ink)));
       segments(placed.frusta, style("--c0"), 0.8);
       const r = data.points.length <= 300 ? 2.2 : 1.2;
       const few = data.points.length <= 2000;
@@ -258,6 +277,20 @@ const Scene = (function () {
         context.fillStyle = "#" + colours[k];
         context.fillRect(at[2 * k], at[2 * k + 1], 1.5, 1.5);
       }
+    }
+
+    // Ellipses around points.
+    function rings(outlines, paint) {
+      const at = project(outlines.points, box, view, canvas.clientWidth, tall());
+      const size = view.zoom * fitted(box, canvas.clientWidth, tall());
+      context.strokeStyle = paint;
+      context.lineWidth = 1.2;
+      outlines.shapes.forEach((shape, k) => {
+        const [a, b, angle] = outline(shape, data.frame, view);
+        context.beginPath();
+        context.ellipse(at[2 * k], at[2 * k + 1], size * a, size * b, angle, 0, 2 * Math.PI);
+        context.stroke();
+      });
     }
 
     // Lines between consecutive pairs of points.
@@ -446,6 +479,7 @@ const Scene = (function () {
     if (seen) seen.addEventListener("change", redraw);
     if (known) known.addEventListener("change", redraw);
     if (early) early.addEventListener("change", redraw);
+    for (const { box } of sure) box.addEventListener("change", redraw);
     const repaint = () => { legend(); draw(); };
     document.addEventListener("themechange", repaint);
     window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", repaint);
@@ -455,6 +489,6 @@ const Scene = (function () {
     draw();
   }
 
-  return { bucket, camera, colour, distance, fitted, frame, framed, nearest, project, ranking, round, seenFrom, sentence, start, show };
+  return { bucket, camera, colour, distance, fitted, frame, framed, nearest, outline, project, ranking, round, seenFrom, sentence, start, show };
 })();
 if (typeof document !== "undefined") document.querySelectorAll(".scene").forEach(Scene.show);
