@@ -24,6 +24,7 @@ from certpgo.cli._show import StatusLine, document, facts, notice, table, workin
 from certpgo.errors import InputError
 
 if TYPE_CHECKING:
+    from certpgo.certify.region import ProvenDistance
     from certpgo.graph import Instance
     from certpgo.solve.outlier_report import OutlierReport, RejectedEdge
     from certpgo.solve.result import CertifiedSolution
@@ -63,11 +64,12 @@ def command(
     """List the measurements that disagree with the rest, and prove what accepting each costs.
 
     They are those that certpgo solve --robust rejects, under the same cost, and where it takes the
-    noise as other than stated, those at the stated noise too. Ctrl-C during the proofs about each
+    noise as other than stated, those at the stated noise too. The distance to every optimum is over
+    all choices of rejected measurements, if that is CERTIFIED. Ctrl-C during the proofs about each
     prints what is proven by then.
     """
     from certpgo import solve_robustly
-    from certpgo.cli._verdict import EXIT_CODES, headline
+    from certpgo.cli._verdict import EXIT_CODES, distance, headline
     from certpgo.optimize.solution import Status
     from certpgo.solve.outlier_report import outlier_report
 
@@ -109,11 +111,13 @@ def command(
             documents.append(_nothing_listed(instance, one, json=json))
             continue
         codes.append(EXIT_CODES[report.rejection.verdict.value])
-        documents.append(_as_json(instance.name, report))
+        far = report.rejection.standing(one.certificate).stated_distance()
+        documents.append(_as_json(instance, report, far))
         if not json:
             headline(one.certificate, report.rejection)
             assumed = [("assuming", report.rejection.noise)] if answer.noise else []
-            facts([("graph", instance.name), *assumed, *report.in_words(one.certificate)])
+            found = [*assumed, *report.in_words(one.certificate), *distance(far, instance)]
+            facts([("graph", instance.name), *found])
             table("Rejected measurements", _HEADER, map(_row, report.edges), optional=_OPTIONAL)
     if json:
         other = documents[1] if len(documents) > 1 else None
@@ -133,7 +137,7 @@ def _written(csv: Path, reports: Sequence[OutlierReport]) -> None:
 
 def _nothing_listed(instance: Instance, answer: CertifiedSolution, *, json: bool) -> dict[str, Any]:
     """Say that no measurement is rejected, or refuse if nothing is known of those that are."""
-    from certpgo.cli._verdict import warnings
+    from certpgo.cli._verdict import distance_as_json, warnings
 
     if len(answer.solution.rejected):
         raise InputError(answer.solution.note.rpartition("; ")[2])
@@ -142,8 +146,13 @@ def _nothing_listed(instance: Instance, answer: CertifiedSolution, *, json: bool
         said += f" at {answer.noise_scale:.3g} times the stated noise"
     for sentence in (said, *warnings(answer.fit)):
         notice(sentence)
-    verdict = answer.verdict.value
-    return {"graph": instance.name, "verdict": verdict, "sentence": said, "rejected": []}
+    return {
+        "graph": instance.name,
+        "verdict": answer.verdict.value,
+        "sentence": said,
+        "rejected": [],
+        **distance_as_json(answer.certificate.stated_distance(), instance),
+    }
 
 
 _HEADER = ("nodes", "degrees", "metres", "cost", "price", "accepting costs", "over odometry", "")
@@ -164,14 +173,19 @@ def _row(edge: RejectedEdge) -> list[str]:
     return [f"{edge.i}-{edge.j}", *measured, *least, known]
 
 
-def _as_json(name: str, report: OutlierReport) -> dict[str, Any]:
+def _as_json(
+    instance: Instance, report: OutlierReport, far: ProvenDistance | None
+) -> dict[str, Any]:
+    from certpgo.cli._verdict import distance_as_json
+
     found = report.rejection
     return {
-        "graph": name,
+        "graph": instance.name,
         "verdict": found.verdict.value,
         "sentence": found.sentence,
         "cost": found.certificate.cost_upper,
         "lower_bound": found.certificate.lower_bound,
+        **distance_as_json(far, instance),
         "quantile": found.quantile,
         "level": report.level,
         "complete": report.is_complete,

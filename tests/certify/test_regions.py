@@ -1,5 +1,6 @@
 """How far estimates can be from every optimum: no other estimate is ever outside."""
 
+import re
 from dataclasses import replace
 from fractions import Fraction
 
@@ -12,10 +13,13 @@ from strategies import definite, dimensions, point_graph, pose_graph, rng_of, ro
 
 import certpgo
 from certpgo import InputError
+from certpgo.certify import certificate as printed
 from certpgo.certify.dual import Attempts
+from certpgo.certify.region import ProvenDistance, limits
+from certpgo.certify.region import apart as in_words
 from certpgo.graph import Estimate
 from certpgo.graph.kinds import Node
-from certpgo.io.datasets.synthetic import winding_cycle
+from certpgo.io.datasets.synthetic import helix, winding_cycle
 from certpgo.linalg import factor
 from certpgo.linalg import rotations as so
 from certpgo.linalg.blocks import pinned
@@ -418,3 +422,61 @@ def test_rounding_alone_puts_nothing_outside():
         assert region.holds(there)
         wide = certpgo.Region(1, 0, np.zeros(3), np.eye(3), 1.0, 1.0, 0.0, 0.9 * shape)
         assert not wide.holds(there) or np.linalg.cond(shape) > 1e10
+
+
+def test_small_graphs_print_the_distance_and_larger_ones_once_it_is_known(monkeypatch):
+    instance = helix(4, rng_of(0))
+    answer = certpgo.solve(replace(instance, ids=100 + instance.ids))
+    line = "proven distance   within "
+    assert line in str(answer)
+    assert f"seen from node {100 + answer.certificate.distance.reference})" in flat(answer)
+    # A certificate alone knows numbers of nodes.
+    assert f"seen from node {answer.certificate.distance.reference})" in flat(answer.certificate)
+    monkeypatch.setattr(printed, "SMALL", 10)
+    again = certpgo.certify(instance, answer.estimate)
+    assert line not in str(again)
+    known = again.distance
+    assert line in str(again)
+    metres, degrees = known.largest
+    within = re.search(r"within (\S+) m and (\S+) degrees of every optimum", flat(again))
+    assert float(within[1]) == pytest.approx(metres, rel=0.01)
+    assert float(within[1]) >= metres
+    assert float(within[2]) >= degrees
+    assert known.sentence(str).startswith(f"Within {within[1]} m and {within[2]} degrees")
+
+
+def test_printed_rejections_are_of_all_choices():
+    instance = helix(4, rng_of(0))
+    R = instance.graph.rotations.copy()
+    R[-1] = -R[-1] @ np.diag([1.0, 1.0, -1.0])
+    wrong = certpgo.RotationGraph(
+        instance.graph.num_nodes, instance.graph.edges, R, instance.graph.kappa
+    )
+    graph = certpgo.PoseGraph(wrong, instance.graph.translations, instance.graph.tau)
+    answer = certpgo.solve_robustly(graph)
+    assert answer.rejection.covers(answer.certificate)
+    of_all, of_kept = answer.rejection.certificate.distance, answer.certificate.distance
+    assert f"within {in_words(*of_all.largest)} of every optimum" in flat(answer)
+    assert f"within {in_words(*of_kept.largest)} of every optimum" in flat(answer.certificate)
+
+
+def test_nothing_is_said_where_nothing_is_known():
+    unknown = ProvenDistance(0, None, np.array([0.0, 180.0]))
+    assert limits(unknown) == limits(None) == (None, None)
+    assert limits(unknown, 0) == (None, 0.0)
+    assert not list(unknown.in_words(str))
+    assert unknown.sentence(str) == ""
+    far = ProvenDistance(0, np.array([0.0, 2.5]), np.array([0.0, 180.0]))
+    assert limits(far) == (2.5, None)
+    assert far.sentence(str).startswith("Within 2.5 m and any angle of every optimum (most at 1;")
+    undecided = replace(
+        certpgo.certify(helix(4, rng_of(0)), certpgo.solve(helix(4, rng_of(0))).estimate),
+        verdict=certpgo.Verdict.UNDECIDED,
+    )
+    assert undecided.distance is not None
+    assert undecided.stated_distance() is None
+    assert "proven distance" not in str(undecided)
+
+
+def flat(text):
+    return " ".join(str(text).split())

@@ -1,5 +1,7 @@
 """What the command line says of methods that reject measurements."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy import optimize
@@ -80,7 +82,7 @@ def test_text_and_page_state_one_gap_once(certpgo, wrong, tmp_path):
     assert "of the truncated cost) above the optimum" in said
     assert flat(done.out).count("costs less; ") == 1
     text = page.read_text()
-    assert f"<strong>CERTIFIED</strong>: {said}</p>" in text
+    assert f"<strong>CERTIFIED</strong>: {said} Within " in text
     assert "F of the kept measurements" in text
     assert "truncated cost</dt>" in text or "truncated cost</th>" in text
 
@@ -183,6 +185,11 @@ def test_rejections_are_listed_written_and_certified_again(certpgo, wrong, tmp_p
     assert again["verdict"] == "CERTIFIED"
     assert again["objective"] == "truncated cost"
     assert again["lower_bound"] == pytest.approx(report["lower_bound"])
+    # Of all choices among the rejected, as solve and certify --rejected say.
+    assert re.search(r"proven distance +within \d\S* degrees of every optimum", done.out)
+    assert report["distance_deg"] == pytest.approx(solved["distance_deg"], rel=0.5)
+    assert report["distance_deg"] == pytest.approx(again["distance_deg"], rel=0.5)
+    assert report["distance_m"] is None
 
 
 @pytest.mark.parametrize("cost", ["g2o", "gtsam"])
