@@ -61,7 +61,10 @@ def command(
     ] = None,
     html: HtmlOut = None,
     solve: Annotated[
-        bool, typer.Option("--solve", help="Solve the graph, and show before and after.")
+        bool,
+        typer.Option(
+            "--solve", help="Solve the graph, and show before and after, and how sure it is."
+        ),
     ] = False,
     robust: Annotated[
         bool, typer.Option("--robust", help="Solve it robustly, and show what is rejected.")

@@ -289,7 +289,10 @@ def test_what_cannot_be_read_is_a_row(tmp_path):
     assert header.split(",")[:3] == ["estimate", "graph", "verdict"]
     assert header.split(",")[-1] == "reason"
     assert float(first.split(",")[3]) == rows[0].cost
-    assert second == "bad,,ERROR" + "," * 14 + "bad:3: numbers expected"
+    distance = certify(problem, best).distance
+    assert (rows[0].distance_m, rows[0].distance_deg) == pytest.approx(distance.largest, rel=0.5)
+    assert (rows[2].distance_m, rows[2].distance_deg) == (rows[0].distance_m, rows[0].distance_deg)
+    assert second == "bad,,ERROR" + "," * 16 + "bad:3: numbers expected"
     with pytest.raises(InputError, match="cannot be written"):
         write_rows(tmp_path / "nowhere" / "out.csv", rows)
 
