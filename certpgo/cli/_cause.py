@@ -36,6 +36,12 @@ def cause(found: Finding | None) -> Iterable[tuple[str, str]]:
         yield "likely cause", str(found)
 
 
+def remark_of(found: Finding | None) -> Iterable[str]:
+    """The same as a remark on a page."""
+    if found is not None:
+        yield f"Likely cause: {found}."
+
+
 def cause_as_json(found: Finding | None) -> dict[str, Any]:
     """The same as data: a list of at most one."""
     return {"findings": [] if found is None else [asdict(found)]}

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, cast
 import typer
 
 from certpgo.cli import _uncertainty, _verdict
-from certpgo.cli._cause import cause, cause_as_json, cause_of
+from certpgo.cli._cause import cause, cause_as_json, cause_of, remark_of
 from certpgo.cli._next import Asked, steps_after
 from certpgo.cli._outputs import Outputs, Result
 from certpgo.cli._paging import origin_of, write_page
@@ -350,7 +350,9 @@ class Solved(Result):
         solution, part, assessment = self.solution, self.part, self.assessment
         if assessment is None:
             return
-        remarks = [f"Status: {solution.status.value}; {solution.note}."] if solution.note else []
+        remarks = [*remark_of(self.cause)]
+        if solution.note:
+            remarks.append(f"Status: {solution.status.value}; {solution.note}.")
         if solution.kept is not None:
             remarks.append(
                 f"The method kept {self._number_kept}: {self._about_kept}, with their final "

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, cast
 import typer
 
 from certpgo.cli import _verdict
-from certpgo.cli._cause import cause, cause_as_json, cause_of
+from certpgo.cli._cause import cause, cause_as_json, cause_of, remark_of
 from certpgo.cli._help import JUDGING
 from certpgo.cli._interrupting import INTERRUPTED, tell_interrupted, tells_unwritten
 from certpgo.cli._next import Asked, is_better_known, steps_after
@@ -307,15 +307,16 @@ class _Assessed(Result):
         from certpgo.solve.accuracy_wording import disagreeing
 
         part, disagreement = self.part, self.disagreement
+        remarks = [*remark_of(self.cause)]
+        if disagreement is not None:
+            remarks.append(f"{disagreeing(disagreement, self.found.certificate)}.")
         origin = origin_of(
             self.asked.graph,
             self.asked.reading,
             judging=self.asked.judged_again(part.instance),
             estimate=self.asked.estimate,
             proof=outputs.proof,
-            remarks=[]
-            if disagreement is None
-            else [f"{disagreeing(disagreement, self.found.certificate)}."],
+            remarks=remarks,
             disagreeing=disagreement is not None,
         )
         problem = cast("Certifiable", part.problem)  # --rejected is refused
