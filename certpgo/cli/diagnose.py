@@ -17,7 +17,7 @@ from certpgo.cli._options import (
 )
 from certpgo.cli._outputs import Outputs
 from certpgo.cli._reading import Reading, restricted_to, takes_reading
-from certpgo.cli._show import StatusLine, document, facts, noticing, paragraph, working
+from certpgo.cli._show import StatusLine, document, facts, notice, noticing, paragraph, working
 from certpgo.cli._truth import OF_TRUTH, TruthFile, TruthOffset
 
 if TYPE_CHECKING:
@@ -43,6 +43,10 @@ def command(
         Path | None,
         typer.Option("-o", "--out", metavar="OUT", help="Write the findings to this text file."),
     ] = None,
+    html: Annotated[
+        Path | None,
+        typer.Option("--html", metavar="OUT", help="Write the findings as an HTML page."),
+    ] = None,
     time_limit: Annotated[
         float | None, time_limit_option("For each search.", "30 s after a first bound")
     ] = None,
@@ -65,7 +69,7 @@ def command(
 
     source, of_estimate = reading.resolve(graph), reading.resolve(estimate)
     of_truth = reading.resolve(truth)
-    outputs = Outputs(scene=out, json=json)
+    outputs = Outputs(scene=out, html=html, json=json)
     outputs.refuse(source, of_estimate, of_truth)
     whole = timed(reading.open(source, operation=None), timestamps)
     [instance, *_] = reading.parts(whole)
@@ -83,6 +87,11 @@ def command(
         )
     if out is not None:
         write_text(out, f"{found}\n")
+    if html is not None:
+        from certpgo.view.diagnosis_page import write_diagnosis_page
+
+        write_diagnosis_page(html, instance.name, found)
+        notice(f"page written to {html}")
     if json:
         document({"graph": instance.name, **found.as_data()})
         return

@@ -1,0 +1,58 @@
+"""certpgo diagnose, and the likely cause that solve and certify print."""
+
+import numpy as np
+import pytest
+from strategies import pose_graph, rng_of
+
+import certpgo as package
+from certpgo import Estimate
+from certpgo.diagnosis.estimates import FORMS
+
+
+@pytest.fixture
+def inverse(tmp_path):
+    """A graph's file, and that of the inverse poses of its best estimate."""
+    graph = pose_graph(rng_of(0), 20, 3, extra=20, noise=0.02)[0]
+    ids = np.arange(graph.num_nodes)
+    path, other = tmp_path / "g.g2o", tmp_path / "inverse.tum"
+    package.write(path, package.Instance("g", graph, ids))
+    best = package.solve(package.read(path)).estimate
+    R, t = FORMS[0].read(best.rotations, best.translations)
+    package.write(other, Estimate(R, t))
+    return path, other
+
+
+def test_findings_as_text_as_data_and_as_a_page(certpgo, inverse, tmp_path):
+    path, other = inverse
+    out, html = tmp_path / "findings.txt", tmp_path / "page.html"
+    done = certpgo("diagnose", path, other, "-o", out, "--html", html)
+    assert done.code == 0
+    assert done.out.startswith("The estimate's poses are of the world in the body")
+    assert "Invert each pose." in done.out
+    assert out.read_text().startswith("The estimate's poses")
+    assert "inverse-poses" in html.read_text()
+    [found] = certpgo("diagnose", path, other, "--json").json["findings"]
+    assert found["kind"] == "inverse-poses"
+    assert found["cost"] < 1e-3 * found["cost_as_given"]
+
+
+def test_certify_and_truth_name_the_cause(certpgo, inverse, tmp_path):
+    path, other = inverse
+    page = tmp_path / "page.html"
+    done = certpgo("certify", path, other, "--html", page)
+    assert "likely cause      The estimate's poses are of the world" in done.out
+    assert "Likely cause: The estimate" in page.read_text()
+    judged = certpgo("certify", path, other, "--json").json
+    assert [found["kind"] for found in judged["findings"]] == ["inverse-poses"]
+    done = certpgo("solve", path, "--truth", other)
+    assert "The truth's poses are of the world" in done.out
+    assert certpgo("solve", path, "--json").json["findings"] == []
+
+
+def test_nothing_is_wrong_with_a_good_map(certpgo, inverse, tmp_path):
+    path, _ = inverse
+    good = tmp_path / "good.g2o"
+    certpgo("solve", path, "-o", good)
+    done = certpgo("diagnose", path, good)
+    assert done.code == 0
+    assert done.out.startswith("Nothing is found to be wrong")
