@@ -23,7 +23,7 @@ from certpgo.io.datasets.thesis import langevin_graph
 from certpgo.optimize.methods._sdp import Semidefinite
 from certpgo.optimize.progress import Stop
 from certpgo.optimize.solution import Status
-from certpgo.solve import bounds_table, outlier_report
+from certpgo.solve import bounds_table, outlier_report, prove_files
 from certpgo.solve.solving import solve
 
 ROOT = Path(__file__).parents[2]
@@ -177,8 +177,11 @@ def test_an_interrupted_search_proves_nothing_of_single_measurements(
         return replace(found, solution=replace(found.solution, status=Status.INTERRUPTED))
 
     instance, _ = winding_cycle(9, 0.3, 1)
-    for name, command in (("solve_robustly", "outliers"), ("solve", "prove")):
-        monkeypatch.setattr(package, name, interrupted)
+    for room, name, command in (
+        (package, "solve_robustly", "outliers"),
+        (prove_files, "solve", "prove"),
+    ):
+        monkeypatch.setattr(room, name, interrupted)
         done = certpgo(command, square)
         assert (done.code, done.out, done.err) == (130, "", "certpgo: interrupted\n")
 
