@@ -31,6 +31,8 @@ QUARTER = 10.0
 ROUNDS = 20
 #: Offsets of times that are tried, in median steps to either side, and refinements of the best.
 OFFSETS, REFINED = 400, 40
+#: Nodes by which offsets are found.
+SOME = 200
 
 
 def found(examined: Examined) -> Iterator[Finding]:
@@ -228,7 +230,7 @@ def _of_offset(
     if t is None or len(known) < 4 or len(clock.times) < 4:
         return
     t, at = t[known], clock.nodes[known]
-    given = _left(t, at, clock, 0.0)
+    given = float(_left(t, at, clock, np.zeros(1))[0])
     offset, left = best_offset(t, at, clock)
     spread = float(np.linalg.norm(t - t.mean(axis=0), axis=1).max())
     matched = len(truth.nodes) > 0 and given < math.inf
@@ -258,32 +260,37 @@ def best_offset(t: FloatArray, at: FloatArray, clock: Clock) -> tuple[float, flo
     t : (k, d) positions
     at : (k,) their times
     """
+    some = np.linspace(0, len(at) - 1, min(len(at), SOME)).astype(int)
     step = float(np.median(np.diff(clock.times)))
     starts = clock.times[0] - at.min(), clock.times[-1] - at.max()
-    tried = np.concatenate([step * np.arange(-OFFSETS, OFFSETS + 1), starts])
-    about = 0.5 * (starts[0] + starts[1])
-    if abs(about) > OFFSETS * step:
-        tried = np.concatenate([tried, about + step * np.arange(-OFFSETS, OFFSETS + 1)])
-    left = [_left(t, at, clock, float(offset)) for offset in tried]
-    best = int(np.argmin(left))
-    offset, width = float(tried[best]), step
+    near = step * np.arange(-OFFSETS, OFFSETS + 1)
+    tried = np.concatenate([near, 0.5 * sum(starts) + near, starts])
+    offset = float(tried[int(np.argmin(_left(t[some], at[some], clock, tried)))])
+    width = step
     for _ in range(REFINED):
-        ends = [(x, _left(t, at, clock, x)) for x in (offset - width, offset, offset + width)]
-        offset, value = min(ends, key=lambda one: one[1])
-        width *= 0.5 if offset == ends[1][0] else 1.0
-    return offset, value
+        around = offset + width * np.array([-1.0, 0.0, 1.0])
+        best = int(np.argmin(_left(t[some], at[some], clock, around)))
+        offset, width = float(around[best]), width * (0.5 if best == 1 else 1.0)
+    return offset, float(_left(t, at, clock, np.array([offset]))[0])
 
 
-def _left(t: FloatArray, at: FloatArray, clock: Clock, offset: float) -> float:
-    """Errors of positions, root mean square, after the best motion; infinite for less than half."""
-    times = at + offset
+def _left(t: FloatArray, at: FloatArray, clock: Clock, offsets: FloatArray) -> FloatArray:
+    """(k,) errors of positions, root mean square, after the best motion for each offset (k,).
+
+    Infinite where less than half of the nodes have a true position.
+    """
+    times = at + offsets[:, None]
     inside = (times >= clock.times[0]) & (times <= clock.times[-1])
-    if inside.sum() < max(4, len(at) // 2):
-        return math.inf
-    columns = [np.interp(times[inside], clock.times, x) for x in clock.positions.T]
-    true, own = np.stack(columns, axis=1)[None], t[inside][None]
-    [S], [shift], _ = procrustes(true, own)
-    return float(np.sqrt(((own[0] @ S.T + shift - true[0]) ** 2).sum(axis=1).mean()))
+    found = np.full(len(offsets), np.inf)
+    enough = np.flatnonzero(inside.sum(axis=1) >= max(4, len(at) // 2))
+    true = np.stack([np.interp(times[enough], clock.times, x) for x in clock.positions.T], axis=2)
+    weights = inside[enough, :, None] / inside[enough].sum(axis=1)[:, None, None]
+    own = np.broadcast_to(t, true.shape)
+    x, y = (of - (weights * of).sum(axis=1, keepdims=True) for of in (true, own))
+    S = so.project(np.swapaxes(weights * x, 1, 2) @ y)
+    off = x - y @ np.swapaxes(S, 1, 2)
+    found[enough] = np.sqrt((weights * off**2).sum(axis=(1, 2)))
+    return found
 
 
 def _drift(t: FloatArray, at: FloatArray, clock: Clock, offset: float) -> float:

@@ -1,0 +1,1 @@
+"""Planted mistakes, and how often `certpgo.diagnose` names them first."""

@@ -1,0 +1,360 @@
+"""Mistakes that people make with a map, planted in clean ones whose noise is as stated.
+
+Each takes a clean map and returns one with the mistake; the names of findings that are right come
+with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+import certpgo
+from certpgo import Estimate, Instance
+from certpgo.diagnosis import KnownTruth
+from certpgo.diagnosis.examined import Clock
+from certpgo.graph.information import Information
+from certpgo.io.exact import quaternion
+from certpgo.linalg import rotations as so
+
+#: Standard deviations of steps: metres and radians; closures are as good.
+SIGMA_T, SIGMA_R = 0.05, 0.02
+#: Poses, and loop closures.
+N, LOOPS = 60, 40
+
+
+@dataclass(frozen=True)
+class Planted:
+    """A map, with what a user says of it.
+
+    Attributes
+    ----------
+    instance : the measurements
+    estimate : that is asked about, or None
+    truth : or None
+    """
+
+    instance: Instance
+    estimate: Estimate | None = None
+    truth: KnownTruth | None = None
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """A mistake.
+
+    Attributes
+    ----------
+    name : what it is
+    kinds : of findings that name it
+    plant : a clean map, its best estimate and a generator of random numbers to the map with it
+    dimensions : in which it can be made
+    """
+
+    name: str
+    kinds: tuple[str, ...]
+    plant: Callable[[Instance, Estimate, np.random.Generator], Planted]
+    dimensions: tuple[int, ...] = (2, 3)
+
+
+def clean(d: int, seed: int) -> Instance:
+    """A walk on a lattice with loop closures, whose noise is as stated, and its truth."""
+    rng = np.random.default_rng([d, seed])
+    q = so.tangent_dim(d)
+    turns = np.zeros((N, q))
+    turns[:, -1] = rng.choice([0.0, 0.5 * np.pi, -0.5 * np.pi], N, p=[0.6, 0.2, 0.2])
+    if d == 3:
+        turns += 0.2 * rng.standard_normal((N, q))
+    R, t = [np.eye(d)], [np.zeros(d)]
+    for turn in so.exp(turns)[1:]:
+        t.append(t[-1] + R[-1] @ np.eye(d)[0] * rng.uniform(0.7, 1.4))
+        R.append(R[-1] @ turn)
+    truth = Estimate(np.array(R), np.array(t))
+    far = [(i, j) for i in range(N) for j in range(i + 2, N)]
+    loops = [far[k] for k in rng.choice(len(far), LOOPS, replace=False)]
+    edges = np.array([(k, k + 1) for k in range(N - 1)] + loops)
+    i, j = edges.T
+    back = np.swapaxes(truth.rotations[i], 1, 2)
+    m = len(edges)
+    measured = back @ truth.rotations[j] @ so.exp(SIGMA_R * rng.standard_normal((m, q)))
+    at = truth.translations
+    steps = np.einsum("mab,mb->ma", back, at[j] - at[i]) + SIGMA_T * rng.standard_normal((m, d))
+    sizes = np.r_[np.full(d, SIGMA_T), np.full(q, SIGMA_R)]
+    # Not the same in all directions, and correlated a little, as of real sensors.
+    A = np.eye(d + q) + 0.1 * np.triu(np.ones((d + q, d + q)), 1)
+    one = A.T @ np.diag(sizes**-2) @ A
+    return _with_information(edges, measured, steps, np.tile(one, (m, 1, 1)), d, truth)
+
+
+def _with_information(edges, measured, steps, information, d, truth=None, numbers=None) -> Instance:
+    """An instance of such measurements, in g2o's convention of tangents."""
+    information = 0.5 * (information + np.swapaxes(information, 1, 2))
+    tau = d / np.trace(np.linalg.inv(information[:, :d, :d]), axis1=1, axis2=2)
+    inverse = np.trace(np.linalg.inv(information[:, d:, d:]), axis1=1, axis2=2)
+    kappa = 1.0 / inverse if d == 2 else 1.5 / inverse
+    graph = certpgo.PoseGraph(certpgo.RotationGraph(N, edges, measured, kappa), steps, tau)
+    graph = graph.with_information(Information.of(information, "g2o", "tangent"))
+    return Instance("walk", graph, np.arange(N), truth=truth)
+
+
+def _changed(instance: Instance, chosen, change) -> Instance:
+    """The same with some measurements (m,) changed: rotations and translations to others."""
+    graph = instance.graph
+    R, t = graph.rotations.copy(), graph.translations.copy()
+    R[chosen], t[chosen] = change(R[chosen], t[chosen])
+    return _with_information(graph.edges, R, t, graph.information_matrices, graph.d)
+
+
+def _weighed(instance: Instance, change) -> Instance:
+    """The same with other information matrices."""
+    graph = instance.graph
+    W = change(graph.information_matrices)
+    return _with_information(graph.edges, graph.rotations, graph.translations, W, graph.d)
+
+
+# --- Ways to write poses --------------------------------------------------------------------------
+
+
+def _inverse(R, t):
+    back = np.swapaxes(R, 1, 2)
+    return back, -np.einsum("nab,nb->na", back, t)
+
+
+def _w_first(R, t):
+    return quaternion.rotations(np.roll(quaternion.to_write(R), 1, axis=1)), t
+
+
+def _transposed(R, t):
+    return np.swapaxes(R, 1, 2), t
+
+
+def _inverse_positions(R, t):
+    return R, _inverse(R, t)[1]
+
+
+def _mirrored(R, t):
+    return R, t * np.where(np.arange(t.shape[1]) == 1, -1.0, 1.0)
+
+
+def _other_hand(R, t):
+    signs = np.where(np.arange(t.shape[1]) == 1, -1.0, 1.0)
+    return signs[:, None] * R * signs, signs * t
+
+
+def _permuted(R, t):
+    return R, np.roll(t, 1, axis=1)
+
+
+def _of_camera(R, t):
+    if R.shape[1] == 2:
+        return R @ np.array([[0.0, -1.0], [1.0, 0.0]]), t
+    return R @ np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), t
+
+
+def _times(factor):
+    return lambda R, t: (R, factor * t)
+
+
+def _backwards(R, t):
+    return R[::-1], t[::-1]
+
+
+def _of_estimate(way):
+    return lambda instance, best, rng: Planted(
+        instance, Estimate(*way(best.rotations, best.translations))
+    )
+
+
+def _of_truth(way):
+    def plant(instance, best, rng):
+        known = instance.truth
+        poses = Estimate(*way(known.rotations, known.translations))
+        return Planted(replace(instance, truth=None), None, KnownTruth(np.arange(N), poses))
+
+    return plant
+
+
+def _mounted(R, t):
+    C = so.exp(np.array([[0.5]]) if R.shape[1] == 2 else np.array([[0.4, -0.2, 0.7]]))[0]
+    return R @ C, t
+
+
+def _lever(R, t):
+    return R, t + R @ np.array([2.0, -3.0, 2.5])[: R.shape[1]]
+
+
+def _clocked(late, unit=1.0):
+    def plant(instance, best, rng):
+        t = instance.truth.translations
+        at = 0.5 * np.arange(N)
+        stamps = np.linspace(0.0, at[-1], 20 * N)
+        track = np.stack([np.interp(stamps, at, x) for x in t.T], axis=1)
+        clock = Clock(at, unit * (stamps + late), track)
+        # What matches by these times is of another moment.
+        wrong = np.stack([np.interp(at - late, at, x) for x in t.T], axis=1)
+        poses = Estimate(instance.truth.rotations, wrong)
+        nodes = np.arange(N) if unit == 1.0 else np.zeros(0, dtype=int)
+        return Planted(replace(instance, truth=None), None, KnownTruth(nodes, poses, clock))
+
+    return plant
+
+
+# --- Measurements ---------------------------------------------------------------------------------
+
+
+def _steps_of(instance):
+    return np.abs(np.diff(instance.graph.edges, axis=1)[:, 0]) == 1
+
+
+def _of_edges(way, which):
+    def plant(instance, best, rng):
+        steps = _steps_of(instance)
+        chosen = {"all": np.ones_like(steps), "odometry": steps, "closures": ~steps}[which]
+        return Planted(_changed(instance, chosen, way))
+
+    return plant
+
+
+def _of_one_edge(way):
+    def plant(instance, best, rng):
+        chosen = rng.choice(np.flatnonzero(~_steps_of(instance)), 1)
+        return Planted(_changed(instance, chosen, way))
+
+    return plant
+
+
+def _between_others(instance, best, rng):
+    graph = instance.graph
+    [e] = rng.choice(np.flatnonzero(~_steps_of(instance)), 1)
+    edges = graph.edges.copy()
+    i, j = edges[e]
+    edges[e] = (i, j + 1) if j + 1 < N else (i, j - 1)
+    W = graph.information_matrices
+    return Planted(_with_information(edges, graph.rotations, graph.translations, W, graph.d))
+
+
+def _copied(instance, best, rng):
+    graph = instance.graph
+    e, f = rng.choice(np.flatnonzero(~_steps_of(instance)), 2, replace=False)
+    R, t = graph.rotations.copy(), graph.translations.copy()
+    R[e], t[e] = R[f], t[f]
+    return Planted(_with_information(graph.edges, R, t, graph.information_matrices, graph.d))
+
+
+def _elsewhere(R, t):
+    return so.exp(np.full((1, so.tangent_dim(R.shape[1])), 0.9)) @ R, t + 4.0
+
+
+def _of_weights(change):
+    return lambda instance, best, rng: Planted(_weighed(instance, change))
+
+
+def _in_toro_order(W):
+    if W.shape[1] == 3:
+        # g2o: 11 12 13 22 23 33; TORO: 11 12 22 33 13 23
+        a = [W[:, 0, 0], W[:, 0, 1], W[:, 1, 1], W[:, 2, 2], W[:, 0, 2], W[:, 1, 2]]
+        out = np.zeros_like(W)
+        for (r, c), x in zip([(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)], a, strict=True):
+            out[:, r, c] = out[:, c, r] = x
+        return out
+    rotation_first = [3, 4, 5, 0, 1, 2]
+    return W[:, rotation_first][:, :, rotation_first]
+
+
+def _roots(W):
+    """Upper triangular roots, read as the upper half of symmetric matrices."""
+    U = np.swapaxes(np.linalg.cholesky(W), 1, 2)
+    return U + np.swapaxes(np.triu(U, 1), 1, 2)
+
+
+def _stiff(W):
+    out = W.copy()
+    out[7] *= 1e9
+    return out
+
+
+def _wound(instance, best, rng):
+    half = np.arange(N) >= N // 2
+    turn = np.zeros((N, so.tangent_dim(best.d)))
+    turn[half, -1] = np.pi
+    R = best.rotations @ so.exp(turn)
+    t = best.translations.copy()
+    t[half] = 2.0 * t[N // 2] - t[half]
+    return Planted(instance, certpgo.Estimate(R, t))
+
+
+def _early(instance, best, rng):
+    t = best.translations + 0.3 * rng.standard_normal(best.translations.shape)
+    return Planted(instance, Estimate(best.rotations, t))
+
+
+def _nowhere(instance, best, rng):
+    return Planted(instance, Estimate(np.tile(np.eye(best.d), (N, 1, 1)), np.zeros((N, best.d))))
+
+
+SPACE = (3,)
+MISTAKES = (
+    Mistake("estimate with w first", ("quaternion-w-first",), _of_estimate(_w_first), SPACE),
+    Mistake("inverse poses", ("inverse-poses",), _of_estimate(_inverse)),
+    Mistake("inverse rotations", ("inverse-rotations",), _of_estimate(_transposed)),
+    Mistake("inverse positions", ("inverse-positions",), _of_estimate(_inverse_positions)),
+    Mistake("mirrored positions", ("mirrored",), _of_estimate(_mirrored)),
+    Mistake("other handedness", ("other-handedness",), _of_estimate(_other_hand)),
+    Mistake("columns permuted", ("permuted-axes",), _of_estimate(_permuted), SPACE),
+    Mistake("axes of a camera", ("permuted-axes",), _of_estimate(_of_camera)),
+    Mistake("millimetres", ("millimetres",), _of_estimate(_times(1e3))),
+    Mistake("feet", ("feet",), _of_estimate(_times(1.0 / 0.3048))),
+    Mistake("another scale", ("scaled",), _of_estimate(_times(0.37))),
+    Mistake("poses from last to first", ("reordered",), _of_estimate(_backwards)),
+    Mistake(
+        "poses of the next node",
+        ("reordered",),
+        _of_estimate(lambda R, t: (np.roll(R, 1, axis=0), np.roll(t, 1, axis=0))),
+    ),
+    Mistake("stopped early", ("stopped-early",), _early),
+    Mistake("no initial values", ("no-initialization",), _nowhere),
+    Mistake("truth with w first", ("quaternion-w-first",), _of_truth(_w_first), SPACE),
+    Mistake("truth of inverse poses", ("inverse-poses",), _of_truth(_inverse)),
+    Mistake("truth mirrored", ("mirrored", "other-handedness"), _of_truth(_mirrored)),
+    Mistake("truth of a camera", ("permuted-axes",), _of_truth(_of_camera)),
+    Mistake("truth of a turned body", ("other-frame",), _of_truth(_mounted)),
+    Mistake("truth of another point", ("lever-arm",), _of_truth(_lever)),
+    Mistake("truth in millimetres", ("millimetres",), _of_truth(_times(1e3))),
+    Mistake("truth of another scale", ("scaled",), _of_truth(_times(0.7))),
+    Mistake("truth's clock late", ("shifted-times",), _clocked(1.7)),
+    Mistake("truth's clock in nanoseconds", ("times-units",), _clocked(0.0, 1e9)),
+    Mistake("all edges inverted", ("inverted-edges",), _of_edges(_inverse, "all")),
+    Mistake("closures inverted", ("inverted-closures",), _of_edges(_inverse, "closures")),
+    Mistake("odometry inverted", ("inverted-odometry",), _of_edges(_inverse, "odometry")),
+    Mistake(
+        "edges' rotations transposed", ("transposed-rotations",), _of_edges(_transposed, "all")
+    ),
+    Mistake("edges with w first", ("edges-w-first",), _of_edges(_w_first, "all"), SPACE),
+    Mistake(
+        "edges' translations in the other frame",
+        ("translations-in-other-frame", "inverse-translations", "negated-translations"),
+        _of_edges(lambda R, t: (R, np.einsum("mba,mb->ma", R, t)), "all"),
+    ),
+    Mistake("edges mirrored", ("mirrored-edges",), _of_edges(_mirrored, "all")),
+    Mistake("information in another order", ("information-order",), _of_weights(_in_toro_order)),
+    Mistake("covariances for information", ("covariance",), _of_weights(np.linalg.inv)),
+    Mistake("square roots of information", ("square-root",), _of_weights(_roots)),
+    Mistake("one closure inverted", ("inverted-edge",), _of_one_edge(_inverse)),
+    Mistake("one closure of the next node", ("wrong-node",), _between_others),
+    Mistake("one closure copied", ("copied-edge",), _copied),
+    Mistake("one closure wrong", ("wrong-measurement",), _of_one_edge(_elsewhere)),
+    Mistake(
+        "noise stated 4 times too small", ("noise-too-small",), _of_weights(lambda W: 16.0 * W)
+    ),
+    Mistake(
+        "noise stated 4 times too large", ("noise-too-large",), _of_weights(lambda W: W / 16.0)
+    ),
+    Mistake("one stiff edge", ("stiff-edge",), _of_weights(_stiff)),
+    Mistake(
+        "identity information",
+        ("identity-information", "noise-too-large"),
+        _of_weights(lambda W: np.tile(np.eye(W.shape[1]), (len(W), 1, 1))),
+    ),
+)
