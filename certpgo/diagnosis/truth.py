@@ -30,9 +30,9 @@ QUARTER = 10.0
 #: Alternations between a motion and what is fitted with it.
 ROUNDS = 20
 #: Offsets of times that are tried, in median steps to either side, and refinements of the best.
-OFFSETS, REFINED = 400, 40
+OFFSETS, REFINED = 200, 40
 #: Nodes by which offsets are found.
-SOME = 200
+SOME = 100
 
 
 def found(examined: Examined) -> Iterator[Finding]:
