@@ -54,6 +54,30 @@ def diagonal_blocks(L: CSC, rows: IntArray, layout: Layout, *, above: bool = Fal
     return blocks
 
 
+def blocks_of_pairs(L: CSC, rows: IntArray, layout: Layout, pairs: IntArray) -> FloatArray:
+    """(m, 2b, 2b) blocks of A^-1 of two nodes each; zero for rows that points do not have.
+
+    Parameters
+    ----------
+    L, rows, layout : as in `diagonal_blocks`
+    pairs : (m, 2) nodes, which A couples
+    """
+    places = np.rint(layout.unpack(np.argsort(rows).astype(np.float64) + 1.0)).astype(np.intp) - 1
+    at = places[pairs].reshape(len(pairs), -1)
+    first = np.where(at >= 0, at, layout.size).min(axis=1)
+    order = np.argsort(first, kind="stable")
+    firsts, blocks = first[order], np.zeros((*at.shape, at.shape[1]))
+    for front, k, Z in fronts_of_inverse(L):
+        own = order[slice(*np.searchsorted(firsts, [front[0], front[0] + k]))]
+        if not len(own):
+            continue
+        known = at[own] >= 0
+        within = np.searchsorted(front, np.where(known, at[own], front[0]))
+        both = known[:, :, None] & known[:, None, :]
+        blocks[own] = np.where(both, Z[within[:, :, None], within[:, None, :]], 0.0)
+    return blocks
+
+
 def fronts_of_inverse(L: CSC, *, above: bool = False) -> Iterator[tuple[IntArray, int, FloatArray]]:
     """Runs of k columns with one pattern, from the last to the first, with the inverse's block.
 

@@ -185,11 +185,20 @@ class EdgeOperators(Objective):
         InputError
             Scales are unknown.
         """
+        return self.pattern.assemble(*self.gauss_newton_blocks(estimate), self.d)
+
+    def gauss_newton_blocks(self, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
+        """Its blocks of the nodes, and those of each edge between its nodes.
+
+        Raises
+        ------
+        InputError
+            Scales are unknown.
+        """
         if self.takes_scales:
             raise InputError("covariances are for poses of known scale, not for similarities")
         explained = EdgeSums(operators.explained(self.graph, estimate))
-        blocks = explained.hessian(estimate.rotations, np.zeros_like(estimate.rotations))
-        return self.pattern.assemble(*blocks, self.d)
+        return explained.hessian(estimate.rotations, np.zeros_like(estimate.rotations))
 
     @property
     def tangent_layout(self) -> Layout:

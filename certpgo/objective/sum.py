@@ -351,7 +351,11 @@ class Sum(Objective):
 
     def gauss_newton(self, estimate: Estimate) -> CSC:
         """The Gauss-Newton matrix of half the cost, as in `linearized`."""
-        return self.normal_equations(estimate).gauss_newton
+        return self.chordal.pattern.assemble(*self.gauss_newton_blocks(estimate), self.d)
+
+    def gauss_newton_blocks(self, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
+        """Its blocks of the nodes, and those of each edge between its nodes."""
+        return self.equations.second(estimate)
 
     def symbolic(self, A: CSC) -> Symbolic:
         """The symbolic analysis of a block matrix of this graph."""

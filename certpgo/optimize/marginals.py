@@ -16,7 +16,7 @@ from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.blocks import Layout, pinned
 from certpgo.linalg.factor import Factor, Symbolic
-from certpgo.linalg.selected_inverse import diagonal_blocks
+from certpgo.linalg.selected_inverse import blocks_of_pairs, diagonal_blocks
 from certpgo.objective.operators import lever
 
 #: Variances, times the information of their own entry, beyond which rounding decides them.
@@ -38,6 +38,10 @@ class Measured(Protocol):
 
     def gauss_newton(self, estimate: Estimate) -> CSC:
         """Gauss-Newton matrix of half the cost, over world translations and body rotations."""
+        ...
+
+    def gauss_newton_blocks(self, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
+        """Its blocks of the nodes, and those of each edge between its nodes."""
         ...
 
     @property
@@ -145,6 +149,41 @@ class Marginals:
         blocks = np.swapaxes(self._frames, 1, 2) @ blocks @ self._frames
         blocks[[self.anchor, *self.held]] = 0.0
         return np.asarray(blocks)
+
+    def relatives(self, pairs: IntArray) -> FloatArray:
+        """(k, b, b) the `relative` covariance of each pair of poses (k, 2) with a measurement.
+
+        In the time of `covariances`.
+        """
+        joint = blocks_of_pairs(*self._factor.lower(), self._layout, pairs)
+        b, layout = self._size, self._layout
+        variances = layout.unpack(self._information.diagonal())[pairs].reshape(len(pairs), -1)
+        own = np.einsum("kaa->ka", joint) * variances
+        still = np.isin(pairs, (self.anchor, *self.held)).repeat(b, axis=1)
+        if not (own[~still] < LARGEST).all():
+            raise NumericalError(UNDETERMINED)
+        joint[still[:, :, None] | still[:, None, :]] = 0.0
+        back, there = self.motions(pairs)
+        J = np.concatenate([back, there], axis=2)
+        return np.asarray(J @ joint @ np.swapaxes(J, 1, 2))
+
+    def motions(self, pairs: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Two (k, b, b): how motions of i and of j move j in the frame of i, in its own tangent.
+
+        Motions as in the problem's layout: of positions in the world, of rotations in the body.
+        """
+        (R, t), (i, j) = (self.estimate.rotations, self.estimate.translations), pairs.T
+        there = np.swapaxes(self._frames[j], 1, 2)
+        back = np.swapaxes(R[j], 1, 2) @ R[i]
+        d, q = R.shape[1], so.tangent_dim(R.shape[1])
+        turned = back if d == 3 else np.ones((len(pairs), 1, 1))
+        if t is None:
+            return -turned, there
+        carried = np.zeros((len(pairs), d + q, d + q))
+        carried[:, :d, :d], carried[:, d:, d:] = back, turned
+        apart = np.einsum("kba,kb->ka", R[j], t[i] - t[j])
+        carried[:, :d, d:] = lever(apart) @ turned
+        return -carried @ np.swapaxes(self._frames[i], 1, 2), there
 
     def _require(self, node: int) -> None:
         require(node, Integral, "the number of a node")
