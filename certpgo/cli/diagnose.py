@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,7 +17,7 @@ from certpgo.cli._options import (
     time_limit_option,
 )
 from certpgo.cli._outputs import Outputs
-from certpgo.cli._reading import Reading, restricted_to, takes_reading
+from certpgo.cli._reading import Components, Reading, restricted_to, takes_reading
 from certpgo.cli._show import StatusLine, document, facts, notice, noticing, paragraph, working
 from certpgo.cli._truth import OF_TRUTH, TruthFile, TruthOffset
 
@@ -71,8 +72,10 @@ def command(
     of_truth = reading.resolve(truth)
     outputs = Outputs(scene=out, html=html, json=json)
     outputs.refuse(source, of_estimate, of_truth)
-    whole = timed(reading.open(source, operation=None), timestamps)
-    [instance, *_] = reading.parts(whole)
+    whole = timed(_whole(source, reading), timestamps)
+    # Parts that nothing joins are a finding, unless it is said what to do with them.
+    apart = reading.components is Components.REFUSE
+    [instance, *_] = [whole] if apart else reading.parts(whole)
     how = Matching.of(timestamps, max_difference)
     given = None if of_estimate is None else _estimate(of_estimate, whole, instance, reading, how)
     known = _truth(of_truth, instance, reading, how.of_truth(truth_offset))
@@ -100,19 +103,39 @@ def command(
     facts(found._facts())
 
 
+def _whole(source: Source, reading: Reading) -> Instance:
+    """The graph; with nodes released where it cannot be read with these held."""
+    from certpgo.errors import FormatError, InputError
+
+    try:
+        return reading.open(source, operation=None)
+    except FormatError:
+        raise
+    except InputError as refusal:
+        if not reading.fixed:
+            raise
+        notice(f"{refusal}: released here")
+        return replace(reading, fixed=False).open(source, operation=None)
+
+
 def _estimate(
     of: Source, whole: Instance, part: Instance, reading: Reading, how: Matching
-) -> Estimate:
+) -> Estimate | Path:
+    """The estimate of a part; or its path if it is refused, which then is to be explained."""
+    from certpgo.errors import FormatError
     from certpgo.io import read_estimate
 
-    with noticing():
-        found = read_estimate(
-            of.path(),
-            whole,
-            timestamps=how.timestamps,
-            max_difference=how.max_difference,
-            topic=reading.topic_of(of),
-        )
+    try:
+        with noticing():
+            found = read_estimate(
+                of.path(),
+                whole,
+                timestamps=how.timestamps,
+                max_difference=how.max_difference,
+                topic=reading.topic_of(of),
+            )
+    except FormatError:
+        return of.path()
     return restricted_to(part, found, whole)
 
 

@@ -2,22 +2,41 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from certpgo.diagnosis import estimates
+from certpgo.diagnosis import estimates, ids, optimizer, priors, structure
 from certpgo.diagnosis import truth as of_truth
+from certpgo.diagnosis.detectability import detectable
 from certpgo.diagnosis.examined import Examined, KnownTruth
 from certpgo.diagnosis.finding import Diagnosis, Finding
+from certpgo.errors import FormatError, InputError
 from certpgo.graph import Estimate, Graph, Instance
+from certpgo.graph.components import connected_parts
 from certpgo.graph.phrases import counted
 from certpgo.io.accept_paths import AnyPath, as_instance, estimated
+from certpgo.io.matching import places
+from certpgo.io.reading import read
 from certpgo.io.writing import AnyAnswer
 from certpgo.optimize.monitor import Monitor, silent
 
 #: What is looked for, each given what is examined.
-CHECKS: tuple[Callable[[Examined], Iterator[Finding]], ...] = (estimates.found, of_truth.found)
+CHECKS: tuple[Callable[[Examined], Iterator[Finding]], ...] = (
+    estimates.found,
+    of_truth.found,
+    optimizer.found,
+    priors.found,
+    structure.found,
+)
+#: Strength from which findings leave nothing to say of what could be seen.
+SURE = 1.0
+#: Nodes of the smallest part of a graph that is examined by itself.
+SMALLEST = 3
 
 
 def first_finding(examined: Examined) -> Finding | None:
@@ -71,13 +90,83 @@ def diagnose(
     >>> certpgo.diagnose(made, inverse).findings[0].next
     'invert each pose'
     """
-    instance = as_instance(graph, "diagnose")
-    given = None if estimate is None else estimated(estimate, instance)
+    instance = _opened(graph)
     known = truth
     if isinstance(known, Estimate):
         known = KnownTruth(np.arange(known.num_nodes), known)
-    examined = Examined(instance, given, known, cost, None, time_limit, monitor)
-    found = [finding for check in CHECKS for finding in check(examined)]
+    found = [*structure.apart(instance)]
+    whole = Examined(instance, None, known, cost, None, time_limit, monitor)
+    parts = [whole]
+    if not instance.measurements.is_connected:
+        parts = [_part(whole, part) for part in connected_parts(instance, "each")]
+    if estimate is not None:
+        try:
+            given = estimated(estimate, instance)
+            parts = [replace(part, estimate=_of(part, instance, given)) for part in parts]
+        except InputError as refusal:
+            reason = ids.of_another(parts[0], estimate, refusal)
+            if reason is None:
+                raise
+            found.append(reason)
+    sized = [one for one in parts if one.instance.graph.num_nodes >= SMALLEST] or parts[:1]
+    several = len(sized) > 1
+    seen = [(one, finding) for one in sized for finding in _of_part(one, bool(found))]
+    found += [_named(one, finding) if several else finding for one, finding in seen]
     found.sort(key=lambda one: -one.strength)
-    tried = len(examined.tried)
-    return Diagnosis(tuple(found), tried, f"{instance.name}, by {counted(tried, 'trial{s}')}")
+    could = ""
+    if not found or found[0].strength < SURE:
+        could = "; ".join(filter(None, map(_detectable, sized)))
+    tried = len(whole.tried)
+    said = f"{instance.name}, by {counted(tried, 'trial{s}')}"
+    return Diagnosis(tuple(found), tried, said, could)
+
+
+def _of_part(examined: Examined, wrong: bool) -> list[Finding]:
+    """The findings of a connected part, with remarks if something is wrong there or elsewhere."""
+    found = [finding for check in CHECKS for finding in check(examined)]
+    return [*found, *structure.remarks(examined)] if found or wrong else found
+
+
+def _opened(graph: Any) -> Instance:
+    """The instance; with nodes released where the file holds them and cannot be read so."""
+    try:
+        return as_instance(graph, "diagnose")
+    except FormatError:
+        raise
+    except InputError:
+        if not isinstance(graph, str | os.PathLike):
+            raise
+        return read(Path(graph), quiet=True, fixed=False)
+
+
+def _part(whole: Examined, part: Instance) -> Examined:
+    """A connected part, with the truth of its nodes."""
+    known = whole.truth
+    if known is not None:
+        place = places(part.ids, whole.instance.ids[known.nodes])
+        nodes = np.flatnonzero(place >= 0)
+        clock, poses = known.clock, known.poses
+        if len(known.nodes):
+            poses = poses.subset(place[nodes])
+        if clock is not None:
+            clock = replace(clock, nodes=clock.nodes[places(part.ids, whole.instance.ids)])
+        known = KnownTruth(nodes, poses, clock)
+    return replace(whole, instance=part, truth=known)
+
+
+def _of(part: Examined, instance: Instance, given: Estimate) -> Estimate | None:
+    """The estimate of a part's nodes; None if it lacks some, such as a world of its own."""
+    if part.instance is instance or not isinstance(given, Estimate):
+        return given
+    place = places(part.instance.ids, instance.ids)
+    return given.subset(place) if (place >= 0).all() else None
+
+
+def _named(examined: Examined, finding: Finding) -> Finding:
+    """The finding, which says of which part it is."""
+    return replace(finding, said=f"{examined.instance.name}: {finding.said}")
+
+
+def _detectable(examined: Examined) -> str:
+    seen = detectable(examined)
+    return "" if seen is None else seen.in_words(examined.instance)
