@@ -29,8 +29,8 @@ from certpgo.solve.fit import goodness_of_fit
 SLIGHT = 0.01
 #: Residuals that digits of files leave: radians, and parts of a length.
 DIGITS = 1e-5
-#: Probability of truth that is further from the optimum, or nearer to it.
-RARE = 1e-6
+#: Probability of truth that is further from the optimum, or nearer to it: noise is seldom as stated.
+RARE = 1e-9
 #: How far saddles are left, radians, and the stationarity of another program's optimum.
 NUDGE, ELSEWHERE = 1e-3, 1e-4
 #: Strength of what is proven, beside half of that of its costs.
@@ -170,8 +170,8 @@ def _is_as_truth(examined: Examined, given: float) -> bool:
     if fit is None or not fit.chi2 > 0.0:
         return False
     free = layout.size - int(layout.sizes[layout.whole[0]])
-    excess = (given - examined.best) / examined.best * fit.freedom
-    tails = special.gammainc(0.5 * free, 0.5 * excess), special.gammaincc(0.5 * free, 0.5 * excess)
+    ratio = (given - examined.best) / examined.best * fit.freedom / free
+    tails = special.fdtr(free, fit.freedom, ratio), special.fdtrc(free, fit.freedom, ratio)
     return bool(min(tails) > RARE)
 
 

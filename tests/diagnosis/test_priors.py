@@ -1,7 +1,5 @@
 """Priors and held nodes at wrong places."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from strategies import rng_of
@@ -45,7 +43,7 @@ def test_priors_in_another_unit():
     assert (first.kind, len(first.edges)) == ("priors-elsewhere", 5)
 
 
-def test_a_node_that_is_held_at_a_wrong_place():
+def test_a_node_that_is_held_at_a_wrong_place(tmp_path):
     info = " ".join("1" if i == j else "0" for i in range(3) for j in range(i, 3))
     lines = [f"VERTEX_SE2 {k} {k + 40 * (k == 9)} 0 0" for k in range(10)] + ["FIX 0", "FIX 9"]
     steps = [(k, k + 1) for k in range(9)] + [(k, k + 2) for k in range(8)]
@@ -53,6 +51,7 @@ def test_a_node_that_is_held_at_a_wrong_place():
     for i, j in steps:
         x, y, a = np.array([j - i, 0.0, 0.0]) + 0.1 * rng.standard_normal(3)
         lines.append(f"EDGE_SE2 {i} {j} {x} {y} {a} {info.replace('1', '100')}")
-    Path("held.g2o").write_text("\n".join(lines) + "\n")
-    [first, *_] = certpgo.diagnose(certpgo.read("held.g2o", quiet=True)).findings
+    path = tmp_path / "held.g2o"
+    path.write_text("\n".join(lines) + "\n")
+    [first, *_] = certpgo.diagnose(certpgo.read(path, quiet=True)).findings
     assert first.kind == "held-elsewhere"

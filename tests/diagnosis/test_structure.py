@@ -1,7 +1,5 @@
 """The graph: parts, copies, contradictions, bridges, held nodes, and the ids of an estimate."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from strategies import pose_graph, rng_of
@@ -129,8 +127,8 @@ def test_a_bridge_is_remarked_where_something_is_wrong():
     assert found["bridge"].edges == (2 * m,)
 
 
-def test_held_nodes_leave_nothing():
-    path = Path("held.g2o")
+def test_held_nodes_leave_nothing(tmp_path):
+    path = tmp_path / "held.g2o"
     path.write_text(
         "VERTEX_SE2 0 0 0 0\nVERTEX_SE2 1 1 0 0\nFIX 0\nFIX 1\nEDGE_SE2 0 1 1 0 0.1 1 0 0 1 0 1\n"
     )
