@@ -73,9 +73,9 @@ def command(
     outputs = Outputs(scene=out, html=html, json=json)
     outputs.refuse(source, of_estimate, of_truth)
     whole = timed(_whole(source, reading), timestamps)
-    # Parts that nothing joins are a finding, unless it is said what to do with them.
-    apart = reading.components is Components.REFUSE
-    [instance, *_] = [whole] if apart else reading.parts(whole)
+    # Parts that nothing joins are a finding, and examined each.
+    largest = reading.components is Components.LARGEST
+    [instance] = reading.parts(whole) if largest else [whole]
     how = Matching.of(timestamps, max_difference)
     given = None if of_estimate is None else _estimate(of_estimate, whole, instance, reading, how)
     known = _truth(of_truth, instance, reading, how.of_truth(truth_offset))

@@ -114,8 +114,8 @@ def diagnose(
     found += [_named(one, finding) if several else finding for one, finding in seen]
     found.sort(key=lambda one: -one.strength)
     could = ""
-    if not found or found[0].strength < SURE:
-        could = "; ".join(filter(None, map(_detectable, sized)))
+    if not any(finding.strength >= SURE for _, finding in seen):
+        could = "; ".join(filter(None, (_detectable(one, several) for one in sized)))
     tried = len(whole.tried)
     said = f"{instance.name}, by {counted(tried, 'trial{s}')}"
     return Diagnosis(tuple(found), tried, said, could)
@@ -167,6 +167,9 @@ def _named(examined: Examined, finding: Finding) -> Finding:
     return replace(finding, said=f"{examined.instance.name}: {finding.said}")
 
 
-def _detectable(examined: Examined) -> str:
-    seen = detectable(examined)
-    return "" if seen is None else seen.in_words(examined.instance)
+def _detectable(examined: Examined, named: bool) -> str:
+    """What errors of a part would have been seen; or empty."""
+    seen, instance = detectable(examined), examined.instance
+    if seen is None:
+        return ""
+    return f"{instance.name}: {seen.in_words(instance)}" if named else seen.in_words(instance)

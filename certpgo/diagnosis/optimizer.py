@@ -29,7 +29,7 @@ from certpgo.solve.fit import goodness_of_fit
 SLIGHT = 0.01
 #: Residuals that digits of files leave: radians, and parts of a length.
 DIGITS = 1e-5
-#: Probability of truth that is further from the optimum, or nearer to it: noise is seldom as stated.
+#: Probability of truth that is further from the optimum, or nearer: noise is seldom as stated.
 RARE = 1e-9
 #: How far saddles are left, radians, and the stationarity of another program's optimum.
 NUDGE, ELSEWHERE = 1e-3, 1e-4
