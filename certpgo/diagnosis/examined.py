@@ -22,6 +22,11 @@ from certpgo.solve.inconsistency import odometry
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.solving import solve
 
+#: Share of a cost above it that is not asked about.
+SLIGHT = 0.01
+#: Residuals that digits of files leave: radians, and parts of a length.
+DIGITS = 1e-5
+
 
 @dataclass(frozen=True, eq=False)
 class Clock:
@@ -140,6 +145,15 @@ class Examined:
     def best(self) -> float:
         """The least cost known."""
         return self.answer.cost if self.least is None else self.least
+
+    def is_above(self, cost: float, least: float) -> bool:
+        """Whether a cost is above another one by more than digits and tolerances explain."""
+        graph = self.instance.graph
+        digits = 2.0 * float(graph.kappa.sum())
+        if graph.has_positions:
+            digits += float(graph.tau @ (graph.translations**2).sum(axis=1))
+        floor = max(self.answer.certificate.tolerance, DIGITS**2 * digits)
+        return cost - least > max(SLIGHT * least, floor)
 
     @cached_property
     def fit(self) -> Fit | None:

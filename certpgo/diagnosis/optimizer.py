@@ -11,7 +11,7 @@ from scipy import special
 
 from certpgo.certify import Verdict
 from certpgo.certify.tolerances import SETTLED
-from certpgo.diagnosis.examined import Examined
+from certpgo.diagnosis.examined import SLIGHT, Examined
 from certpgo.diagnosis.finding import Finding, explained
 from certpgo.diagnosis.winding import wound
 from certpgo.errors import CertPGOError, NumericalError
@@ -25,16 +25,12 @@ from certpgo.optimize.solution import Solution, Status
 from certpgo.solve.accuracy_wording import ends
 from certpgo.solve.fit import goodness_of_fit
 
-#: Share of the best cost above it that is not asked about.
-SLIGHT = 0.01
-#: Residuals that digits of files leave: radians, and parts of a length.
-DIGITS = 1e-5
 #: Probability of truth that is further from the optimum, or nearer: noise is seldom as stated.
 RARE = 1e-9
 #: How far saddles are left, radians, and the stationarity of another program's optimum.
 NUDGE, ELSEWHERE = 1e-3, 1e-4
-#: Strength of what is proven, beside half of that of its costs.
-PROVEN = 0.5
+#: Strength of what is proven, beside half of that of its costs, and that part at most.
+PROVEN, MOST = 0.5, 1.0
 #: Poses are at the same place if they differ by less than this.
 SAME = 1e-9
 
@@ -46,7 +42,7 @@ def found(examined: Examined) -> Iterator[Finding]:
     if estimate is None or examined.instance.graph.has_scales:
         return
     given = examined.problem.cost(estimate)
-    if not math.isfinite(given) or not _is_above(examined, given, examined.best):
+    if not math.isfinite(given) or not examined.is_above(given, examined.best):
         return
     missing = _without_start(examined, estimate, given)
     if missing is not None:
@@ -54,16 +50,6 @@ def found(examined: Examined) -> Iterator[Finding]:
         return
     with suppress(NumericalError, np.linalg.LinAlgError):
         yield from _descended(examined, estimate, given)
-
-
-def _is_above(examined: Examined, cost: float, least: float) -> bool:
-    """Whether a cost is above another one by more than digits and tolerances explain."""
-    graph = examined.instance.graph
-    digits = 2.0 * float(graph.kappa.sum())
-    if graph.has_positions:
-        digits += float(graph.tau @ (graph.translations**2).sum(axis=1))
-    floor = max(examined.answer.certificate.tolerance, DIGITS**2 * digits)
-    return cost - least > max(SLIGHT * least, floor)
 
 
 # --- Starts ---------------------------------------------------------------------------------------
@@ -110,7 +96,7 @@ def _descended(examined: Examined, estimate: Estimate, given: float) -> Iterator
     end = descend(problem, problem.settled(estimate), monitor=examined.monitor)
     there = problem.settled(end.estimate)
     reached = problem.cost(there)
-    if _is_above(examined, reached, best):
+    if examined.is_above(reached, best):
         yield _elsewhere(examined, given, there, end, reached)
     elif (other := _other_cost(examined, estimate, given)) is not None:
         yield other
@@ -120,7 +106,7 @@ def _descended(examined: Examined, estimate: Estimate, given: float) -> Iterator
 
 def _weakened(cost: float, given: float, proven: float = 0.0) -> float:
     """The strength of what a mistake of convention explains as well."""
-    return proven + 0.5 * explained(cost, given)
+    return proven + min(0.5 * explained(cost, given), MOST)
 
 
 def _stopped_early(examined: Examined, given: float, end: Solution) -> Finding:
@@ -216,7 +202,7 @@ def _past_saddle(examined: Examined, there: Estimate, reached: float) -> float |
     nudged = Estimate(so.turned(there.rotations, turns), there.translations)
     end = descend(problem, problem.settled(nudged), monitor=examined.monitor)
     cost = problem.cost(problem.settled(end.estimate))
-    return cost if _is_above(examined, reached, cost) else None
+    return cost if examined.is_above(reached, cost) else None
 
 
 def _wound(examined: Examined, there: Estimate) -> tuple[str, tuple[int, ...]]:

@@ -47,7 +47,7 @@ def _priors(examined: Examined, world: int) -> Iterator[Finding]:
     costs = examined.problem.edge_costs(examined.answer.estimate)
     costly = rows[np.argsort(-costs[rows], kind="stable")[:TRIED]]
     without = [(_without(examined, row), row) for row in costly.tolist()]
-    alone = [(one, row) for one, row in without if one is not None and explains(one, best, 0.0)]
+    alone = [(one, row) for one, row in without if one is not None and _explains(examined, one)]
     if len(alone) == 1:  # else each of several may be the wrong one
         [(cost, row)] = alone
         node = instance.named(int(instance.graph.edges[row, 1]))
@@ -64,7 +64,7 @@ def _priors(examined: Examined, world: int) -> Iterator[Finding]:
     left = restricted(instance, np.delete(np.arange(instance.graph.num_nodes), world), "relative")
     cost = _descended(examined, left, examined.answer.estimate)
     # Without chi^2 something else has to say what is usual.
-    if explains(cost, best, 0.0) and (examined.fit is not None or _is_checked(examined, left)):
+    if _explains(examined, cost) and (examined.fit is not None or _is_checked(examined, left)):
         yield Finding(
             "priors-elsewhere",
             f"the {counted(len(rows), 'prior{s}')} and the other measurements contradict each "
@@ -75,6 +75,12 @@ def _priors(examined: Examined, world: int) -> Iterator[Finding]:
             strength=min(explained(cost, best), MOST),
             edges=tuple(instance.known_numbers[rows].tolist()),
         )
+
+
+def _explains(examined: Examined, cost: float) -> bool:
+    """Whether so little is left of the cost."""
+    best = examined.best
+    return examined.is_above(best, cost) and explains(cost, best, 0.0)
 
 
 def _without(examined: Examined, row: int) -> float | None:
@@ -103,7 +109,7 @@ def _held(examined: Examined) -> Iterator[Finding]:
     examined.trying("held-elsewhere")
     answer = examined.answer.estimate
     cost = _descended(examined, free, answer.subset(np.arange(free.graph.num_nodes)))
-    if explains(cost, best, 0.0):
+    if _explains(examined, cost):
         named = few(instance.ids[list(instance.fixed)].tolist())
         yield Finding(
             "held-elsewhere",
