@@ -25,18 +25,26 @@ from certpgo.io.reading import read
 from certpgo.io.writing import AnyAnswer
 from certpgo.optimize.monitor import Monitor, silent
 
-#: What is looked for, each given what is examined.
-CHECKS: tuple[Callable[[Examined], Iterator[Finding]], ...] = (
-    estimates.found,
-    of_truth.found,
-    optimizer.found,
-    priors.found,
-    structure.found,
-)
 #: Strength from which findings leave nothing to say of what could be seen.
 SURE = 1.0
 #: Nodes of the smallest part of a graph that is examined by itself.
 SMALLEST = 3
+
+
+def _of_estimate(examined: Examined) -> Iterator[Finding]:
+    """The convention that explains the estimate, or else what an optimizer did."""
+    convention = [*estimates.found(examined)]
+    yield from convention or optimizer.found(examined)
+
+
+#: What is looked for, each given what is examined.
+CHECKS: tuple[Callable[[Examined], Iterator[Finding]], ...] = (
+    _of_estimate,
+    of_truth.found,
+    optimizer.undetermined,
+    priors.found,
+    structure.found,
+)
 
 
 def first_finding(examined: Examined) -> Finding | None:

@@ -29,6 +29,8 @@ HARDLY = 1.02
 #: Units by their length in metres, and how closely a scale must meet one.
 UNITS = {"millimetres": 1e-3, "centimetres": 1e-2, "kilometres": 1e3, "feet": 0.3048}
 NEAR = 0.02
+#: Squared correlation of steps with measured ones from which a scale is one.
+ALIKE = 0.8
 
 Poses = tuple[FloatArray, FloatArray | None]
 
@@ -280,7 +282,7 @@ def read_by(
 
 
 def best_scale(examined: Examined, estimate: Estimate) -> float | None:
-    """The factor of all positions that fits measured translations best; None if it has no sign."""
+    """The factor of all positions that fits measured translations; None if none does."""
     graph, t = examined.instance.graph, estimate.translations
     if t is None or not graph.has_positions:
         return None
@@ -288,7 +290,9 @@ def best_scale(examined: Examined, estimate: Estimate) -> float | None:
     v = np.einsum("mba,mb->ma", estimate.rotations[i], t[j] - t[i])
     size = float(graph.tau @ (v * v).sum(axis=1))
     along = float(graph.tau @ (v * graph.translations).sum(axis=1))
-    return along / size if size > 0.0 and along > 0.0 else None
+    stated = float(graph.tau @ (graph.translations**2).sum(axis=1))
+    # Noise is best scaled to nothing, which explains nothing.
+    return along / size if along > 0.0 and along**2 > ALIKE * size * stated else None
 
 
 def unit_of(scale: float) -> tuple[str, str]:

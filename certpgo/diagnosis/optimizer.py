@@ -36,8 +36,7 @@ SAME = 1e-9
 
 
 def found(examined: Examined) -> Iterator[Finding]:
-    """What became of the estimate, and what no optimizer can determine."""
-    yield from _undetermined(examined)
+    """What became of the estimate."""
     estimate = examined.estimate
     if estimate is None or examined.instance.graph.has_scales:
         return
@@ -231,7 +230,7 @@ def _wound(examined: Examined, there: Estimate) -> tuple[str, tuple[int, ...]]:
 # --- Linear systems -------------------------------------------------------------------------------
 
 
-def _undetermined(examined: Examined) -> Iterator[Finding]:
+def undetermined(examined: Examined) -> Iterator[Finding]:
     """Nodes that nothing determines, so that linear systems are indeterminate."""
     examined.trying("undetermined")
     open_ = examined.answer.undetermined
