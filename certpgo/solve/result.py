@@ -248,6 +248,8 @@ class CertifiedSolution(Speaking):
         require(node, Integral, "the number of a node")
         most = self._excesses(level, excess, exact)
         more = float(most[int(node)]) if 0 <= node < len(most) else 0.0  # refused there
+        if excess is None and more == np.inf:
+            return None
         return self.certificate.region(node, reference, excess=more)
 
     def regions(

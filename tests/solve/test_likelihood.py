@@ -10,6 +10,7 @@ from strategies import pose_graph, rng_of, rotation_graph
 import certpgo
 from certpgo import Estimate, InputError, NumericalError
 from certpgo.graph.information import Information
+from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import objective_of
 from certpgo.objective.quadratic import Quadratic
 from certpgo.solve.likelihood import excesses, quantile
@@ -84,9 +85,48 @@ def test_coverage_is_at_least_the_level(d, exact):
     assert inside >= 0.8 * count - 2.0 * math.sqrt(0.16 * count)
 
 
-def noisy(rng, clean, sigma):
-    from certpgo.linalg import rotations as so
+def uneven(rng, cost="chordal"):
+    """A graph whose noise is along one axis but for a hundredth, correlated, with its truth."""
+    clean, R, t = pose_graph(rng, 4, 3, noise=0.0, weights=False)
+    m, axes = clean.num_edges, np.diag([1.0, 0.01, 0.01, 1.0, 0.01, 0.01])
+    S = axes @ (np.eye(6) + 0.9 * (np.eye(6, k=3) + np.eye(6, k=-3))) @ axes * 0.02**2
+    off = rng.standard_normal((m, 6)) @ np.linalg.cholesky(S).T
+    turns = clean.rotations @ so.exp(off[:, 3:])
+    W = np.linalg.inv(S)
+    kappa, tau = (3.0 / np.trace(np.linalg.inv(W[k : k + 3, k : k + 3])) for k in (3, 0))
+    rotation = certpgo.RotationGraph(4, clean.edges, turns, np.full(m, 0.5 * kappa))
+    graph = certpgo.PoseGraph(rotation, clean.translations + off[:, :3], np.full(m, tau))
+    W = np.tile(0.5 * (W + W.T), (m, 1, 1))
+    return objective_of(graph.with_information(Information.of(W, "g2o")), cost), Estimate(R, t)
 
+
+def test_averaged_information_has_no_chi_squared():
+    """F at the truth is below the quantile as often as that says: its noise is along one axis."""
+    below, count = 0, 100
+    for k in range(count):
+        problem, truth = uneven(rng_of(k))
+        below += problem.cost(truth) <= quantile(problem, 0.9)
+    assert below >= 0.9 * count - 2.0 * math.sqrt(0.09 * count)
+    problem, _ = uneven(rng_of(0))
+    plain = stats.chi2.ppf(0.9, 6 * problem.graph.num_edges)
+    assert 3.0 * plain < quantile(problem, 0.9) < 30.0 * plain
+    assert excesses(problem, 0.9).max() > 3.0 * stats.chi2.ppf(0.9, 6)
+    np.testing.assert_allclose(
+        excesses(uneven(rng_of(0), "g2o")[0], 0.9), stats.chi2.ppf(0.9, 6), rtol=1e-12
+    )
+
+
+def test_nothing_is_said_of_noise_that_is_not_stated():
+    """F weighs all directions alike, of which one is left open."""
+    graph = pose_graph(rng_of(4), 6, 3, noise=0.05)[0]
+    W = with_information(graph).information_matrices.copy()
+    W[2, 0, :] = W[2, :, 0] = 0.0
+    answer = certpgo.solve(graph.with_information(Information.of(W, "g2o")), cost="chordal")
+    assert answer.region(1, 0) is answer.regions() is answer.region(1, 0, exact=True) is None
+    assert answer.region(1, 0, excess=1.0).metres < math.inf
+
+
+def noisy(rng, clean, sigma):
     m, d, q = clean.num_edges, clean.d, 3 if clean.d == 3 else 1
     R = clean.rotations @ so.exp(sigma * rng.standard_normal((m, q)))
     steps = clean.translations + sigma * rng.standard_normal((m, d))
