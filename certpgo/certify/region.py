@@ -83,7 +83,12 @@ class ProvenDistance(Brief):
         unit = "" if self.scales is None else ", in its unit"
         at = f"(most at {named(self.node)}; seen from {named(self.reference)}{unit})"
         yield "proven distance", f"within {apart(*self.largest)} of every optimum  {at}"
-        yield "", f"half of the nodes within {apart(*self.median)}"
+        metres, degrees = self.median
+        half = f"half of the nodes within {apart(metres, degrees)}"
+        if metres is not None:  # turns are of another half, and points have none
+            turned = f", half within {apart(None, degrees)}" if 0.0 < degrees < NO_LIMIT else ""
+            half = f"half of the nodes within {rounded_up(metres, 3)} m{turned}"
+        yield "", half
 
     def sentence(self, named: Callable[[int], str]) -> str:
         """The same as a sentence; empty where nothing is known."""

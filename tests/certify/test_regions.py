@@ -480,3 +480,16 @@ def test_nothing_is_said_where_nothing_is_known():
 
 def flat(text):
     return " ".join(str(text).split())
+
+
+def test_halves_of_metres_and_of_degrees_are_not_the_same():
+    """Half of the nodes are near, the others hardly turn: none is both."""
+    metres, degrees = np.array([0.0, 0.125, 0.125, 9.0, 9.0]), np.array([0.0, 50.0, 50.0, 1.0, 1.0])
+    found = ProvenDistance(0, metres, degrees)
+    assert (
+        dict(found.in_words(str))[""] == "half of the nodes within 0.125 m, half within 1 degrees"
+    )
+    points = ProvenDistance(0, metres, np.array([0.0, 0.0, 0.0, 1.0, 1.0]))
+    assert dict(points.in_words(str))[""] == "half of the nodes within 0.125 m"
+    rotations = ProvenDistance(0, None, degrees)
+    assert dict(rotations.in_words(str))[""] == "half of the nodes within 1 degrees"
