@@ -258,11 +258,13 @@ class Regions(Brief):
             if factor is None:
                 return None
             L, rows = factor.lower()
-            sums, squares = rounding_of_factor(L, rows, w)
+            found, squares = rounding_of_factor(L, rows, w)
             if not is_cholesky(squares, A):
                 return None
-            if self.measures and (found := measured_residual(A, L, rows, w)) is not None:
-                sums = np.minimum(sums, found)
+            # Measured, nothing is assumed of the factorization.
+            sums = measured_residual(A, L, rows, w) if self.measures else found
+            if sums is None:
+                return None
             rounding = attempts.compensation(sums, multipliers, pin)
             if (rounding <= demand).all():
                 layout = form.pattern.layout_of(form.matrix)

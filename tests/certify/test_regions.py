@@ -493,3 +493,20 @@ def test_halves_of_metres_and_of_degrees_are_not_the_same():
     assert dict(points.in_words(str))[""] == "half of the nodes within 0.125 m"
     rotations = ProvenDistance(0, None, degrees)
     assert dict(rotations.in_words(str))[""] == "half of the nodes within 1 degrees"
+
+
+def test_the_proof_tier_assumes_nothing_of_the_factorization(monkeypatch):
+    """What is known without measuring the residual does not count, nor stand in for it."""
+    from certpgo.certify import regions
+
+    problem, truth = problem_of("points", rng_of(2), 3)
+    certificate = certpgo.certify(problem, truth, tier="proof")
+    known, (metres, _) = certificate.regions, certificate.distance.largest
+    bounded = regions.rounding_of_factor
+    monkeypatch.setattr(
+        regions, "rounding_of_factor", lambda *given: (0.0 * given[2], bounded(*given)[1])
+    )
+    fresh = replace(known, bound=replace(known.bound))
+    assert fresh.distance().largest[0] == pytest.approx(metres, rel=1e-9)
+    monkeypatch.setattr(regions, "measured_residual", lambda *given: None)
+    assert replace(known, bound=replace(known.bound)).distance() is None
