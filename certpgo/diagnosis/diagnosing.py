@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from certpgo.diagnosis import estimates, ids, optimizer, priors, structure
+from certpgo.diagnosis import estimates, ids, measurements, optimizer, priors, structure
 from certpgo.diagnosis import truth as of_truth
 from certpgo.diagnosis.detectability import detectable
 from certpgo.diagnosis.examined import Examined, KnownTruth
@@ -41,6 +41,7 @@ def _of_estimate(examined: Examined) -> Iterator[Finding]:
 CHECKS: tuple[Callable[[Examined], Iterator[Finding]], ...] = (
     _of_estimate,
     of_truth.found,
+    measurements.found,
     optimizer.undetermined,
     priors.found,
     structure.found,

@@ -98,7 +98,7 @@ class _Equations:
 
     def _first_in_numpy(self, point: Estimate) -> tuple[float, FloatArray]:
         i, j = self._term.edges.T
-        e, at_i, at_j = self._linearized(point)
+        e, at_i, at_j = linearized(self._term, point)
         weighted = self._term.weights @ e[:, :, None]
         gradient = scatter_sum(i, (np.swapaxes(at_i, 1, 2) @ weighted)[:, :, 0], self._n)
         gradient += scatter_sum(j, (np.swapaxes(at_j, 1, 2) @ weighted)[:, :, 0], self._n)
@@ -106,7 +106,7 @@ class _Equations:
 
     def _second_in_numpy(self, point: Estimate, exact: bool) -> tuple[FloatArray, FloatArray]:
         i, j = self._term.edges.T
-        _, at_i, at_j = self._linearized(point)
+        _, at_i, at_j = linearized(self._term, point)
         heavy_i, heavy_j = self._term.weights @ at_i, self._term.weights @ at_j
         diagonal = scatter_sum(i, np.swapaxes(at_i, 1, 2) @ heavy_i, self._n)
         diagonal += scatter_sum(j, np.swapaxes(at_j, 1, 2) @ heavy_j, self._n)
@@ -119,19 +119,6 @@ class _Equations:
             upper[:, :d, :d] -= more
         return diagonal, upper
 
-    def _linearized(self, point: Estimate) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Residuals (m, k) and their derivatives by the first and the second pose, (m, k, p)."""
-        edges, arms = self._term.edges, self._term.arms
-        v, Q = self._term.relative(point)
-        e, in_v, in_w = self._term.linearized(v, Q)
-        # v moves by R_i^T (dt_j - dt_i) + v x w_i - Q (a x w_j), and Q by Q exp(w_j - Q^T w_i).
-        by_t = in_v @ np.swapaxes(point.rotations[edges[:, 0]], 1, 2)
-        turned = in_w if v.shape[1] == 2 else in_w @ np.swapaxes(Q, 1, 2)
-        at_i = np.concatenate([-by_t, in_v @ lever(v) - turned], axis=2)
-        if arms is not None:
-            in_w = in_w - in_v @ Q @ lever(arms)
-        return e, at_i, np.concatenate([by_t, in_w], axis=2)
-
     @cached_property
     def _arrays(self) -> tuple[tuple[Any, ...], int, FloatArray, FloatArray | None]:
         graph, weights = self._term.graph, np.ascontiguousarray(self._term.weights)  # type: ignore[attr-defined]
@@ -139,6 +126,20 @@ class _Equations:
         edges = *of_edges, graph.tau, graph.translations, None
         arrays = tuple(None if x is None else np.ascontiguousarray(x) for x in edges)
         return arrays, graph.d, weights, self._series
+
+
+def linearized(term: Term, point: Estimate) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Residuals (m, k) and their derivatives by the first and the second pose, (m, k, p)."""
+    edges, arms = term.edges, term.arms
+    v, Q = term.relative(point)
+    e, in_v, in_w = term.linearized(v, Q)
+    # v moves by R_i^T (dt_j - dt_i) + v x w_i - Q (a x w_j), and Q by Q exp(w_j - Q^T w_i).
+    by_t = in_v @ np.swapaxes(point.rotations[edges[:, 0]], 1, 2)
+    turned = in_w if v.shape[1] == 2 else in_w @ np.swapaxes(Q, 1, 2)
+    at_i = np.concatenate([-by_t, in_v @ lever(v) - turned], axis=2)
+    if arms is not None:
+        in_w = in_w - in_v @ Q @ lever(arms)
+    return e, at_i, np.concatenate([by_t, in_w], axis=2)
 
 
 def _coordinates(point: Estimate) -> int:

@@ -79,21 +79,30 @@ class Fit:
         return math.sqrt(self.chi2 / self.freedom)
 
     @property
+    def is_unusually_large(self) -> bool:
+        """Whether the stated noise hardly ever gives as much."""
+        return self._tails[1] < RARE
+
+    @property
+    def is_unusual(self) -> bool:
+        """Whether it hardly ever gives as much, or as little."""
+        return min(self._tails) < RARE
+
+    @property
     def warning(self) -> str:
         """What is unusual, in a sentence; or empty."""
-        below, above = self._tails
         said = f"chi^2 is {self}: residuals are {self.ratio:.3g} times the stated noise"
         if self._fits_as_roots:
             return (
                 f"{said}; the file's numbers may be square roots of information, with which it is "
                 f"about {self.as_roots:.4g}: see --weights-are sqrt-information"
             )
-        if above < RARE:
+        if self.is_unusually_large:
             return (
                 f"{said}; measurements may be wrong, or the stated noise too small: no verdict "
                 "excludes it"
             )
-        if below < RARE:
+        if self.is_unusual:
             return (
                 f"{said}, which is probably too large; verdicts do not depend on its scale, "
                 "covariances do"
@@ -106,7 +115,7 @@ class Fit:
         if self.as_roots is None or not (self.chi2 > 0.0 and self.as_roots > 0.0):
             return False
         off, left = (abs(math.log(chi2 / self.freedom)) for chi2 in (self.chi2, self.as_roots))
-        return min(self._tails) < RARE and off > math.log(FAR_OFF) and left < math.log(NEAR)
+        return self.is_unusual and off > math.log(FAR_OFF) and left < math.log(NEAR)
 
     @property
     def _tails(self) -> tuple[float, float]:

@@ -1,0 +1,385 @@
+"""Mistakes in measurements: conventions that poses were written in, then weights, then single ones.
+
+An edge (i, j) is read as the pose of j in i. A reading of all edges, or of loop closures or of
+odometry alone, undoes one other convention. Witnesses are the poses in the same file, whose cost a
+right reading makes small; and the best fit, of the readings under which loops close better.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from certpgo.diagnosis import noise, weights, wrong
+from certpgo.diagnosis.estimates import HARDLY, SHARE, UNITS
+from certpgo.diagnosis.examined import Examined
+from certpgo.diagnosis.finding import Finding
+from certpgo.diagnosis.loops import Loops
+from certpgo.errors import CertPGOError
+from certpgo.graph import Estimate, Graph, Instance
+from certpgo.graph.kinds import Kind
+from certpgo.graph.phrases import cost_shown
+from certpgo.io.build_graph import instance_from_lines
+from certpgo.io.exact import quaternion
+from certpgo.io.format import ReadOptions, format_of
+from certpgo.io.formats import g2o, toro
+from certpgo.linalg.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    frozen_floats,
+    frozen_indices,
+)
+from certpgo.objective.choose_cost import Certifiable, objective_of
+from certpgo.objective.edge_sums import EdgeSums
+from certpgo.optimize.descent import descend
+from certpgo.optimize.initialization import start_of
+from certpgo.solve.fit import fit_of
+
+#: Readings that are fitted at most, and share of loops' costs that these leave.
+FITTED, BETTER = 3, 0.7
+#: Costs of poses in the file that are not asked about: times the best fit's.
+WELL = 3.0
+#: Readings that the file's poses explain may fit this many times worse than what is given.
+CONTRADICTED = 30.0
+#: A best fit of this share of the given one explains it if its noise is then as stated.
+ORDINARY = 0.4
+#: Ratio of units that is asked about, and how closely a rough one meets one.
+RESCALED, ABOUT = 1.5, 1.4
+#: Formats whose angles can be read in degrees.
+DIALECTS = {"g2o": g2o.DIALECT, "toro": toro.DIALECT}
+
+Columns = tuple[IntArray, FloatArray, FloatArray]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A convention of measured poses.
+
+    Attributes
+    ----------
+    kind : its name in findings
+    said : what the poses are, after "all edges are "
+    next : what to do about them
+    read : edges (k, 2), rotations and translations as they are meant, from those that are given
+    dimensions : of spaces that it is for
+    is_scale : whether it is a unit of length
+    """
+
+    kind: str
+    said: str
+    next: str
+    read: Callable[[IntArray, FloatArray, FloatArray], Columns]
+    dimensions: tuple[int, ...] = (2, 3)
+    is_scale: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """A reading of some edges.
+
+    Attributes
+    ----------
+    scope : which, a key of `SCOPES`
+    graph : the measurements so read
+    """
+
+    reading: Reading
+    scope: str
+    graph: Graph
+
+
+# --- Readings -------------------------------------------------------------------------------------
+
+
+def _apply(R: FloatArray, t: FloatArray) -> FloatArray:
+    return np.asarray(np.einsum("mab,mb->ma", R, t))
+
+
+def _with_w_first(R: FloatArray) -> FloatArray:
+    return quaternion.rotations(np.roll(quaternion.to_write(R), -1, axis=1))
+
+
+def _mirrored(kind: str, axis: int, *, turned: bool) -> Reading:
+    name, both = "xyz"[axis], ("translations", "poses")[turned]
+
+    def read(E: IntArray, R: FloatArray, t: FloatArray) -> Columns:
+        signs = np.where(np.arange(R.shape[1]) == axis, -1.0, 1.0)
+        return E, signs[:, None] * R * signs if turned else R, signs * t
+
+    said = f"written with {both} mirrored in {name}"
+    rest = ", and turn rotations accordingly (S R S)" if turned else ""
+    dimensions = (3,) if axis == 2 else (2, 3)
+    return Reading(kind, said, f"negate {name} of translations{rest}", read, dimensions)
+
+
+IN_DEGREES = Reading(
+    "edges-in-degrees",
+    "written with angles in degrees",
+    "write angles in radians",
+    lambda E, R, t: (E, R, t),  # of rotations that are read so
+    (2,),
+)
+READINGS = (
+    Reading(
+        "inverted-edges",
+        "inverses: of i in j, not of j in i",
+        "swap the two ids of each, or invert the poses",
+        lambda E, R, t: (E[:, ::-1], R, t),
+    ),
+    Reading(
+        "transposed-rotations",
+        "written with transposed rotations",
+        "transpose each rotation: negate its angle, or x, y and z of its quaternion",
+        lambda E, R, t: (E, np.swapaxes(R, 1, 2), t),
+    ),
+    Reading(
+        "edges-w-first",
+        "written with quaternions of w first",
+        "write quaternions as qx qy qz qw",
+        lambda E, R, t: (E, _with_w_first(R), t),
+        (3,),
+    ),
+    Reading(
+        "translations-in-other-frame",
+        "written with translations in the frame of j, not of i",
+        "replace each translation t by R t",
+        lambda E, R, t: (E, R, _apply(R, t)),
+    ),
+    Reading(
+        "inverse-translations",
+        "written with translations of i in j, and rotations of j in i",
+        "replace each translation t by -R t",
+        lambda E, R, t: (E, R, -_apply(R, t)),
+    ),
+    Reading(
+        "negated-translations",
+        "written with translations from j to i, in the frame of i",
+        "negate each translation",
+        lambda E, R, t: (E, R, -t),
+    ),
+    *(_mirrored("mirrored-edges", axis, turned=False) for axis in range(3)),
+    *(_mirrored("edges-of-other-handedness", axis, turned=True) for axis in range(3)),
+    IN_DEGREES,
+)
+#: Readings that have names of their own where they are of some edges alone.
+NAMES = {
+    ("inverted-edges", "closures"): "inverted-closures",
+    ("inverted-edges", "odometry"): "inverted-odometry",
+}
+SCOPES = {"all": "all edges", "closures": "all loop closures", "odometry": "all odometry edges"}
+
+
+# --- The check ------------------------------------------------------------------------------------
+
+
+def found(examined: Examined) -> Iterator[Finding]:
+    """The convention of measurements that explains them best; else wrong ones, and the noise."""
+    if (order := weights.undefined(examined)) is not None:
+        yield order
+        return
+    if examined.instance.graph.has_scales:
+        return
+    if (convention := _convention(examined)) is not None:
+        yield convention
+        return
+    yield from noise.stiff(examined)
+    judged = wrong.judged(examined)
+    if judged is not None:
+        yield from wrong.found(examined, judged)
+    meaning = weights.other_meaning(examined)
+    gain, unusual = (0.0, []) if judged is None else noise.found(examined, judged.fit, judged.seen)
+    if meaning is not None and not (unusual and gain > meaning[0]):
+        yield meaning[1]
+    else:
+        yield from unusual
+
+
+def _convention(examined: Examined) -> Finding | None:
+    """The reading of measured poses that explains the file's poses, or fits far better."""
+    graph = examined.instance.graph
+    if not graph.has_positions or graph.has_couplings or not examined.whole.any():
+        return None
+    nodes, fit = examined.instance.initial, examined.fit
+    if nodes is not None and nodes.translations is not None:
+        given = examined.problem.cost(nodes)
+        if given > WELL * examined.best and (told := _by_nodes(examined, nodes, given)) is not None:
+            return told
+    return _by_fit(examined) if fit is None or fit.is_unusually_large else None
+
+
+def _trials(examined: Examined) -> Iterator[_Trial]:
+    """All readings of all scopes."""
+    graph, steps, whole = examined.instance.graph, examined.steps, examined.whole
+    scopes = {"all": whole}
+    if (whole & steps).any() and (whole & ~steps).any():
+        scopes |= {"closures": whole & ~steps, "odometry": whole & steps}
+    for scope, rows in scopes.items():
+        for reading in READINGS:
+            if graph.d in reading.dimensions:
+                examined.trying(reading.kind)
+                yield _Trial(reading, scope, _read(examined.instance, rows, reading))
+
+
+def _read(instance: Instance, rows: BoolArray, reading: Reading) -> Graph:
+    """The measurements where some rows are read so."""
+    graph, names = instance.graph, ("edges", "rotations", "translations")
+    columns = [getattr(graph, name).copy() for name in names]
+    given = [column[rows] for column in columns]
+    if reading is IN_DEGREES:
+        given[1] = _by_degrees(instance)[rows]
+    for column, values in zip(columns, reading.read(*given), strict=True):
+        column[rows] = values
+    # Rotations remain rotations, and checks would take longer than trials.
+    E, R, t = columns
+    return graph._with(
+        edges=frozen_indices(E), rotations=frozen_floats(R), translations=frozen_floats(t)
+    )
+
+
+def _posed(examined: Examined, graph: Graph) -> Certifiable:
+    """The same cost of other measurements."""
+    return objective_of(replace(examined.instance, graph=graph), examined.problem.cost_name)
+
+
+def _finding(trial: _Trial, costs: str, cost: float, given: float) -> Finding:
+    reading, scope = trial.reading, trial.scope
+    kind = NAMES.get((reading.kind, scope), reading.kind)
+    return Finding(kind, f"{SCOPES[scope]} are {reading.said}: {costs}", reading.next, cost, given)
+
+
+# --- By the poses in the file ---------------------------------------------------------------------
+
+
+def _by_nodes(examined: Examined, nodes: Estimate, given: float) -> Finding | None:
+    """The reading that explains the poses of the file."""
+    trials, whole = [*_trials(examined), *_in_unit_of(examined, nodes)], examined.whole
+    as_given = float(EdgeSums(examined.instance.graph).terms(nodes)[whole].sum())
+    costs = [float(EdgeSums(one.graph).terms(nodes)[whole].sum()) for one in trials]
+    least = min(costs)
+    if not least < SHARE * as_given:
+        return None
+    trial = next(one for one, cost in zip(trials, costs, strict=True) if cost <= HARDLY * least)
+    with suppress(CertPGOError, np.linalg.LinAlgError):
+        problem = _posed(examined, trial.graph)
+        cost = problem.cost(nodes)
+        fitted = descend(problem, nodes, monitor=examined.monitor).cost
+        agrees = trial.reading.is_scale or fitted < CONTRADICTED * examined.best
+        if cost < SHARE * given and agrees:
+            costs_read = f"the file's own poses cost {cost_shown(cost)} so read"
+            return _finding(trial, f"{costs_read}, {cost_shown(given)} as it stands", cost, given)
+    return None
+
+
+def _in_unit_of(examined: Examined, nodes: Estimate) -> Iterator[_Trial]:
+    """Translations in another unit than the positions of the file."""
+    graph, whole, t = examined.instance.graph, examined.whole, nodes.translations
+    if t is None:
+        return
+    i, j = graph.edges[whole].T
+    v = np.einsum("mba,mb->ma", nodes.rotations[i], t[j] - t[i])
+    tau, measured = graph.tau[whole], graph.translations[whole]
+    along, size = float(tau @ (measured * v).sum(axis=1)), float(tau @ (measured**2).sum(axis=1))
+    if along > 0.0 and size > 0.0:
+        yield from _in_unit(examined, along / size, "those of the file's poses")
+
+
+def _in_unit(examined: Examined, factor: float, others: str) -> Iterator[_Trial]:
+    """Translations times a factor that turns them into metres, if that is another unit."""
+    if abs(math.log(factor)) < math.log(RESCALED):
+        return
+    near = (name for name, metres in UNITS.items() if 1 / ABOUT < factor / metres < ABOUT)
+    unit = next(near, "scaled")
+    factor = UNITS.get(unit, factor)
+    said = f"in {unit}" if unit in UNITS else f"{1.0 / factor:.4g} times as long"
+    reading = Reading(
+        f"edges-{unit}",
+        f"{said}, if {others} are in metres",
+        f"multiply their translations by {factor:.4g}",
+        lambda E, R, t: (E, R, factor * t),
+        is_scale=True,
+    )
+    examined.trying(reading.kind)
+    yield _Trial(reading, "all", _read(examined.instance, examined.whole, reading))
+
+
+# --- By the best fit ------------------------------------------------------------------------------
+
+
+def _by_fit(examined: Examined) -> Finding | None:
+    """The reading that fits far better, among those under which loops close better."""
+    loops = Loops.of(examined)
+    shares = [(loops.share(trial.graph), trial) for trial in _trials(examined)]
+    closing = sorted((one for one in shares if one[0] < BETTER), key=lambda one: one[0])
+    given, best = examined.best, None
+    for trial in (*_by_others(examined, loops), *(trial for _, trial in closing[:FITTED])):
+        with suppress(CertPGOError, np.linalg.LinAlgError):
+            cost, is_usual = _fitted(examined, trial.graph)
+            explains = cost < (ORDINARY if is_usual else SHARE) * given
+            if explains and (best is None or HARDLY * cost < best[1]):
+                best = trial, cost
+    if best is None:
+        return None
+    said = f"so read the best fit costs {cost_shown(best[1])}, as it stands {cost_shown(given)}"
+    return _finding(best[0], said, best[1], given)
+
+
+def _fitted(examined: Examined, graph: Graph) -> tuple[float, bool]:
+    """The least cost of other measurements, and whether their noise is then as stated."""
+    problem = _posed(examined, graph)
+    start = start_of(problem.chordal).estimate
+    found = descend(problem, start, monitor=examined.monitor)
+    fit = fit_of(replace(examined.instance, graph=graph), problem, found.estimate)
+    return found.cost, fit is not None and not fit.is_unusually_large
+
+
+def _by_others(examined: Examined, loops: Loops) -> Iterator[_Trial]:
+    """Translations in another unit than positions or distances that were measured otherwise."""
+    instance, graph = examined.instance, examined.instance.graph
+    t, place = loops.composed(graph).translations, np.full(graph.num_nodes, -1)
+    place[loops.nodes] = np.arange(len(loops.nodes))
+    if t is None:
+        return
+    kinds, (_, j) = instance.measurements.kinds[: graph.num_edges], graph.edges.T
+    rows = np.isin(kinds, (Kind.POSITION, Kind.PRIOR)) & (place[j] >= 0)
+    if rows.sum() > 2:
+        sets = t[place[j[rows]]], graph.translations[rows]
+        own, other = (float(np.linalg.norm(x - x.mean(axis=0))) for x in sets)
+        if min(own, other) > 0.0:
+            yield from _in_unit(examined, other / own, "measured positions")
+    if (ranges := graph.ranges) is not None:
+        i, j = place[ranges.edges].T
+        both = (i >= 0) & (j >= 0)
+        lengths = np.linalg.norm(t[i[both]] - t[j[both]], axis=1)
+        known = lengths > 0.0
+        if known.sum() > 2:
+            factor = float(np.median(ranges.distances[both][known] / lengths[known]))
+            yield from _in_unit(examined, factor, "measured distances")
+
+
+# --- Angles ---------------------------------------------------------------------------------------
+
+
+def _by_degrees(instance: Instance) -> FloatArray:
+    """(m, 2, 2) the edges' rotations by angles in degrees, of the file if it can be read again.
+
+    Angles beyond pi are wrapped where they are read as radians.
+    """
+    R = instance.graph.rotations
+    with suppress(CertPGOError, OSError):
+        name = format_of(Path(instance.source)).name if instance.source else ""
+        if name in DIALECTS and instance.stated is None:
+            dialect = replace(DIALECTS[name], poses=_in_degrees)
+            again = instance_from_lines(dialect, Path(instance.source), ReadOptions())
+            if np.array_equal(again.pairs, instance.pairs):
+                return again.graph.rotations
+    return quaternion.planar_rotations(np.radians(np.arctan2(R[:, 1, 0], R[:, 0, 0])))
+
+
+def _in_degrees(d: int, numbers: FloatArray) -> tuple[FloatArray, FloatArray, int]:
+    return quaternion.planar_rotations(np.radians(numbers[:, 2])), numbers[:, :d], 0

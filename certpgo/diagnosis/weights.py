@@ -1,0 +1,284 @@
+"""What the numbers after measured poses may be, if they are not information matrices as read."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from certpgo.diagnosis.examined import Examined
+from certpgo.diagnosis.finding import Finding
+from certpgo.diagnosis.noise import anchor_of
+from certpgo.diagnosis.study import Study, studied_problem, study
+from certpgo.errors import CertPGOError
+from certpgo.graph import Estimate, Graph
+from certpgo.graph.information import Information, RotationAbout
+from certpgo.graph.phrases import counted
+from certpgo.linalg.arrays import BoolArray, FloatArray
+from certpgo.objective.choose_cost import Certifiable, objective_of
+from certpgo.objective.sum import Sum
+from certpgo.solve.fit import Fit, squares
+
+#: Ratio of squares per number, of translations and rotations, that is even.
+EVEN = 4.0
+#: Degrees of freedom from which ordinary weights are this even, and no other meaning is tried.
+PLENTY, EVENLY = 1000, 1.3
+#: Ratio of chi^2 and degrees of freedom from which no fit to other weights is tried, if it is too
+#: small at the given one, and if it is too large.
+TOO_SMALL, TOO_LARGE = 0.1, 1e5
+#: Twice the logarithm of the ratio of likelihoods from which a meaning is by far the better one.
+MORE = 16.0
+#: Strength of an order with which all matrices are definite, and of a factor of rotations.
+STRONG, WEAK = 2.0, 0.3
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """What the numbers may be.
+
+    Attributes
+    ----------
+    kind : its name in findings
+    said : what they are
+    next : what to do about it
+    read : information (k, p, p) as it is meant, from that which is given
+    """
+
+    kind: str
+    said: str
+    next: str
+    read: Callable[[FloatArray], FloatArray]
+
+
+def _reordered(order: tuple[tuple[int, ...], ...]) -> Callable[[FloatArray], FloatArray]:
+    """Matrices whose upper triangle, row by row, has the places of each entry."""
+
+    def read(M: FloatArray) -> FloatArray:
+        row, column = np.triu_indices(M.shape[1])
+        return np.asarray(M[:, row, column][:, np.array(order)])
+
+    return read
+
+
+def _permuted(axes: list[int]) -> Callable[[FloatArray], FloatArray]:
+    return lambda M: np.asarray(M[:, axes][:, :, axes])
+
+
+def _lower(p: int) -> tuple[tuple[int, ...], ...]:
+    """Places of entries where the lower triangle was written row by row."""
+    high, low = np.maximum.outer(np.arange(p), np.arange(p)), np.minimum.outer(*[np.arange(p)] * 2)
+    return tuple(map(tuple, (high * (high + 1) // 2 + low).tolist()))
+
+
+def _of_cholesky(M: FloatArray) -> FloatArray:
+    U: FloatArray = np.triu(M)
+    return np.asarray(np.swapaxes(U, 1, 2) @ U)
+
+
+def _turned(factor: float) -> Callable[[FloatArray], FloatArray]:
+    def read(M: FloatArray) -> FloatArray:
+        unit = np.repeat([1.0, math.sqrt(factor)], 3)
+        return np.asarray(M * np.outer(unit, unit))
+
+    return read
+
+
+_BY_ROWS = "write the upper triangle row by row, translation before rotation"
+
+
+def orders(d: int) -> tuple[Meaning, ...]:
+    """Orders of the numbers of a matrix."""
+    kind, p = "information-order", d * (d + 1) // 2
+    lower = Meaning(kind, "are lower triangles, row by row", _BY_ROWS, _reordered(_lower(p)))
+    if d == 3:
+        turned = Meaning(
+            kind,
+            "have rotation before translation, as GTSAM's",
+            "write translation before rotation, or read the file as GTSAM's",
+            _permuted([3, 4, 5, 0, 1, 2]),
+        )
+        return turned, lower
+    return (
+        Meaning(
+            kind,
+            "are in TORO's order: xx xy yy tt xt yt",
+            "write xx xy xt yy yt tt, or EDGE2 instead of EDGE_SE2",
+            _reordered(((0, 1, 4), (1, 2, 5), (4, 5, 3))),
+        ),
+        Meaning(
+            kind,
+            "are in g2o's order: xx xy xt yy yt tt",
+            "write xx xy yy tt xt yt, or EDGE_SE2 instead of EDGE2",
+            _reordered(((0, 1, 3), (1, 3, 5), (3, 5, 2))),
+        ),
+        lower,
+        Meaning(kind, "have the angle first", _BY_ROWS, _permuted([1, 2, 0])),
+    )
+
+
+OTHERS = (
+    Meaning(
+        "covariance",
+        "are covariances, not information",
+        "invert them, or read with --weights-are covariance",
+        lambda M: np.asarray(np.linalg.pinv(M, hermitian=True), dtype=np.float64),
+    ),
+    Meaning(
+        "square-root",
+        "are square roots of information",
+        "square them, or read with --weights-are sqrt-information",
+        _of_cholesky,
+    ),
+)
+#: In space, of the residual of the cost: a quaternion's vector part is half of a tangent vector.
+OF_QUATERNIONS = {
+    "quaternion": Meaning(
+        "quaternion-information",
+        "are about tangent vectors, not about quaternions as g2o takes them",
+        "take another cost, such as --cost gtsam or --cost chordal, or multiply them by 4",
+        _turned(4.0),
+    ),
+    "tangent": Meaning(
+        "quaternion-information",
+        "are about quaternions, not about tangent vectors",
+        "read with --rotation-information quaternion, or divide them by 4",
+        _turned(0.25),
+    ),
+}
+
+
+def undefined(examined: Examined) -> Finding | None:
+    """An order with which all matrices are definite, where some are not as they are read."""
+    graph = examined.instance.graph
+    if graph.information is None:
+        return None
+    rows = np.flatnonzero(examined.whole | _of_poses(graph))
+    given = _positive(graph.information_matrices[rows])
+    if given.all():
+        return None
+    for order in orders(graph.d):
+        examined.trying(order.kind)
+        if _positive(order.read(graph.information_matrices[rows])).all():
+            bad = counted(int((~given).sum()), "information matri{s}").replace("matris", "matrices")
+            said = (
+                f"{bad} of {len(rows)} are not positive definite as read; all are if they "
+                f"{order.said}"
+            )
+            return Finding(order.kind, said, order.next, strength=STRONG)
+    return None
+
+
+def _of_poses(graph: Graph) -> BoolArray:
+    """(m,) which edges were read with matrices of poses, also if a block of these is zero."""
+    seen = graph.is_point[graph.edges].any(axis=1) | graph.from_world
+    return np.asarray(~seen & graph.is_measured)
+
+
+def _positive(M: FloatArray) -> BoolArray:
+    """(k,) which matrices have positive eigenvalues, whatever the units of their entries."""
+    scale = np.sqrt(np.abs(np.einsum("kaa->ka", M)))
+    unit = np.where(scale > 0.0, scale, 1.0)
+    values = np.linalg.eigvalsh(M / (unit[:, :, None] * unit[:, None, :]))
+    return np.asarray((values[:, 0] > 1e-9) & (scale > 0.0).all(axis=1))
+
+
+def other_meaning(examined: Examined) -> tuple[float, Finding] | None:
+    """The meaning that is by far likelier than the given one, and with which chi^2 is ordinary.
+
+    Before it stands twice the log of how much likelier.
+    """
+    graph, fit = examined.instance.graph, examined.fit
+    uneven = _unevenness(examined.problem, examined.answer.estimate)
+    if fit is None or graph.has_couplings:
+        return None
+    if not fit.is_unusual and fit.freedom > PLENTY and uneven < EVENLY:
+        return None
+    best: tuple[float, Meaning, Fit] | None = None
+    given: Study | None = None
+    for meaning in meanings(examined):
+        examined.trying(meaning.kind)
+        with suppress(CertPGOError, np.linalg.LinAlgError):
+            instance = replace(examined.instance, graph=meant(examined, meaning))
+            posed = objective_of(instance, examined.problem.cost_name)
+            here = posed.cost(examined.answer.estimate) / fit.freedom
+            if not TOO_SMALL < here < TOO_LARGE:
+                continue  # a fit to it costs less
+            given = given or _studied(examined, examined.problem)
+            if given is None or (found := _studied(examined, posed)) is None:
+                continue
+            gain, after = given.surprise - found.surprise, found.fit
+            even = _unevenness(posed, found.estimate) < EVEN
+            if gain > (MORE if best is None else best[0]) and even and not after.is_unusual:
+                best = gain, meaning, after
+    if best is None:
+        return None
+    gain, meaning, after = best
+    costs = f"so read chi^2 is {after}, as it stands {fit}"
+    offs = (abs(math.log10(one.chi2 / one.freedom)) for one in (fit, after))
+    strength = WEAK + max(next(offs) - next(offs), math.log10(max(uneven, 1.0)) - 0.5, 0.0)
+    if meaning.kind == "quaternion-information":
+        strength = WEAK
+    said = f"its information matrices {meaning.said}: {costs}"
+    return gain, Finding(meaning.kind, said, meaning.next, after.chi2, fit.chi2, strength)
+
+
+def meanings(examined: Examined) -> Iterator[Meaning]:
+    """What the numbers may be."""
+    problem, graph, fit = examined.problem, examined.instance.graph, examined.fit
+    if fit is not None and fit.is_unusual:
+        yield from OTHERS
+    if graph.information is None:
+        return
+    yield from orders(graph.d)
+    if graph.d == 3 and isinstance(problem, Sum):
+        yield OF_QUATERNIONS[problem.between.rotation_information]
+
+
+def _studied(examined: Examined, posed: Certifiable) -> Study | None:
+    """Measurements of the same poses at their fit."""
+    problem, estimate = studied_problem(posed), examined.answer.estimate
+    return None if problem is None else study(problem, estimate, anchor_of(examined))
+
+
+def _unevenness(problem: Certifiable, estimate: Estimate) -> float:
+    """The larger of two ratios of squares per number, of translations and rotations."""
+    of_blocks, numbers = squares(problem, estimate)
+    both = numbers.all(axis=1)
+    moved, turned = of_blocks[both].sum(axis=0) / np.maximum(numbers[both].sum(axis=0), 1)
+    if not (moved > 0.0 and turned > 0.0):
+        return 1.0
+    return float(max(moved / turned, turned / moved))
+
+
+def meant(examined: Examined, meaning: Meaning) -> Graph:
+    """The measurements with matrices of another meaning.
+
+    Those of positions alone have no other order.
+    """
+    graph = examined.instance.graph
+    given = graph.information or Information.isotropic(graph.kappa, graph.tau, graph.d)
+    rows = graph.is_measured & (examined.whole | (meaning in OTHERS))
+    M = given.matrices.copy()
+    M[rows] = meaning.read(M[rows])
+    M = 0.5 * (M + np.swapaxes(M, 1, 2))
+    turned, moved = _weights(M, graph.d, given.about)
+    kappa = np.where(rows & graph.measures_rotation, turned, graph.kappa)
+    tau = np.where(rows & graph.measures_translation, moved, graph.tau)
+    information = Information.of(M, given.residual, given.about)
+    kept = information if graph.information is not None else None
+    return replace(graph, kappa=kappa, tau=tau, information=kept)
+
+
+def _weights(M: FloatArray, d: int, about: RotationAbout) -> tuple[FloatArray, FloatArray]:
+    """(k,) kappa and tau of information matrices, as files are read."""
+    means = []
+    for block in (M[:, d:, d:], M[:, :d, :d]):
+        stated = np.einsum("kaa->ka", block) != 0.0
+        variances = np.einsum("kaa->k", np.linalg.pinv(block, hermitian=True))
+        known = variances > 0.0
+        means.append(np.where(known, stated.sum(axis=1) / np.where(known, variances, 1.0), 0.0))
+    unit = 1.0 if d == 2 else 0.5 if about == "tangent" else 0.125
+    return unit * means[0], means[1]
