@@ -58,7 +58,7 @@ Columns = tuple[IntArray, FloatArray, FloatArray]
 
 
 @dataclass(frozen=True)
-class Reading:
+class EdgeReading:
     """A convention of measured poses.
 
     Attributes
@@ -89,7 +89,7 @@ class _Trial:
     graph : the measurements so read
     """
 
-    reading: Reading
+    reading: EdgeReading
     scope: str
     graph: Graph
 
@@ -105,7 +105,7 @@ def _with_w_first(R: FloatArray) -> FloatArray:
     return quaternion.rotations(np.roll(quaternion.to_write(R), -1, axis=1))
 
 
-def _mirrored(kind: str, axis: int, *, turned: bool) -> Reading:
+def _mirrored(kind: str, axis: int, *, turned: bool) -> EdgeReading:
     name, both = "xyz"[axis], ("translations", "poses")[turned]
 
     def read(E: IntArray, R: FloatArray, t: FloatArray) -> Columns:
@@ -115,10 +115,10 @@ def _mirrored(kind: str, axis: int, *, turned: bool) -> Reading:
     said = f"written with {both} mirrored in {name}"
     rest = ", and turn rotations accordingly (S R S)" if turned else ""
     dimensions = (3,) if axis == 2 else (2, 3)
-    return Reading(kind, said, f"negate {name} of translations{rest}", read, dimensions)
+    return EdgeReading(kind, said, f"negate {name} of translations{rest}", read, dimensions)
 
 
-IN_DEGREES = Reading(
+IN_DEGREES = EdgeReading(
     "edges-in-degrees",
     "written with angles in degrees",
     "write angles in radians",
@@ -126,38 +126,38 @@ IN_DEGREES = Reading(
     (2,),
 )
 READINGS = (
-    Reading(
+    EdgeReading(
         "inverted-edges",
         "inverses: of i in j, not of j in i",
         "swap the two ids of each, or invert the poses",
         lambda E, R, t: (E[:, ::-1], R, t),
     ),
-    Reading(
+    EdgeReading(
         "transposed-rotations",
         "written with transposed rotations",
         "transpose each rotation: negate its angle, or x, y and z of its quaternion",
         lambda E, R, t: (E, np.swapaxes(R, 1, 2), t),
     ),
-    Reading(
+    EdgeReading(
         "edges-w-first",
         "written with quaternions of w first",
         "write quaternions as qx qy qz qw",
         lambda E, R, t: (E, _with_w_first(R), t),
         (3,),
     ),
-    Reading(
+    EdgeReading(
         "translations-in-other-frame",
         "written with translations in the frame of j, not of i",
         "replace each translation t by R t",
         lambda E, R, t: (E, R, _apply(R, t)),
     ),
-    Reading(
+    EdgeReading(
         "inverse-translations",
         "written with translations of i in j, and rotations of j in i",
         "replace each translation t by -R t",
         lambda E, R, t: (E, R, -_apply(R, t)),
     ),
-    Reading(
+    EdgeReading(
         "negated-translations",
         "written with translations from j to i, in the frame of i",
         "negate each translation",
@@ -189,15 +189,15 @@ def found(examined: Examined) -> Iterator[Finding]:
         yield convention
         return
     yield from noise.stiff(examined)
-    judged = wrong.judged(examined)
-    if judged is not None:
-        yield from wrong.found(examined, judged)
-    meaning = weights.other_meaning(examined)
-    gain, unusual = (0.0, []) if judged is None else noise.found(examined, judged.fit, judged.seen)
-    if meaning is not None and not (unusual and gain > meaning[0]):
-        yield meaning[1]
-    else:
-        yield from unusual
+    judged, meaning = wrong.judged(examined), weights.other_meaning(examined)
+    if judged is None:
+        return
+    gain, unusual = noise.found(examined, judged.fit, judged.seen)
+    if meaning is not None and meaning[0] > max(gain, judged.gain(examined.best)):
+        yield meaning[1]  # all else is as if measured so
+        return
+    yield from wrong.found(examined, judged)
+    yield from unusual
 
 
 def _convention(examined: Examined) -> Finding | None:
@@ -226,7 +226,7 @@ def _trials(examined: Examined) -> Iterator[_Trial]:
                 yield _Trial(reading, scope, _read(examined.instance, rows, reading))
 
 
-def _read(instance: Instance, rows: BoolArray, reading: Reading) -> Graph:
+def _read(instance: Instance, rows: BoolArray, reading: EdgeReading) -> Graph:
     """The measurements where some rows are read so."""
     graph, names = instance.graph, ("edges", "rotations", "translations")
     columns = [getattr(graph, name).copy() for name in names]
@@ -297,7 +297,7 @@ def _in_unit(examined: Examined, factor: float, others: str) -> Iterator[_Trial]
     unit = next(near, "scaled")
     factor = UNITS.get(unit, factor)
     said = f"in {unit}" if unit in UNITS else f"{1.0 / factor:.4g} times as long"
-    reading = Reading(
+    reading = EdgeReading(
         f"edges-{unit}",
         f"{said}, if {others} are in metres",
         f"multiply their translations by {factor:.4g}",

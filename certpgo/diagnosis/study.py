@@ -44,7 +44,7 @@ CHECKED = 1e-3
 SIGNS, FEWEST, MOST_SIGNS = 30_000, 8, 200
 
 
-class Part(NamedTuple):
+class StudiedTerm(NamedTuple):
     """Rows of one term, in stated standard deviations.
 
     Attributes
@@ -94,7 +94,7 @@ class Study:
 
     estimate: Estimate
     numbers: IntArray
-    parts: tuple[Part, ...]
+    parts: tuple[StudiedTerm, ...]
     edges: IntArray
     anchor: int
     layout: Layout
@@ -247,7 +247,7 @@ def study(
         e, at_i, at_j = linearized(term, model.point)
         root, logs = _roots(term.weights)
         slopes = root @ np.concatenate([at_i, at_j], axis=2)
-        parts.append(Part(rows, (root @ e[:, :, None])[:, :, 0], slopes, logs))
+        parts.append(StudiedTerm(rows, (root @ e[:, :, None])[:, :, 0], slopes, logs))
     numbers = gathered(problem.terms, lambda term: term.numbers[0] + term.numbers[1])
     of_nodes = weighed.graph.edges, anchor, layout
     return Study(model.point, numbers, tuple(parts), *of_nodes, factor, H.diagonal(), f, kept)

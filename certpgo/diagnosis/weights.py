@@ -112,7 +112,7 @@ def orders(d: int) -> tuple[Meaning, ...]:
             kind,
             "are in g2o's order: xx xy xt yy yt tt",
             "write xx xy yy tt xt yt, or EDGE_SE2 instead of EDGE2",
-            _reordered(((0, 1, 3), (1, 3, 5), (3, 5, 2))),
+            _reordered(((0, 1, 3), (1, 5, 2), (3, 2, 4))),
         ),
         lower,
         Meaning(kind, "have the angle first", _BY_ROWS, _permuted([1, 2, 0])),

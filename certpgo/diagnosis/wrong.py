@@ -36,8 +36,9 @@ WIDE, WIDER = 1.5, 4.0
 DOUBTFUL, UNKNOWN = 0.6, 1e-3
 #: Nodes up to which a robust fit is tried at the least suspicion, and rounds until it settles.
 FEW, SETTLING = 1000, 3
-#: Measurements that are left out one by one, before a robust fit is tried.
-LEFT_OUT = 3
+#: Measurements that are left out one by one, before a robust fit is tried; and surprise of two, one
+#: over the other, that may both be the wrong one.
+LEFT_OUT, AS_LIKELY = 3, 0.98
 #: Ratio of variances up to which noise is as stated.
 STATED = 1.5
 #: A right reading is within what is exceeded with this chance, and has this share of the cost.
@@ -75,6 +76,10 @@ class Judged:
         price = float((self.scales * _limit(self.fit.numbers))[self.wrong].sum())
         return float(self.fit.squares[~self.wrong].sum()) + price
 
+    def gain(self, first: float) -> float:
+        """How much less that is than chi^2 of all."""
+        return first - self.cost if self.wrong.any() else 0.0
+
     @property
     def rows(self) -> IntArray:
         """(k,) the wrong measurements, the most surprising first."""
@@ -106,7 +111,10 @@ def _without_few(examined: Examined, at: Judged) -> Judged | None:
     """One after another left out, each the most surprising one; None if more are wrong then."""
     problem, kept = examined.problem, np.ones(len(at.wrong), dtype=bool)
     for _ in range(LEFT_OUT):
-        worst = int(np.argmax(np.where(kept, at.fit.surprises, 0.0)))
+        surprises = np.where(kept, at.fit.surprises, 0.0)
+        # Of two that are as likely, such as all that a node has, odometry is right.
+        surprises[: len(examined.steps)][examined.steps] *= AS_LIKELY
+        worst = int(np.argmax(surprises))
         kept[worst] = False
         fitted = descend(problem.reweighted(kept.astype(float)), at.fit.estimate)
         found = _kept(examined, fitted.estimate, kept)

@@ -3,10 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
-from strategies import random_rotation, rng_of
+from strategies import rng_of
 
 from certpgo import Instance, PoseGraph, RotationGraph, with_priors
 from certpgo.graph.information import Information
+from certpgo.graph.trees import compose
 from certpgo.linalg import rotations as so
 
 #: Standard deviations of translations and of angles, and numbers of poses and loop closures.
@@ -15,11 +16,11 @@ N, CLOSURES = 40, 30
 
 
 def walk(d, seed=0, *, nodes=False):
-    """An instance as of a g2o file: odometry, then loop closures; with nodes as odometry has them."""
+    """An instance as of a g2o file: odometry, then loop closures; its nodes are along odometry."""
     rng = rng_of(seed + 100 * d)
     turns = so.exp(0.3 * rng.standard_normal((N, so.tangent_dim(d))))
     R, t = np.empty((N, d, d)), np.zeros((N, d))
-    R[0] = random_rotation(rng, d)
+    R[0] = so.project(rng.standard_normal((1, d, d)))[0]
     for k in range(1, N):
         R[k] = R[k - 1] @ turns[k]
         t[k] = t[k - 1] + R[k - 1] @ (np.eye(d)[0] + 0.2 * rng.standard_normal(d))
@@ -54,8 +55,7 @@ def posed(edges, R, t, matrices=None, *, nodes=False):
 
 
 def along_odometry(graph):
-    from certpgo.graph.trees import compose
-
+    """Poses composed along odometry."""
     return compose(graph, np.arange(graph.num_nodes) - 1)
 
 
@@ -80,7 +80,12 @@ def weighed(instance, matrices):
 
 
 def with_positions(instance, positions, sigma):
-    """Positions of all nodes in the world, measured."""
+    """Measured positions of all poses, in the world."""
     n = len(positions)
-    graph = with_priors(instance.graph, np.arange(n), positions, np.full(n, sigma**-2))
-    return graph
+    graph = with_priors(
+        instance.graph.with_information(None),
+        np.arange(n),
+        translations=positions,
+        tau=sigma**-2,
+    )
+    return replace(instance, graph=graph, ids=np.arange(n + 1), world=n)
