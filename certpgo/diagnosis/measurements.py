@@ -193,7 +193,9 @@ def found(examined: Examined) -> Iterator[Finding]:
     if judged is None:
         return
     gain, unusual = noise.found(examined, judged.fit, judged.seen)
-    if meaning is not None and meaning[0] > max(gain, judged.gain(examined.best)):
+    # The noise has a number more to fit, and is more often misstated.
+    bar = gain + weights.RARER - math.log(judged.fit.fit.freedom) if unusual else 0.0
+    if meaning is not None and meaning[0] > max(bar, judged.gain(examined.best)):
         yield meaning[1]  # all else is as if measured so
         return
     yield from wrong.found(examined, judged)

@@ -37,8 +37,9 @@ ROUNDS, STILL = 6, 1.2
 LEAST, STEP = 1e-12, 0.2
 #: A weight is stiff that is this many times the next smaller one.
 STIFF = 1e6
-#: Largest strength: mistakes that explain more come first.
-STRONGEST = 0.9
+#: Largest strength, where it is stated too small, and too large, which does no harm: mistakes that
+#: explain more come first.
+STRONGEST, HARMLESS = 0.9, 0.4
 
 
 @dataclass(frozen=True)
@@ -178,7 +179,8 @@ def _finding(noise: Noise) -> Finding:
     kind = "noise-too-small" if noise.ratio > 1.0 else "noise-too-large"
     by = f"{noise.ratio:.3g}, its information by {noise.ratio**-2:.3g}"
     next = f"multiply the standard deviations of {noise.of} by {by}"
-    strength = min(STRONGEST, abs(math.log10(noise.ratio)))
+    most = STRONGEST if noise.ratio > 1.0 else HARMLESS
+    strength = min(most, abs(math.log10(noise.ratio)))
     said = f"residuals of {noise.of} are {noise}"
     return Finding(kind, said, next, noise.freedom, chi2, strength)
 

@@ -31,6 +31,8 @@ PLENTY, EVENLY = 1000, 1.3
 TOO_SMALL, TOO_LARGE = 0.1, 1e5
 #: Twice the logarithm of the ratio of likelihoods from which a meaning is by far the better one.
 MORE = 16.0
+#: The same of how much rarer other meanings are than misstated noise, before anything is measured.
+RARER = 8.0
 #: Strength of an order with which all matrices are definite, and of a factor of rotations.
 STRONG, WEAK = 2.0, 0.3
 
