@@ -147,7 +147,7 @@ READINGS = (
     ),
     EdgeReading(
         "translations-in-other-frame",
-        "written with translations in the frame of j, not of i",
+        "written with translations in the frame of j, not of i (or of i in j: both fit as well)",
         "replace each translation t by R t",
         lambda E, R, t: (E, R, _apply(R, t)),
     ),
