@@ -84,18 +84,24 @@ def clean(d: int, seed: int) -> Instance:
     sizes = np.r_[np.full(d, SIGMA_T), np.full(q, SIGMA_R)]
     # Not the same in all directions, and correlated a little, as of real sensors.
     A = np.eye(d + q) + 0.1 * np.triu(np.ones((d + q, d + q)), 1)
-    one = A.T @ np.diag(sizes**-2) @ A
+    # g2o's are about the vector part of a quaternion, which is half of the angle.
+    unit = np.r_[np.ones(d), np.full(q, 2.0 if d == 3 else 1.0)]
+    one = unit[:, None] * (A.T @ np.diag(sizes**-2) @ A) * unit
     return _with_information(edges, measured, steps, np.tile(one, (m, 1, 1)), d, truth)
 
 
 def _with_information(edges, measured, steps, information, d, truth=None, numbers=None) -> Instance:
     """An instance of such measurements, in g2o's convention of tangents."""
     information = 0.5 * (information + np.swapaxes(information, 1, 2))
-    tau = d / np.trace(np.linalg.inv(information[:, :d, :d]), axis1=1, axis2=2)
-    inverse = np.trace(np.linalg.inv(information[:, d:, d:]), axis1=1, axis2=2)
-    kappa = 1.0 / inverse if d == 2 else 1.5 / inverse
-    graph = certpgo.PoseGraph(certpgo.RotationGraph(N, edges, measured, kappa), steps, tau)
-    graph = graph.with_information(Information.of(information, "g2o", "tangent"))
+    about = "quaternion" if d == 3 else "tangent"
+    stated = Information.of(information, "g2o", about)
+    inverse = np.linalg.inv(stated.about_tangents().distinct)
+    moved, turned = inverse[:, :d, :d], inverse[:, d:, d:]
+    # Matrices of another order need not be definite.
+    moved, turned = (np.abs(np.trace(of, axis1=1, axis2=2)) for of in (moved, turned))
+    kappa = (1.0 if d == 2 else 1.5) / turned
+    graph = certpgo.PoseGraph(certpgo.RotationGraph(N, edges, measured, kappa), steps, d / moved)
+    graph = graph.with_information(stated)
     return Instance("walk", graph, np.arange(N), truth=truth)
 
 
@@ -269,6 +275,11 @@ def _roots(W):
     return U + np.swapaxes(np.triu(U, 1), 1, 2)
 
 
+def _tangents(W):
+    unit = np.r_[np.ones(3), np.full(3, 0.5)]
+    return unit[:, None] * W * unit
+
+
 def _stiff(W):
     out = W.copy()
     out[7] *= 1e9
@@ -341,6 +352,7 @@ MISTAKES = (
     Mistake("information in another order", ("information-order",), _of_weights(_in_toro_order)),
     Mistake("covariances for information", ("covariance",), _of_weights(np.linalg.inv)),
     Mistake("square roots of information", ("square-root",), _of_weights(_roots)),
+    Mistake("information of tangents", ("quaternion-information",), _of_weights(_tangents), SPACE),
     Mistake("one closure inverted", ("inverted-edge",), _of_one_edge(_inverse)),
     Mistake("one closure of the next node", ("wrong-node",), _between_others),
     Mistake("one closure copied", ("copied-edge",), _copied),
