@@ -39,7 +39,7 @@ LEAST, STEP = 1e-12, 0.2
 STIFF = 1e6
 #: Largest strength, where it is stated too small, and too large, which does no harm: mistakes that
 #: explain more come first.
-STRONGEST, HARMLESS = 0.9, 0.4
+STRONGEST, HARMLESS = 0.9, 0.2
 
 
 @dataclass(frozen=True)
