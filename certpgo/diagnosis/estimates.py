@@ -24,6 +24,8 @@ from certpgo.linalg.arrays import FloatArray, IntArray
 SHARE = 0.1
 #: An estimate is asked about if it costs this many times the least cost known.
 WRONG = 2.0
+#: It is near to the optimum, or else leaves hardly anything.
+FAR, SURE = 100.0, 0.01
 #: Readings that cost hardly more than the best are preferred if they are simpler.
 HARDLY = 1.02
 #: Units by their length in metres, and how closely a scale must meet one.
@@ -67,11 +69,22 @@ def found(examined: Examined) -> Iterator[Finding]:
     best = min(trial.share for trial in trials)
     chosen = next(trial for trial in trials if trial.share <= HARDLY * best)
     cost = chosen.share * given
-    if explains(cost, given, examined.best):
+    near = cost < FAR * examined.best or chosen.share < SURE
+    if near and cost < SHARE * _collapsed(examined) and explains(cost, given, examined.best):
         so_read, as_given = cost_shown(cost), cost_shown(given)
         said = in_words(chosen.said, "the estimate")
         said = f"{said}: so read it costs {so_read}, as it stands {as_given}"
+        if cost > WRONG * examined.best:
+            said = f"{said}, the optimum {cost_shown(examined.best)}"
         yield Finding(chosen.kind, said, chosen.next, cost, given)
+
+
+def _collapsed(examined: Examined) -> float:
+    """The cost of a map in one point, which any scale and any bent map may come near to."""
+    best = examined.estimate
+    if best is None or best.translations is None:
+        return math.inf
+    return examined.problem.cost(best.with_translations(0.0 * best.translations))
 
 
 def explains(cost: float, given: float, best: float) -> bool:
