@@ -16,6 +16,9 @@ scale has V = s R - s' R', so that for b = rho^2 g1 and s' the scale of one of t
 Any smaller Lam will do. Where the bound is loose, S is singular beyond its gauge, and A almost; a
 shift of Lam, for which v is smaller by the shift of its trace, is then better.
 
+Distances and angles add up: an estimate that costs much more than the best one known is no further
+from an optimum than from that one, and that one from the optimum.
+
 See docs/how-to/how_far_can_i_be_off.md.
 
 Rounding: A - C is factorized, with a diagonal C above what rounding may be off by. So A is at least
@@ -26,6 +29,7 @@ with bounds on rounding, too, see `certpgo.linalg.selected_inverse`.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from numbers import Integral, Real
@@ -39,6 +43,7 @@ from certpgo.errors import InputError, NumericalError, require
 from certpgo.graph import Estimate
 from certpgo.graph.display import Brief
 from certpgo.graph.kinds import Node
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray, frozen_floats
 from certpgo.linalg.ball_arithmetic import U
 from certpgo.linalg.residual import measured_residual
@@ -51,6 +56,8 @@ COVER = 2.5
 #: Relative gap from which a bound is loose, and the shifts that are tried, over that which doubles
 #: the gap.
 LOOSE, SHIFTS = 1e-5, (0.0, 0.02, 1.0)
+#: (n,) metres, degrees and differences of scales.
+Limits = tuple[FloatArray, FloatArray, FloatArray]
 #: Rounding of the last few operations.
 UP = 1.0 + 64.0 * U
 
@@ -64,7 +71,8 @@ class Regions(Brief):
     bound : a proven one
     estimate : the one in the centre
     cost : upper bound on its cost
-    known : upper bound on the cost of the best estimate known, no larger
+    best : the best estimate known
+    known : upper bound on its cost, no larger
     point : an estimate near a minimum, to judge sizes by
     anchor : the reference, if none is named: the pose of known scale whose measurements weigh most
     unit : of these costs, a power of two
@@ -74,6 +82,7 @@ class Regions(Brief):
     bound: DualBound
     estimate: Estimate
     cost: float
+    best: Estimate
     known: float
     point: Estimate
     anchor: int
@@ -105,10 +114,13 @@ class Regions(Brief):
         reference = self._pose(reference)
         most = np.full(self.form.n, self.known) if excess is None else self._at_most(excess)
         found = [
-            self._limits(self.apart(most, v), G) for G, v in self._inverses_for(reference, most)
+            self._limits(self.apart(self.cost, most, v), G, self.estimate)
+            for G, v in self._inverses_for(reference, most)
         ]
         if not found:
             return None
+        if self.best is not self.estimate:
+            found += self._by_the_best(reference, most)
         metres, degrees, scales = (
             frozen_floats(np.min(columns, axis=0)) for columns in zip(*found, strict=True)
         )
@@ -143,13 +155,13 @@ class Regions(Brief):
             raise InputError(f"the excess over the cost must be finite, not {excess}")
         most = self._at_most(np.full(self.form.n, float(excess)))
         regions = [
-            self._region(node, reference, self.apart(most, v), G)
+            self._region(node, reference, self.apart(self.cost, most, v), G)
             for G, v in self._inverses_for(reference, most)
         ]
         return min(regions, key=lambda one: (one.metres or 0.0, one.degrees), default=None)
 
     def _region(self, node: int, reference: int, rho: FloatArray, G: FloatArray) -> Region:
-        form, (metres, degrees, scales) = self.form, self._limits(rho, G)
+        form, (metres, degrees, scales) = self.form, self._limits(rho, G, self.estimate)
         position, rotation = seen_from(self.estimate, node, reference)
         is_point = bool(form.graph.is_point[node])
         size = G.shape[1] - (form.d if is_point else 0)
@@ -169,15 +181,16 @@ class Regions(Brief):
         most = self.cost + excess / self.unit
         return np.asarray(most + 4.0 * U * (np.abs(most) + self.cost))
 
-    def apart(self, most: FloatArray, v: float) -> FloatArray:
+    def apart(self, cost: float, most: FloatArray, v: float) -> FloatArray:
         """(n,) upper bounds on the distance from all that costs at most ``most``, in S's seminorm.
 
         Parameters
         ----------
-        most : (n,) in the units of ``cost``
+        cost : of the estimate in the centre
+        most : (n,) in its units
         v : the bound that S proves
         """
-        own = math.sqrt(max(difference_up(self.cost, v), 0.0))
+        own = math.sqrt(max(difference_up(cost, v), 0.0))
         others = np.maximum((most - v) + U * np.abs(most - v), 0.0)  # exact but for the last bit
         return np.asarray(UP * (own + np.sqrt(others)))
 
@@ -204,7 +217,45 @@ class Regions(Brief):
             raise InputError(f"node {reference} is no reference: poses of known scale are")
         return reference
 
-    def _limits(self, rho: FloatArray, G: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _by_the_best(self, reference: int, most: FloatArray) -> Iterator[Limits]:
+        """The same limits as by the distance to the best estimate, and from there."""
+        between = self._between(reference)
+        for G, v in self._inverses_for(reference, most):
+            beyond = self._limits(self.apart(self.known, most, v), G, self.best)
+            metres, degrees, scales = (
+                UP * (one + other) for one, other in zip(between, beyond, strict=True)
+            )
+            yield metres, np.minimum(degrees, 180.0), scales
+
+    def _between(self, reference: int) -> Limits:
+        """(n,) by how far, by which angle and scale nodes differ from the best estimate at most."""
+        form, pair = self.form, (self.estimate, self.best)
+        frames = [one.rotations[reference] for one in pair]
+        defects = [so.rotation_defect(one.rotations) for one in pair]
+        turned = [R.T @ one.rotations for R, one in zip(frames, pair, strict=True)]
+        off = 2.0 * sum(defects) + 64.0 * U
+        size = np.linalg.norm(turned[1] - turned[0], axis=(1, 2)) + off
+        degrees = np.degrees(2.0 * np.arcsin(np.minimum(UP * size / math.sqrt(8.0), 1.0)))
+        rigid = np.isin(form.graph.nodes, (Node.POSE, Node.ROTATION, Node.SCALED))
+        degrees = np.where(rigid, UP * degrees, np.where(form.graph.is_point, 0.0, 180.0))
+        metres, scales = np.zeros(form.n), np.zeros(form.n)
+        if form.has_positions:
+            there = [one.translations - one.translations[reference] for one in pair]  # type: ignore[index]
+            lengths = [np.linalg.norm(t, axis=1) for t in there]
+            u = there[1] @ frames[1] - there[0] @ frames[0]
+            far = max(float(np.abs(one.translations).max()) for one in pair)  # type: ignore[arg-type]
+            off_t = sum(
+                (own + 64.0 * U) * length for own, length in zip(defects, lengths, strict=True)
+            )
+            metres = UP * (np.linalg.norm(u, axis=1) + off_t + 16.0 * U * far)
+        if form.takes_scales:
+            sizes = [form.scales.of(one) for one in pair]
+            scales = UP * np.abs(sizes[1] - sizes[0])
+        for of in (metres, degrees, scales):
+            of[reference] = 0.0
+        return metres, degrees, scales
+
+    def _limits(self, rho: FloatArray, G: FloatArray, centre: Estimate) -> Limits:
         """(n,) metres, degrees and differences of scales for rho (n,) and blocks (n, b, b)."""
         form, d, square = self.form, self.form.d, UP * rho * rho
         turned, nodes, p = G[:, -d:, -d:], form.graph.nodes, G.shape[1] - d
@@ -215,7 +266,7 @@ class Regions(Brief):
         degrees[rigid] = _degrees(square[rigid], turned[rigid])
         scales = np.zeros(len(G))
         if scaled.any():
-            sizes = form.scales.of(self.estimate)[scaled]
+            sizes = form.scales.of(centre)[scaled]
             scales[scaled], degrees[scaled] = _of_scales(square[scaled], turned[scaled], sizes)
         return metres, degrees, scales
 

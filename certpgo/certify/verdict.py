@@ -133,10 +133,11 @@ def _regions(
         # Its costs are of the checker's numbers, the bound's matrix of those that are stored.
         cost = max(cost, problem.enclosure(estimate)[1])
         known = [(point, max(of, problem.enclosure(point)[1])) for point, of in known]
-    least = min(cost, *(of for _, of in known))
+    best, least = min([(estimate, cost), *known], key=lambda one: one[1])
     chordal = problem.chordal
     anchor = chordal.root if problem.takes_scales else chordal.anchor
-    return Regions(bound, estimate, cost, least, own.point, anchor, normalized.unit, is_proof)
+    centres = estimate, cost, best, least
+    return Regions(bound, *centres, own.point, anchor, normalized.unit, is_proof)
 
 
 def loses_to_rounding(

@@ -97,7 +97,7 @@ class Diagnosis(Speaking):
     def _headline(self) -> str:
         if self.findings:
             return str(self.findings[0])
-        return f"Nothing is found to be wrong, by {counted(self.tried, 'trial{s}')}"
+        return f"None of {counted(self.tried, 'known mistake{s}')} explains anything here"
 
     def _facts(self) -> Iterator[tuple[str, str]]:
         yield "examined", self.about

@@ -42,9 +42,11 @@ def found(examined: Examined) -> Iterator[Finding]:
         return
     if truth.clock is not None:
         yield from _of_units_of_time(truth.clock)
-    if len(truth.nodes) < 3:
-        return
     given = examined.answer.estimate if examined.estimate is None else examined.estimate
+    if len(truth.nodes) < 3:
+        if truth.clock is not None:
+            yield from _of_offset(examined, given, truth, truth.clock)
+        return
     estimate, poses = given.subset(truth.nodes), truth.poses
     if poses.translations is None:
         estimate = estimate.with_translations(None)
@@ -61,7 +63,7 @@ def found(examined: Examined) -> Iterator[Finding]:
     chosen = next((one for one in trials if one.errors.size <= 1.05 * best), None)
     if chosen is not None and errors.are_explained(chosen.errors):
         yield chosen.finding(errors)
-    if truth.clock is not None and given.translations is not None:
+    if truth.clock is not None:
         yield from _of_offset(examined, given, truth, truth.clock)
 
 
@@ -116,7 +118,8 @@ def _conventions(d: int) -> Iterator[estimates.Convention]:
     if d == 3:
         yield estimates.W_FIRST
     yield from estimates.FORMS
-    yield from (one for one in estimates.of_axes(d) if one.kind != "permuted-axes")
+    # Turns of the body are fitted.
+    yield from (one for one in estimates.of_axes(d) if "bodies" not in one.said)
 
 
 def _read(
@@ -212,12 +215,16 @@ def _of_units_of_time(clock: Clock) -> Iterator[Finding]:
     if not min(lengths) > 0.0:
         return
     ratio = lengths[1] / lengths[0]
-    for name, factor in (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9)):
-        for of, off in (("the truth's", ratio / factor), ("the nodes'", 1.0 / (ratio * factor))):
+    for factor in (1e3, 1e6, 1e9):
+        for one, other, off in (
+            ("truth's", "nodes'", ratio / factor),
+            ("nodes'", "truth's", 1.0 / (ratio * factor)),
+        ):
             if 0.2 < off < 5.0:
                 both = f"{lengths[1]:.4g} seconds of truth, {lengths[0]:.4g} of nodes"
-                said = f"{of} times are in {name}: {both}"
-                yield Finding("times-units", said, f"divide {of} times by {factor:g}", strength=8.0)
+                said = f"the {one} times are {factor:g} times those of the {other[:-2]}: {both}"
+                next = f"divide the {one} times by {factor:g}, or multiply the {other} by it"
+                yield Finding("times-units", said, next, strength=8.0)
 
 
 def _of_offset(
@@ -234,12 +241,12 @@ def _of_offset(
     offset, left = best_offset(t, at, clock)
     spread = float(np.linalg.norm(t - t.mean(axis=0), axis=1).max())
     matched = len(truth.nodes) > 0 and given < math.inf
+    drift = _drift(t, at, clock, offset)
     if not (left < SHARE * given and left < 5.0 * NEAR * spread and abs(offset) > clock.allowed):
         return
     as_it_stands = f"{given:.3g} m as it stands" if matched else "no times match as they stand"
     said = f"the truth's clock is {abs(offset):.4g} s {'late' if offset > 0.0 else 'early'}"
     said = f"{said}: with that undone positions are off by {left:.3g} m, {as_it_stands}"
-    drift = _drift(t, at, clock, offset)
     if abs(drift) > 10.0 * clock.allowed:
         said = f"{said}; it drifts by {drift:.3g} s from the first half to the second"
     yield Finding(

@@ -138,7 +138,7 @@ def among(problem, certificate, x, other):
     """The regions of two estimates, whatever their costs."""
     known = certificate.regions
     costs = [problem.enclosure(point)[1] / known.unit for point in (x, other)]
-    return replace(known, estimate=x, cost=max(costs), known=min(costs))
+    return replace(known, estimate=x, cost=max(costs), best=x, known=min(costs))
 
 
 def shares(problem, certificate, x, other, reference):
@@ -161,6 +161,11 @@ def shares(problem, certificate, x, other, reference):
     for node in np.flatnonzero(others)[::3]:
         region = replace(known, cost=of_centre / known.unit).region(int(node), reference, excess)
         assert region.holds(other)
+    # By way of the best estimate known, too, whatever this one costs.
+    by_best = replace(certificate.regions, estimate=x, cost=of_centre / known.unit)
+    limits = by_best.distance(reference, np.full(len(angles), excess))
+    assert (degrees <= limits.degrees + 1e-12).all()
+    assert metres is None or (metres <= limits.metres + 1e-12).all()
     return (lengths if metres is None else lengths[others]).max(), angles[others].max(), sizes.max()
 
 

@@ -121,7 +121,7 @@ def _times(answer: CertifiedSolution, regions: Regions, reference: int) -> Row:
     most = excesses(answer.problem, LEVEL)
 
     def of_regions() -> None:
-        replace(regions, _found={}).distance(reference, most)
+        replace(regions, bound=replace(regions.bound)).distance(reference, most)
 
     def of_covariances() -> None:
         _ = Marginals(answer.problem, answer.estimate, reference).covariances
