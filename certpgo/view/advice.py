@@ -69,6 +69,10 @@ class _Given(NamedTuple):
         """What was done, at another tier."""
         return (self.solve if self.searched else self.certify)("--tier", tier)
 
+    def diagnose(self) -> str:
+        files = (self.graph, *([self.estimate] if self.estimate and not self.searched else []))
+        return shlex.join(("certpgo", "diagnose", *files, *self.cost, *self.reading))
+
     def look(self, command: str) -> str:
         return shlex.join(("certpgo", command, self.graph, *self.reading))
 
@@ -138,6 +142,7 @@ def _after_certified(given: _Given) -> Iterator[Step]:
             "If they may be wrong, reject them.",
             given.reject(),
         )
+        yield "Or see which mistake explains them.", given.diagnose()
 
 
 def _after_bounded(certificate: Certificate, given: _Given) -> Iterator[Step]:
@@ -151,8 +156,9 @@ def _after_bounded(certificate: Certificate, given: _Given) -> Iterator[Step]:
         )
         yield (
             "Or keep yours: the distance says how far it is from the best one. If the gap is a "
-            "surprise, compare the objective with what your solver minimises.",
-            "",
+            "surprise, see which mistake explains it, or compare the objective with what your "
+            "solver minimises.",
+            given.diagnose(),
         )
         return
     if certificate.better is not None and certificate.proves_optimal(certificate.best_cost):

@@ -251,6 +251,7 @@ def test_what_to_do_next_depends_on_the_verdict(solved):
             said[verdict, basin] = " ".join(f"{sentence} {command}" for sentence, command in steps)
     assert said[Verdict.CERTIFIED, True] == ""
     assert "--best polished.g2o" in said[Verdict.BOUNDED, True]
+    assert "certpgo diagnose 'a graph.g2o' mine.tum" in said[Verdict.BOUNDED, True]
     assert "certpgo solve 'a graph.g2o' --initial mine.tum" in said[Verdict.BOUNDED, False]
     assert "--best better.g2o" in said[Verdict.REFUTED, False]
     assert "certpgo bounds" in said[Verdict.UNDECIDED, False]
@@ -274,7 +275,8 @@ def test_what_to_do_next_depends_on_the_verdict(solved):
     assert "certpgo solve g.g2o --cost gtsam --kappa 3 -o start.g2o" in dict(chosen).values()
     certified = replace(certificate, verdict=Verdict.CERTIFIED)
     assert [c for _, c in advice(certified, "g.g2o", disagreeing=True)] == [
-        "certpgo solve g.g2o --robust"
+        "certpgo solve g.g2o --robust",
+        "certpgo diagnose g.g2o",
     ]
 
 
