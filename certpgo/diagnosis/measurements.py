@@ -41,6 +41,8 @@ from certpgo.optimize.descent import descend
 from certpgo.optimize.initialization import start_of
 from certpgo.solve.fit import fit_of
 
+#: Measured poses of which a convention is told.
+FEWEST = 4
 #: Readings that are fitted at most, and share of loops' costs that these leave.
 FITTED, BETTER = 3, 0.7
 #: Costs of poses in the file that are not asked about: times the best fit's.
@@ -205,7 +207,7 @@ def found(examined: Examined) -> Iterator[Finding]:
 def _convention(examined: Examined) -> Finding | None:
     """The reading of measured poses that explains the file's poses, or fits far better."""
     graph = examined.instance.graph
-    if not graph.has_positions or graph.has_couplings or not examined.whole.any():
+    if not graph.has_positions or graph.has_couplings or examined.whole.sum() < FEWEST:
         return None
     nodes, fit = examined.instance.initial, examined.fit
     if nodes is not None and nodes.translations is not None:

@@ -186,6 +186,10 @@ class SimilaritySum(Sum):
         """Refused: covariances, which take them, are not those of similarities."""
         raise InputError("covariances are for poses of known scale, not for similarities")
 
+    def gauss_newton_blocks(self, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
+        """Refused, as `normal_equations`."""
+        raise InputError("covariances are for poses of known scale, not for similarities")
+
     def estimate_of(self, point: Lift) -> Estimate:
         """The nearest estimate to the end of a descent."""
         return self.chordal.estimate_of(point)
