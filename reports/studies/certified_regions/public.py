@@ -20,7 +20,7 @@ from certpgo.io import datasets
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.blocks import pinned
-from certpgo.solve.likelihood import LEVEL, excesses
+from certpgo.solve.likelihood import LEVEL, quantiles_of_nodes
 from reports.studies.certified_regions.campaign import shares
 
 #: Sets whose regions are compared with covariances.
@@ -84,9 +84,10 @@ def widths(name: str, cost: str) -> Row:
     answer = solved(name, cost)
     regions = regions_of(answer)
     reference = regions.anchor
-    found = answer.regions(reference)
+    most = level_of(answer)
+    found = regions.distance(reference, most)
     marginals = Marginals(answer.problem, answer.estimate, reference)
-    nodes, most = chosen(answer, reference), excesses(answer.problem, LEVEL)
+    nodes = chosen(answer, reference)
     d, metres, degrees = answer.problem.d, [], []
     for node in nodes:
         covariance = marginals.covariance(node)
@@ -107,6 +108,12 @@ def widths(name: str, cost: str) -> Row:
     }
 
 
+def level_of(answer: CertifiedSolution) -> FloatArray:
+    """(n,) quantiles that regions and covariances are compared at, whatever noise is stated."""
+    problem = answer.problem
+    return np.asarray(problem.double.max() * quantiles_of_nodes(problem, LEVEL))
+
+
 def _largest(covariance: FloatArray, d: int) -> tuple[float, float]:
     """The largest variances of the position, and of the rotation."""
     turned = covariance[d:, d:]
@@ -118,7 +125,7 @@ def _largest(covariance: FloatArray, d: int) -> tuple[float, float]:
 
 def _times(answer: CertifiedSolution, regions: Regions, reference: int) -> Row:
     """Process seconds of all regions and of all covariances, in turn, with fresh factorizations."""
-    most = excesses(answer.problem, LEVEL)
+    most = level_of(answer)
 
     def of_regions() -> None:
         replace(regions, bound=replace(regions.bound)).distance(reference, most)
