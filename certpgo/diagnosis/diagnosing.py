@@ -104,7 +104,7 @@ def diagnose(
     if isinstance(known, Estimate):
         known = KnownTruth(np.arange(known.num_nodes), known)
     found = [*structure.apart(instance)]
-    whole = Examined(instance, None, known, cost, None, time_limit, monitor)
+    whole = Examined(instance, truth=known, cost=cost, time_limit=time_limit, monitor=monitor)
     parts = [whole]
     if not instance.measurements.is_connected:
         parts = [_part(whole, part) for part in connected_parts(instance, "each")]

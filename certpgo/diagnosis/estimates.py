@@ -64,7 +64,7 @@ def found(examined: Examined) -> Iterator[Finding]:
     given = examined.problem.cost(estimate)
     if not given > WRONG * examined.best:
         return
-    trials = [_tried(examined, estimate, names) for names in _candidates(d)]
+    trials = [_tried(examined, estimate, given, names) for names in _candidates(d)]
     trials += [_reordered(examined, estimate, *o) for o in _orders(examined.instance.ids)]
     best = min(trial.share for trial in trials)
     chosen = next(trial for trial in trials if trial.share <= HARDLY * best)
@@ -105,13 +105,9 @@ class _Trial:
 # --- Conventions ----------------------------------------------------------------------------------
 
 
-def _as_is(R: FloatArray, t: FloatArray | None) -> Poses:
-    return R, t
-
-
-def _with_w_first(R: FloatArray, t: FloatArray | None) -> Poses:
-    q = quaternion.to_write(R)  # of numbers w x y z that were read as x y z w
-    return quaternion.rotations(np.roll(q, -1, axis=1)), t
+def with_w_first(R: FloatArray) -> FloatArray:
+    """Rotations (n, 3, 3) whose quaternions w x y z were read as x y z w, as they are meant."""
+    return quaternion.rotations(np.roll(quaternion.to_write(R), -1, axis=1))
 
 
 def _inverse(R: FloatArray, t: FloatArray | None) -> Poses:
@@ -161,7 +157,7 @@ W_FIRST = Convention(
     "quaternion-w-first",
     "{its} quaternions have w first",
     "write them as qx qy qz qw",
-    _with_w_first,
+    lambda R, t: (with_w_first(R), t),
 )
 FORMS = (
     Convention(
@@ -186,7 +182,7 @@ FORMS = (
 
 
 def of_axes(d: int) -> Iterator[Convention]:
-    """Axes mirrored, permuted, or of another frame of the body."""
+    """Axes of positions or of the world: mirrored or permuted."""
     names = "xyz"[:d]
     for axis, name in enumerate(names):
         yield Convention(
@@ -212,6 +208,10 @@ def of_axes(d: int) -> Iterator[Convention]:
                 f"write them as {' '.join(names)}",
                 _permuted(order),
             )
+
+
+def of_bodies(d: int) -> Iterator[Convention]:
+    """Other axes of the bodies: their rotations turned from the right."""
     for C in quarter_turns(d):
         yield Convention(
             "permuted-axes",
@@ -242,7 +242,7 @@ def quarter_turns(d: int) -> Iterator[FloatArray]:
 def _candidates(d: int) -> Iterator[tuple[Convention, ...]]:
     """Conventions to try, single ones first, then with quaternions of w first."""
     yield ()
-    alone = (*FORMS, *of_axes(d))
+    alone = (*FORMS, *of_axes(d), *of_bodies(d))
     if d == 3:
         yield (W_FIRST,)
     for one in alone:
@@ -255,9 +255,11 @@ def _candidates(d: int) -> Iterator[tuple[Convention, ...]]:
 # --- Trials ---------------------------------------------------------------------------------------
 
 
-def _tried(examined: Examined, given: Estimate, conventions: tuple[Convention, ...]) -> _Trial:
-    """The estimate read by some conventions, in their unit or in the one that fits best."""
-    poses = read_by(given, conventions, examined.instance.world)
+def _tried(
+    examined: Examined, estimate: Estimate, given: float, conventions: tuple[Convention, ...]
+) -> _Trial:
+    """The estimate, of a given cost, read by some conventions, in the unit that fits best."""
+    poses = read_by(estimate, conventions, examined.instance.world)
     examined.trying("+".join(one.kind for one in conventions) or "scaled")
     kind = conventions[0].kind if conventions else "as-given"
     said = ", and ".join(one.said for one in conventions)
@@ -275,7 +277,7 @@ def _tried(examined: Examined, given: Estimate, conventions: tuple[Convention, .
             said = f"{said}, and {more}" if said else more
             times = f"multiply its positions by {factor}"
             next, cost = f"{next}, and {times}" if next else times, scaled
-    return _Trial(kind, said, next, cost / examined.problem.cost(given))
+    return _Trial(kind, said, next, cost / given)
 
 
 def read_by(

@@ -53,7 +53,7 @@ class Clock:
             return None
         if instance.times_ns is None or not instance.keys.times_differ:
             return None
-        kept = np.unique(np.where(stamps == NO_TIME, NO_TIME, stamps), return_index=True)[1]
+        kept = np.unique(stamps, return_index=True)[1]
         kept = kept[stamps[kept] != NO_TIME]
         of_nodes = np.full(instance.graph.num_nodes, np.nan)
         known = np.flatnonzero(instance.times_ns != NO_TIME)

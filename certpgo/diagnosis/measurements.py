@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.diagnosis import noise, weights, wrong
-from certpgo.diagnosis.estimates import HARDLY, SHARE, UNITS
+from certpgo.diagnosis.estimates import HARDLY, SHARE, UNITS, with_w_first
 from certpgo.diagnosis.examined import Examined
 from certpgo.diagnosis.finding import Finding
 from certpgo.diagnosis.loops import Loops
@@ -103,10 +103,6 @@ def _apply(R: FloatArray, t: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("mab,mb->ma", R, t))
 
 
-def _with_w_first(R: FloatArray) -> FloatArray:
-    return quaternion.rotations(np.roll(quaternion.to_write(R), -1, axis=1))
-
-
 def _mirrored(kind: str, axis: int, *, turned: bool) -> EdgeReading:
     name, both = "xyz"[axis], ("translations", "poses")[turned]
 
@@ -144,7 +140,7 @@ READINGS = (
         "edges-w-first",
         "written with quaternions of w first",
         "write quaternions as qx qy qz qw",
-        lambda E, R, t: (E, _with_w_first(R), t),
+        lambda E, R, t: (E, with_w_first(R), t),
         (3,),
     ),
     EdgeReading(

@@ -118,8 +118,7 @@ def _conventions(d: int) -> Iterator[estimates.Convention]:
     if d == 3:
         yield estimates.W_FIRST
     yield from estimates.FORMS
-    # Turns of the body are fitted.
-    yield from (one for one in estimates.of_axes(d) if "bodies" not in one.said)
+    yield from estimates.of_axes(d)  # turns of the bodies are fitted
 
 
 def _read(
@@ -241,12 +240,12 @@ def _of_offset(
     offset, left = best_offset(t, at, clock)
     spread = float(np.linalg.norm(t - t.mean(axis=0), axis=1).max())
     matched = len(truth.nodes) > 0 and given < math.inf
-    drift = _drift(t, at, clock, offset)
     if not (left < SHARE * given and left < 5.0 * NEAR * spread and abs(offset) > clock.allowed):
         return
     as_it_stands = f"{given:.3g} m as it stands" if matched else "no times match as they stand"
     said = f"the truth's clock is {abs(offset):.4g} s {'late' if offset > 0.0 else 'early'}"
     said = f"{said}: with that undone positions are off by {left:.3g} m, {as_it_stands}"
+    drift = _drift(t, at, clock, offset)
     if abs(drift) > 10.0 * clock.allowed:
         said = f"{said}; it drifts by {drift:.3g} s from the first half to the second"
     yield Finding(

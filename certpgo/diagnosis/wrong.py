@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from scipy import special
 
+from certpgo.diagnosis.estimates import with_w_first
 from certpgo.diagnosis.examined import Examined
 from certpgo.diagnosis.finding import Finding
 from certpgo.diagnosis.noise import anchor_of, kinds_of
@@ -18,7 +19,6 @@ from certpgo.diagnosis.study import Coupling, Study, studied_problem, study
 from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate, Graph
 from certpgo.graph.phrases import cost_shown, counted
-from certpgo.io.exact import quaternion
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.truncated_cost import TruncatedCost
 from certpgo.optimize.descent import descend
@@ -313,8 +313,7 @@ def _inverted(graph: Graph, rows: IntArray) -> _Reading:
 
 
 def _with_w_first(graph: Graph, rows: IntArray) -> _Reading:
-    q = np.roll(quaternion.to_write(graph.rotations[rows]), -1, axis=1)
-    R, t = quaternion.rotations(q), graph.translations[rows]
+    R, t = with_w_first(graph.rotations[rows]), graph.translations[rows]
     return _Reading("edge-w-first", graph.edges[rows], R, t, lambda _: "fits with w first")
 
 
