@@ -16,7 +16,6 @@ from certpgo.diagnosis.study import Study, studied_problem, study
 from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate, Graph
 from certpgo.graph.information import Information, RotationAbout
-from certpgo.graph.phrases import counted
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.objective.choose_cost import Certifiable, objective_of
 from certpgo.objective.sum import Sum
@@ -164,9 +163,10 @@ def undefined(examined: Examined) -> Finding | None:
     for order in orders(graph.d):
         examined.trying(order.kind)
         if _positive(order.read(graph.information_matrices[rows])).all():
-            bad = counted(int((~given).sum()), "information matri{s}").replace("matris", "matrices")
+            bad = int((~given).sum())
+            what = "information matrix" if bad == 1 else "information matrices"
             said = (
-                f"{bad} of {len(rows)} are not positive definite as read; all are if they "
+                f"{bad} {what} of {len(rows)} are not positive definite as read; all are if they "
                 f"{order.said}"
             )
             return Finding(order.kind, said, order.next, strength=STRONG)

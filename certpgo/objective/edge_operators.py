@@ -21,6 +21,7 @@ from certpgo.objective.analyses import Analyses
 from certpgo.objective.edge_sums import EdgeSums
 from certpgo.objective.enclosure import edge_enclosures
 from certpgo.objective.minorants import Minorants
+from certpgo.objective.normal_equations import NO_SCALES
 from certpgo.objective.objective import Objective
 from certpgo.objective.truncated import untruncated
 
@@ -196,7 +197,7 @@ class EdgeOperators(Objective):
             Scales are unknown.
         """
         if self.takes_scales:
-            raise InputError("covariances are for poses of known scale, not for similarities")
+            raise InputError(NO_SCALES)
         explained = EdgeSums(operators.explained(self.graph, estimate))
         return explained.hessian(estimate.rotations, np.zeros_like(estimate.rotations))
 

@@ -17,6 +17,8 @@ from certpgo.objective.quadratic_model import ROUNDING, largest_step
 
 #: Damping after the first step that fails without any.
 FIRST_DAMPING = 1e-6
+#: Why sums of similarities have none.
+NO_SCALES = "covariances are for poses of known scale, not for similarities"
 
 
 @dataclass(frozen=True, eq=False)

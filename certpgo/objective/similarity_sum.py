@@ -24,7 +24,7 @@ from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.edge_equations import EdgeEquations
 from certpgo.objective.manifold_model import ManifoldModel
 from certpgo.objective.minorants import Minorants
-from certpgo.objective.normal_equations import NormalEquations
+from certpgo.objective.normal_equations import NO_SCALES, NormalEquations
 from certpgo.objective.objective import Surrogate
 from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.sum import Sum
@@ -184,11 +184,11 @@ class SimilaritySum(Sum):
 
     def normal_equations(self, estimate: Estimate) -> NormalEquations:
         """Refused: covariances, which take them, are not those of similarities."""
-        raise InputError("covariances are for poses of known scale, not for similarities")
+        raise InputError(NO_SCALES)
 
     def gauss_newton_blocks(self, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
         """Refused, as `normal_equations`."""
-        raise InputError("covariances are for poses of known scale, not for similarities")
+        raise InputError(NO_SCALES)
 
     def estimate_of(self, point: Lift) -> Estimate:
         """The nearest estimate to the end of a descent."""
