@@ -10,7 +10,6 @@ import typer
 
 from certpgo.cli import _known
 from certpgo.cli._show import facts, paragraph
-from certpgo.errors import InputError
 
 if TYPE_CHECKING:
     from certpgo.certify import Certificate
@@ -90,12 +89,6 @@ def show(
 def pose_called(name: int | None, part: Instance) -> int | None:
     """The pose with an id; None if there is none."""
     return None if name is None else part.pose_called(name)
-
-
-def require_pose(name: int | None, parts: Sequence[Instance]) -> None:
-    """Refuse an id of no pose."""
-    if name is not None and all(pose_called(name, part) is None for part in parts):
-        raise InputError(f"--reference: node {name} is none of the poses")
 
 
 def distance_of(

@@ -150,6 +150,7 @@ def command(
 
     Ctrl-C or SIGTERM prints what is proven by then; a second Ctrl-C aborts.
     """
+    from certpgo.graph.components import require_pose
     from certpgo.io.digits import writing_of
     from certpgo.io.matching import Matching
     from certpgo.io.timestamps import file_of_times, timed, timed_by
@@ -191,7 +192,7 @@ def command(
     parts = judged(whole)
     found = {"several": len(parts) > 1, "part": whole is not instance}
     refuse(OF_PARTS, best=best, proof=proof, html=html, **found)
-    _verdict.require_pose(reference, [part.instance for part in parts])
+    require_pose(reference, [part.instance for part in parts], "--reference")
     given = [restricted_to(part.instance, estimate, whole) for part in parts]
     parts = [
         replace(part, instance=timed_by(point, part.instance))

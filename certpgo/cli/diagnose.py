@@ -98,9 +98,9 @@ def command(
     if json:
         document({"graph": instance.name, **found.as_data()})
         return
-    paragraph(f"{found._headline}.".replace("..", "."))
+    paragraph(f"{found.headline}.")
     typer.echo()
-    facts(found._facts())
+    facts(found.facts())
 
 
 def _whole(source: Source, reading: Reading) -> Instance:

@@ -38,7 +38,6 @@ from certpgo.cli._rules import Rule, chordal_only, refuse
 from certpgo.cli._show import StatusLine, notice, noticing, working
 from certpgo.cli._solved import Solved
 from certpgo.cli._truth import OF_TRUTH, KnownPoses, TruthFile, TruthOffset
-from certpgo.cli._verdict import require_pose
 from certpgo.errors import InputError, require_numbers
 
 if TYPE_CHECKING:
@@ -220,6 +219,7 @@ def command(
     measurements, and a second one about rejecting the others.
     """
     from certpgo import SolveSettings
+    from certpgo.graph.components import require_pose
     from certpgo.io.matching import Matching
     from certpgo.io.timestamps import file_of_times, timed
 
@@ -241,7 +241,7 @@ def command(
         raise InputError(f"{instance.name}: --scales-within is for nodes of unknown scale")
     parts = reading.parts(instance)
     refuse(OF_PARTS, several=len(parts) > 1, html=html, **files)
-    require_pose(reference, parts)
+    require_pose(reference, parts, "--reference")
     for own in outputs.split(parts):
         own.refuse(*inputs)
     how = Matching.of(timestamps, max_difference)

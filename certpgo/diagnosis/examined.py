@@ -160,6 +160,11 @@ class Examined:
         """chi^2 of the best estimate, where the source states the noise."""
         return self.answer.fit
 
+    @property
+    def anchor(self) -> int:
+        """A pose that stands still."""
+        return self.problem.tangent_layout.still(self.instance.anchor)
+
     @cached_property
     def order(self) -> Succession:
         """Which pose follows which."""

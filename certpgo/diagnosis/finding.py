@@ -94,17 +94,31 @@ class Diagnosis(Speaking):
     detectable: str = ""
 
     @property
-    def _headline(self) -> str:
+    def headline(self) -> str:
+        """The first finding, or that there is none, in sentences without the last full stop."""
         if self.findings:
-            return str(self.findings[0])
+            return str(self.findings[0]).removesuffix(".")
         return f"None of {counted(self.tried, 'known mistake{s}')} explains anything here"
 
-    def _facts(self) -> Iterator[tuple[str, str]]:
+    def facts(self, shown: int = SHOWN) -> Iterator[tuple[str, str]]:
+        """What was examined, and what would have been seen, as names and values.
+
+        Parameters
+        ----------
+        shown : how many findings are listed between these, but for the first: ``"or 2"``, ...
+        """
         yield "examined", self.about
-        for number, finding in enumerate(self.findings[1:SHOWN], 2):
+        for number, finding in enumerate(self.findings[1:shown], 2):
             yield f"or {number}", str(finding)
         if self.detectable:
             yield "detectable", self.detectable
+
+    @property
+    def _headline(self) -> str:
+        return self.headline
+
+    def _facts(self) -> Iterator[tuple[str, str]]:
+        return self.facts()
 
     def as_data(self) -> dict[str, Any]:
         """Everything, for JSON."""

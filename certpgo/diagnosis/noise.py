@@ -90,12 +90,6 @@ def kinds_of(examined: Examined) -> dict[str, BoolArray]:
     return {name: rows for name, rows in found.items() if rows.any()}
 
 
-def anchor_of(examined: Examined) -> int:
-    """A pose that stands still."""
-    anchor = examined.instance.anchor
-    return int(examined.problem.tangent_layout.whole[0]) if anchor is None else anchor
-
-
 @dataclass(frozen=True, eq=False)
 class Model:
     """Variances of kinds of which some are estimated, others as stated.

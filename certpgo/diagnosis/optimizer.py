@@ -154,7 +154,7 @@ def _is_as_truth(examined: Examined, given: float) -> bool:
     fit = examined.fit or goodness_of_fit(answer.problem, answer.estimate)
     if fit is None or not fit.chi2 > 0.0:
         return False
-    free = layout.size - int(layout.sizes[layout.whole[0]])
+    free = layout.size - int(layout.sizes[layout.still()])
     ratio = (given - examined.best) / examined.best * fit.freedom / free
     tails = special.fdtr(free, fit.freedom, ratio), special.fdtrc(free, fit.freedom, ratio)
     return bool(min(tails) > RARE)

@@ -98,7 +98,7 @@ def _is_checked(examined: Examined, instance: Instance) -> bool:
     """Whether measurements say more than they determine."""
     problem = objective_of(instance, examined.problem.cost_name)
     layout, measured = problem.tangent_layout, np.sum(problem.numbers)
-    return bool(measured > layout.size - layout.sizes[layout.whole[0]])
+    return bool(measured > layout.size - layout.sizes[layout.still()])
 
 
 def _held(examined: Examined) -> Iterator[Finding]:

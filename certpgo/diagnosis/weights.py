@@ -11,7 +11,6 @@ import numpy as np
 
 from certpgo.diagnosis.examined import Examined
 from certpgo.diagnosis.finding import Finding
-from certpgo.diagnosis.noise import anchor_of
 from certpgo.diagnosis.study import Study, studied_problem, study
 from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate, Graph
@@ -242,7 +241,7 @@ def meanings(examined: Examined) -> Iterator[Meaning]:
 def _studied(examined: Examined, posed: Certifiable) -> Study | None:
     """Measurements of the same poses at their fit."""
     problem, estimate = studied_problem(posed), examined.answer.estimate
-    return None if problem is None else study(problem, estimate, anchor_of(examined))
+    return None if problem is None else study(problem, estimate, examined.anchor)
 
 
 def _unevenness(problem: Certifiable, estimate: Estimate) -> float:

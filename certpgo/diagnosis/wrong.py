@@ -14,7 +14,7 @@ from scipy import special
 from certpgo.diagnosis.estimates import with_w_first
 from certpgo.diagnosis.examined import Examined
 from certpgo.diagnosis.finding import Finding
-from certpgo.diagnosis.noise import anchor_of, kinds_of
+from certpgo.diagnosis.noise import kinds_of
 from certpgo.diagnosis.study import Coupling, Study, studied_problem, study
 from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate, Graph
@@ -93,7 +93,7 @@ def judged(examined: Examined) -> Judged | None:
     None where nothing is known of residuals.
     """
     problem, fit = studied_problem(examined.problem), examined.answer.estimate
-    if problem is None or (first := study(problem, fit, anchor_of(examined))) is None:
+    if problem is None or (first := study(problem, fit, examined.anchor)) is None:
         return None
     best = _judged(examined, first)
     if not _is_suspicious(examined, best):
@@ -140,7 +140,7 @@ def _kept(examined: Examined, estimate: Estimate, kept: BoolArray) -> Judged | N
     problem = studied_problem(examined.problem)
     if problem is None:
         return None
-    fit = study(problem, estimate, anchor_of(examined), counts=kept)
+    fit = study(problem, estimate, examined.anchor, counts=kept)
     return None if fit is None else _judged(examined, fit)
 
 
@@ -379,7 +379,7 @@ def _surprises(
     }
     counts = np.insert(~of.wrong, m, np.zeros(unknown.size, dtype=bool))
     trials = replace(problem, measured=replace(several, **columns))
-    fit = study(trials, of.fit.estimate, anchor_of(examined), counts=counts)
+    fit = study(trials, of.fit.estimate, examined.anchor, counts=counts)
     if fit is None:
         return unknown
     return fit.surprises[m : m + unknown.size].reshape(unknown.shape)

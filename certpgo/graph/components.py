@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 
+from certpgo.errors import InputError
 from certpgo.graph.dataset import Instance
 from certpgo.graph.graph import require_connected
 from certpgo.graph.held import with_held
@@ -51,6 +53,23 @@ def connected_parts(instance: Instance, components: Components) -> list[Instance
     return [
         component(instance, label) for label in by_size[: 1 if components == "largest" else None]
     ]
+
+
+def require_pose(name: int | None, parts: Sequence[Instance], called: str) -> None:
+    """Refuse an id of no pose of any part.
+
+    Parameters
+    ----------
+    name : the id; None for none
+    called : the argument that it is of
+
+    Raises
+    ------
+    InputError
+        No part has such a pose.
+    """
+    if name is not None and all(part.pose_called(name) is None for part in parts):
+        raise InputError(f"{called}: node {name} is none of the poses")
 
 
 def component(instance: Instance, label: int) -> Instance:

@@ -261,13 +261,15 @@ class Layout:
         """The nodes with whole blocks."""
         return np.flatnonzero(self.sizes == self._b)
 
+    def still(self, *known: int | None) -> int:
+        """The node that stands still: the first known one, else the first with a whole block."""
+        return next((node for node in known if node is not None), int(self.whole[0]))
+
     @cached_property
     def diagonal(self) -> IntArray:
         """(k, b, b) positions in ``data`` of the entries of `whole` diagonal blocks."""
-        places = self.diagonal_blocks
-        if self._kept is None:
-            return places
-        return np.searchsorted(self._kept, places[self.whole])
+        kept, places = self._kept, self.diagonal_blocks
+        return places if kept is None else np.searchsorted(kept, places[self.whole])
 
     @cached_property
     def diagonal_blocks(self) -> IntArray:

@@ -316,7 +316,7 @@ def _determined(problem: Quadratic | Sum, estimate: Estimate, partial: bool) -> 
     Where some are ``partial``, they may leave motions open.
     """
     layout = problem.tangent_layout
-    anchor = int(layout.whole[0])
+    anchor = layout.still()
     found = undetermined(problem, estimate, anchor) if partial else None
     left_open = 0 if found is None else found.motions
     return None if left_open == MOST else layout.size - int(layout.sizes[anchor]) - left_open

@@ -7,8 +7,9 @@ from pathlib import Path
 from certpgo.certify.certificate import Verdict
 from certpgo.certify.proof_file import check, provable
 from certpgo.checker import Answer
-from certpgo.errors import CertPGOError, InputError, NumericalError
+from certpgo.errors import CertPGOError, NumericalError
 from certpgo.graph import Instance
+from certpgo.graph.components import require_pose
 from certpgo.io.accept_paths import AnyPath
 from certpgo.io.pipes import readable
 from certpgo.io.reading import read
@@ -66,9 +67,8 @@ def attempt(
 
 def _seen(instance: Instance, within: Within, reference: int | None) -> int:
     """The pose that distances are seen from."""
+    require_pose(reference, [instance], "reference")
     node = None if reference is None else instance.pose_called(reference)
-    if reference is not None and node is None:
-        raise InputError(f"--reference: node {reference} is none of the poses")
     return seen_from(instance, within, node)
 
 

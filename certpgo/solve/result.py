@@ -202,7 +202,7 @@ class CertifiedSolution(Speaking):
         if self.graph.has_scales:
             return None
         world = None if self.instance is None else self.instance.world
-        anchor = int(self.problem.tangent_layout.whole[0]) if world is None else world
+        anchor = self.problem.tangent_layout.still(world)
         return undetermined(self.problem, self.estimate, anchor)
 
     @cached_property
@@ -210,9 +210,8 @@ class CertifiedSolution(Speaking):
         """Covariances of the nodes relative to the first pose; see `certpgo.Marginals`."""
         held = () if self.instance is None else self.instance.held
         anchor = None if self.instance is None or not held else self.instance.anchor
-        if anchor is None:
-            anchor = int(self.problem.tangent_layout.whole[0])
-        return Marginals(self.problem, self.estimate, anchor, held)
+        layout = self.problem.tangent_layout
+        return Marginals(self.problem, self.estimate, layout.still(anchor), held)
 
     def region(
         self,

@@ -27,10 +27,10 @@ def write_diagnosis_page(path: str | Path, name: str, found: Diagnosis) -> None:
     text = page(
         "diagnosis.html",
         name=name,
-        headline=found._headline,
+        headline=found.headline,
         header=HEADER,
         findings=[_row(finding) for finding in found.findings],
-        facts=[(name, said) for name, said in found._facts() if not name.startswith("or ")],
+        facts=[*found.facts(shown=1)],
         environment={},
     )
     write_text(Path(path), text)

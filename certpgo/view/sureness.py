@@ -104,7 +104,7 @@ class Sureness:
         known, world = self.certificate.regions, self.instance.world
         if known is not None:
             return known.anchor
-        return int(self.problem.tangent_layout.whole[0]) if world is None else world
+        return self.problem.tangent_layout.still(world)
 
     def _regions(self) -> Iterator[tuple[str, str, FloatArray]]:
         """The balls that hold each node, (n, 3, 3), if there are any."""

@@ -9,7 +9,7 @@ from strategies import rng_of
 
 import certpgo
 from certpgo.diagnosis.examined import Examined
-from certpgo.diagnosis.noise import anchor_of, kinds_of
+from certpgo.diagnosis.noise import kinds_of
 from certpgo.diagnosis.study import studied_problem, study
 from certpgo.io.exact import quaternion
 from certpgo.linalg import rotations as so
@@ -130,7 +130,7 @@ def test_one_stiff_edge():
 def test_what_is_left_is_what_dense_algebra_leaves(d):
     examined = Examined(walk(d))
     problem = studied_problem(examined.problem)
-    found = study(problem, examined.answer.estimate, anchor_of(examined))
+    found = study(problem, examined.answer.estimate, examined.anchor)
     n, m, p = N, len(found.edges), d * (d + 1) // 2
     [part] = found.parts
     A = np.zeros((m, p, n, p))
@@ -157,7 +157,7 @@ def test_what_does_not_count_is_compared_with_what_the_others_say():
     problem = studied_problem(examined.problem)
     counts = np.arange(len(instance.graph.edges)) != LOOP
     again = certpgo.solve(replace(instance, graph=instance.graph.with_edges(counts)))
-    without = study(problem, again.estimate, anchor_of(examined), counts=counts)
+    without = study(problem, again.estimate, examined.anchor, counts=counts)
     assert without.fit.chi2 == pytest.approx(again.cost, rel=1e-6)
     assert without.surprises[LOOP] > 100.0 * without.surprises[counts].max()
     assert without.checked[LOOP] == 6
