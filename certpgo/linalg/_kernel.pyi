@@ -45,6 +45,16 @@ def solve(
     single: bool,
     /,
 ) -> None: ...
+def inverse_blocks(
+    indptr: IntArray,
+    indices: IntArray,
+    L: FloatArray,
+    at: IntArray,
+    order: IntArray,
+    above: bool,
+    blocks: FloatArray,
+    /,
+) -> bool | None: ...
 def lower(
     fronts: tuple[Any, ...],
     panels: Kept,

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import nullcontext
 
 import numpy as np
 from scipy.linalg.lapack import dtrtri
 
 from certpgo.errors import NumericalError
+from certpgo.linalg import compiled
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import U
 from certpgo.linalg.blocks import Layout, with_entries
+from certpgo.linalg.multifrontal import PARALLEL, one_thread
+
+ILL_CONDITIONED = "a factor is too ill-conditioned for bounds on its inverse"
 
 
 def diagonal_blocks(L: CSC, rows: IntArray, layout: Layout, *, above: bool = False) -> FloatArray:
@@ -29,29 +34,15 @@ def diagonal_blocks(L: CSC, rows: IntArray, layout: Layout, *, above: bool = Fal
     NumericalError
         L is too ill-conditioned for an upper bound.
     """
-    at = np.rint(layout.unpack(np.argsort(rows).astype(np.float64) + 1.0)).astype(np.intp) - 1
-    known = at >= 0  # but for rows that points do not have
-    first = np.where(known, at, layout.size).min(axis=1)
-    nodes = np.argsort(first, kind="stable")
-    firsts, blocks, unit = first[nodes], np.zeros((*at.shape, at.shape[1])), None
-    if above:
-        # Rows of L of length about one: rounding is bounded by norms.
-        lengths = np.sqrt(np.bincount(L.indices, L.data**2, minlength=layout.size))
-        unit = np.exp2(-np.round(np.log2(lengths)))
-        L = with_entries(L, L.data * unit[L.indices])
-    for front, k, Z in fronts_of_inverse(L, above=above):
-        own = nodes[slice(*np.searchsorted(firsts, [front[0], front[0] + k]))]
-        rows_of = np.where(known[own], at[own], front[0])
-        within = np.minimum(np.searchsorted(front, rows_of), len(front) - 1)
-        if (front[within] != rows_of).any():
-            raise NumericalError("a factor without the nodes' whole blocks")
-        one, other = within[:, :, None], within[:, None, :]
-        both = known[own][:, :, None] & known[own][:, None, :]
-        entries = Z[np.maximum(one, other), np.minimum(one, other)]
-        if unit is not None:
-            entries = entries * unit[rows_of][:, :, None] * unit[rows_of][:, None, :]
-        blocks[own] = np.where(both, entries, 0.0)
-    return blocks
+    at = _places(rows, layout)
+    if not above:
+        return _blocks(L, at)
+    # Rows of L of length about one: rounding is bounded by norms.
+    lengths = np.sqrt(np.bincount(L.indices, L.data**2, minlength=layout.size))
+    unit = np.exp2(-np.round(np.log2(lengths)))
+    scale = unit[at]
+    blocks = _blocks(with_entries(L, L.data * unit[L.indices]), at, above=True)
+    return np.asarray(blocks * scale[:, :, None] * scale[:, None, :])
 
 
 def blocks_of_pairs(L: CSC, rows: IntArray, layout: Layout, pairs: IntArray) -> FloatArray:
@@ -62,19 +53,44 @@ def blocks_of_pairs(L: CSC, rows: IntArray, layout: Layout, pairs: IntArray) -> 
     L, rows, layout : as in `diagonal_blocks`
     pairs : (m, 2) nodes, which A couples
     """
-    places = np.rint(layout.unpack(np.argsort(rows).astype(np.float64) + 1.0)).astype(np.intp) - 1
-    at = places[pairs].reshape(len(pairs), -1)
-    first = np.where(at >= 0, at, layout.size).min(axis=1)
-    order = np.argsort(first, kind="stable")
-    firsts, blocks = first[order], np.zeros((*at.shape, at.shape[1]))
-    for front, k, Z in fronts_of_inverse(L):
+    at = _places(rows, layout)[pairs]
+    return _blocks(L, at.reshape(len(pairs), 2 * at.shape[-1]))
+
+
+def _places(rows: IntArray, layout: Layout) -> IntArray:
+    """(n, b) the rows of L of each node, -1 for those that points do not have."""
+    place = np.empty(layout.size)
+    place[rows] = np.arange(1.0, layout.size + 1.0)
+    return layout.unpack(place).astype(np.intp) - 1
+
+
+def _blocks(L: CSC, at: IntArray, *, above: bool = False) -> FloatArray:
+    """(k, q, q) blocks of (L L^T)^-1 for rows (k, q) of L, each in one front; zero for rows -1."""
+    firsts = np.where(at >= 0, at, L.shape[0]).min(axis=1, initial=L.shape[0])
+    order = np.argsort(firsts, kind="stable")
+    blocks = np.empty((*at.shape, at.shape[1]))
+    if compiled.AVAILABLE:
+        parts = L.indptr, L.indices, at, order
+        indptr, indices, of, by = (np.ascontiguousarray(part, dtype=np.int64) for part in parts)
+        # Threads of BLAS only wait for each other in small fronts.
+        is_large = float((np.diff(indptr) ** 2.0).sum()) >= PARALLEL
+        with nullcontext() if is_large else one_thread:
+            done = compiled.kernel.inverse_blocks(indptr, indices, L.data, of, by, above, blocks)
+        if done:
+            return blocks
+        if done is False:
+            raise NumericalError(ILL_CONDITIONED)
+    firsts = firsts[order]
+    for front, k, Z in fronts_of_inverse(L, above=above):
         own = order[slice(*np.searchsorted(firsts, [front[0], front[0] + k]))]
-        if not len(own):
-            continue
         known = at[own] >= 0
-        within = np.searchsorted(front, np.where(known, at[own], front[0]))
+        rows = np.where(known, at[own], front[0])
+        within = np.minimum(np.searchsorted(front, rows), len(front) - 1)
+        if (front[within] != rows).any():
+            raise NumericalError("a factor without the whole blocks of nodes")
         both = known[:, :, None] & known[:, None, :]
-        blocks[own] = np.where(both, Z[within[:, :, None], within[:, None, :]], 0.0)
+        one, other = within[:, :, None], within[:, None, :]
+        blocks[own] = np.where(both, Z[np.maximum(one, other), np.minimum(one, other)], 0.0)
     return blocks
 
 
@@ -125,7 +141,7 @@ def _round_up(Z: FloatArray, P: FloatArray, inverse: FloatArray, carried: FloatA
     # L_pp^-1 = (I - E)^-1 X for the computed X, E = I - X L_pp.
     e = _norm(np.eye(k) - inverse @ P[:k]) + unit * (x * _norm(P[:k]) + 1.0)
     if not e < 0.5:
-        raise NumericalError("a factor is too ill-conditioned for bounds on its inverse")
+        raise NumericalError(ILL_CONDITIONED)
     off = 2.0 * e * x
     off_carried = q * off + unit * q * x
     missed = off * (2.0 * x + off) + off_carried * w * (1.0 + 2.0 * c + off_carried)

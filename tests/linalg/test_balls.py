@@ -37,13 +37,6 @@ def wide(request):
     return request.param
 
 
-@pytest.fixture(params=[False, True], ids=["numpy", "compiled"])
-def compiled_form(request, monkeypatch):
-    if request.param and not compiled.AVAILABLE:
-        pytest.skip("installed without a C compiler")
-    monkeypatch.setattr(compiled, "AVAILABLE", request.param)
-
-
 def balls(seed, shape, wide, *, exact=False):
     """Balls of all sizes, some of them single numbers."""
     rng = np.random.default_rng(seed)

@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from strategies import random_edges, rng_of, seeds
 
-from certpgo.linalg import compiled
 from certpgo.linalg.blocks import (
     BlockPattern,
     add_to_diagonal,
@@ -46,13 +45,6 @@ def test_assembly_is_the_loop(seed, b, n):
 # --- Points
 
 
-@pytest.fixture(params=[True, False], ids=["compiled", "plain"])
-def kernel(request, monkeypatch):
-    if request.param and not compiled.AVAILABLE:
-        pytest.skip("not compiled")
-    monkeypatch.setattr(compiled, "AVAILABLE", request.param)
-
-
 def with_points(seed, n=7, *, parallel=True):
     """A pattern some of whose nodes, at least one of either kind, are points."""
     rng = rng_of(seed)
@@ -73,7 +65,7 @@ SIZES = [(3, 1), (4, 1), (3, 2), (6, 3), (1, 0), (3, 0)]
 
 @pytest.mark.parametrize("parallel", [True, False])
 @pytest.mark.parametrize(("b", "of_points"), SIZES)
-@pytest.mark.usefixtures("kernel")
+@pytest.mark.usefixtures("compiled_form")
 def test_rows_of_points_are_left_out(b, of_points, parallel):
     for seed in range(10):
         rng, pattern, points = with_points(seed, parallel=parallel)
@@ -129,7 +121,7 @@ def test_trailing_rows_are_those_of_poses(k):
 
 
 @pytest.mark.parametrize(("b", "of_points"), [(3, 1), (6, 3), (3, 2)])
-@pytest.mark.usefixtures("kernel")
+@pytest.mark.usefixtures("compiled_form")
 def test_diagonal_blocks_of_poses_have_their_places(b, of_points):
     rng, pattern, points = with_points(b)
     diagonal = symmetric(rng, 7, b)

@@ -17,6 +17,7 @@ CHOSEN = (
     "linalg/test_multifrontal.py",
     "linalg/test_balls.py",
     "linalg/test_blocks.py",
+    "linalg/test_selected_inverse.py",
     "linalg/test_so.py",
     "graph/test_trees.py",
     "objective/test_edge_sums.py",

@@ -280,6 +280,8 @@ static void *found(const char *module, const char *name)
 #define LETTER "s"
 #include "fronts.h"
 
+#include "inverse.h"
+
 /* Whether rows are those of nodes in an order, and panels and their room those of supernodes. */
 static int are_panels(const Fronts *f)
 {
@@ -562,6 +564,7 @@ static PyMethodDef methods[] = {
     {"measure", measure, METH_VARARGS, "Places of panels, and memory needed."},
     {"factor", factor, METH_VARARGS, "Factorize; False if the matrix is not positive definite."},
     {"solve", solve, METH_VARARGS, "A^-1 B."},
+    {"inverse_blocks", inverse_blocks, METH_VARARGS, "Blocks of A^-1 on the pattern of L."},
     {NULL, NULL, 0, NULL},
 };
 
