@@ -179,9 +179,9 @@ class Graph(Speaking, GraphData):
 
     def under(self, cost: str) -> Self:
         """The same measurements whose default cost, see `certpgo.solve`, is that of this name."""
-        if self.information is None:
-            return self
         residual = None if cost == "chordal" else cost
+        if self.information is None or self.information.residual == residual:
+            return self
         return self.with_information(replace(self.information, residual=residual))
 
     def with_weights(

@@ -96,5 +96,7 @@ def typical(weights: FloatArray) -> float:
 
 def _limited(weights: FloatArray) -> FloatArray:
     """Weights, none more than `MOST` times what is typical, but for those beyond all range."""
+    if len(weights) and 0.0 < weights.max() <= MOST * weights.min():
+        return weights
     limited = np.minimum(weights, MOST * typical(weights))
     return np.where(np.isinf(weights), weights, limited)

@@ -76,6 +76,13 @@ class Track:
             self._scales[: len(self)] = better.scales
         self._projected = len(self)
 
+    def estimate_of(self, nodes: IntArray) -> Estimate:
+        """The poses of some nodes."""
+        n = len(self)
+        poses = self.estimate.rotations[nodes], self._translations[:n][nodes]
+        scales = self._scales[:n][nodes] if self.num_scaled else None
+        return Estimate.trusted(*poses, scales=scales)
+
     def extend(self, graph: Graph, labels: Sequence[Label]) -> IntArray:
         """Compose the poses of new nodes; the number of each node (n,), -1 for one without edges.
 

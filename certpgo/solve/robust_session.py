@@ -159,12 +159,12 @@ class RobustSession(Session):
         self.remove(set(self._numbers.edges) - kept)
 
     @property
-    def _measured(self) -> list[Measured]:
+    def _with_worlds(self) -> list[Measured]:
         aside = [
             (one, names.index(WORLD) if WORLD in names else None, self._origin)
             for one, names in self._put_aside.values()
         ]
-        return [*super()._measured, *aside]
+        return [*super()._with_worlds, *aside]
 
     def _move_world(self, measured: Sequence[Graph], origin: FloatArray | None) -> None:
         for number, one in zip(self._put_aside, measured[1:], strict=True):

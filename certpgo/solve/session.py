@@ -27,15 +27,15 @@ from certpgo.certify.certificate import tier_called
 from certpgo.certify.tolerances import allowed, difference_up, gap_of
 from certpgo.errors import GraphError, InputError, require
 from certpgo.graph import Estimate, Graph, Instance
-from certpgo.graph.concatenate import joined, with_rows
+from certpgo.graph.concatenate import with_rows
 from certpgo.graph.display import Speaking
 from certpgo.graph.kinds import places_world
 from certpgo.graph.labels import WORLD, Label, called
 from certpgo.graph.origins import Measured, in_frame, in_one_world
 from certpgo.graph.phrases import counted
-from certpgo.graph.scale import Scale
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.optimize.initialization import Start
+from certpgo.solve.growing_graph import GrowingGraph
 from certpgo.solve.naming import instance_of, labels_of
 from certpgo.solve.odometry import Track
 from certpgo.solve.result import GIVEN
@@ -104,18 +104,18 @@ class Session(Speaking):
         self.every = every
         self._asked, self._terms = cost, Terms.chosen(cost)
         self._tier = tier_called(self.settings.tier or Tier.STANDARD)
-        self._parts: list[Graph] = []  # the measurements in order, but for those that came since
-        self._new: list[tuple[Graph, IntArray]] = []  # with the numbers of their nodes
+        self._measured = GrowingGraph()
         self._numbers = RowNumbers()
         self._track: Track | None = None
         self._origin: FloatArray | None = None  # of the world, as in `Instance`
         self._places = False  # whether an edge that is no measurement puts the world somewhere
-        self._cost, self._scale = 0.0, Scale.none()
+        self._cost = 0.0
         self._fit: bool | None = True  # whether the estimate meets all; None if not known
         self._bounds: list[tuple[int, float]] = []  # of the measurements before number k; ascending
         # The last descent: how many measurements there were, F there, and its verdict.
         self._settled, self._optimum, self._verdict = 0, 0.0, Verdict.CERTIFIED
         self._found: Found | None = None  # if nothing changed since
+        self._standing: Standing | None = None  # likewise
         self.pending = 0  #: Measurements since the last refresh.
 
     @property
@@ -172,10 +172,10 @@ class Session(Speaking):
         """Keep measurements with these numbers, and compose the poses of new nodes."""
         track = self._track or Track(graph)
         unit = track.mean_over
-        self._new.append((graph, track.extend(graph, labels)))
+        self._measured.add(graph, track.extend(graph, labels))
         if unit != track.mean_over:
             self._bounds, self._optimum = [], -math.inf
-        self._track, self._found = track, None
+        self._track, self._found, self._standing = track, None, None
         self._numbers.append(graph, numbers)
 
     def _in_world(self, graph: Graph, labels: Sequence[Label], origin: FloatArray | None) -> Graph:
@@ -187,25 +187,26 @@ class Session(Speaking):
         if origin is self._origin and not self._places and not places_world(graph).any():
             return graph
         self._poses.steps(graph, labels)  # refuses before anything changes
-        known = self._measured
+        known = self._with_worlds
         common, (*others, same) = in_one_world([*known, (graph, world, origin)])
         if any(one is not before for one, (before, _, _) in zip(others, known, strict=True)):
             self._move_world(others, common)
         return same
 
     @property
-    def _measured(self) -> list[Measured]:
+    def _with_worlds(self) -> list[Measured]:
         """All measurements, with the number and the origin of the world."""
         return [(self.graph, self._poses.numbers.get(WORLD), self._origin)]
 
     def _move_world(self, measured: Sequence[Graph], origin: FloatArray | None) -> None:
-        """Go on with `_measured` from another origin, which changes no optimum and no bound."""
+        """Go on with `_with_worlds` from another origin, which changes no optimum and no bound."""
         (graph,) = measured
         best = in_frame(self.estimate, self._poses.numbers[WORLD], self._origin, origin)
         if graph.num_edges < len(self._numbers.edges):
             self._numbers.keep_edges(~places_world(self.graph))
             self._places = False
-        self._parts, self._scale, self._origin = [graph], self._terms.scale(graph), origin
+        self._measured.replace(graph, self._terms)
+        self._origin = origin
         self._adopt(best)
 
     def remove(self, edges: Iterable[int]) -> Standing:
@@ -240,11 +241,10 @@ class Session(Speaking):
         # Refuses measurements that do not determine their nodes.
         self._terms.problem(part, self._called)
         self._numbers.keep(kept)
-        self._parts = [part]
         self._bounds = [(k, bound) for k, bound in self._bounds if k <= removed[0]]
-        self._scale, self._fit = self._terms.scale(part), None
-        self._cost, self._found = self._terms.upper(part, self.estimate), None
-        self._optimum, self._settled = -math.inf, min(self._settled, len(self._numbers))
+        self._settled = min(self._settled, len(self._numbers))
+        self._measured.replace(part, self._terms)
+        self._adopt(self.estimate)
         return self.standing
 
     def refresh(self) -> Standing:
@@ -265,18 +265,23 @@ class Session(Speaking):
     @property
     def standing(self) -> Standing:
         """What is proven now, without any factorization."""
-        if self._new:
+        if self._measured.has_new:
             self._measure()
+        if self._standing is not None:
+            return self._standing
         cost, lower = self._cost, self.lower_bound
         gap = gap_of(cost, lower, rigorous=self._tier is not Tier.SCREEN)
-        tolerance = allowed(cost, self.settings.rtol, self.settings.atol * self._scale.total)
+        tolerance = allowed(
+            cost, self.settings.rtol, self.settings.atol * self._measured.scale.total
+        )
         tolerance = cost if gap > tolerance and self._fits() else tolerance
         verdict = Verdict.BOUNDED if lower > 0.0 else Verdict.UNDECIDED
         if self._tier is not Tier.SCREEN and gap <= tolerance < math.inf:
             verdict = Verdict.CERTIFIED
         nodes = 0 if self._track is None else len(self._track)
-        title, count = self._terms.title(self._parts), self._numbers.num_measurements
-        return Standing(nodes, count, cost, lower, gap, tolerance, verdict, title)
+        title, count = self._measured.title(self._terms), self._numbers.num_measurements
+        self._standing = Standing(nodes, count, cost, lower, gap, tolerance, verdict, title)
+        return self._standing
 
     def _fits(self) -> bool:
         """Whether the estimate meets all measurements, so that its cost is rounding."""
@@ -305,8 +310,8 @@ class Session(Speaking):
     def estimate(self) -> Estimate:
         """The poses of `nodes`: optimal at the last refresh, those of newer nodes composed."""
         found = self._poses.estimate
-        some = self._new[-1][0] if self._new else self._parts[0]
-        return found if some.has_positions else found.with_translations(None)
+        some = self._measured.last
+        return found if some is None or some.has_positions else found.with_translations(None)
 
     @property
     def nodes(self) -> tuple[Hashable, ...]:
@@ -343,26 +348,21 @@ class Session(Speaking):
     @property
     def _all(self) -> Graph:
         """All measurements."""
-        n = len(self._poses)
-        if self._new:
+        if self._measured.has_new:
             self._measure()
-        if len(self._parts) > 1 or self._parts[0].num_nodes < n:
-            self._parts = [joined(self._parts, n, self._poses.points)]
-        return self._parts[0]
+        return self._measured.joint(self._poses)
 
     def _measure(self) -> None:
         """Add the terms of what came since to F of the estimate, which was extended by it."""
-        parts, nodes = zip(*self._new, strict=True)
-        added = joined(parts, len(self._poses), self._poses.points, nodes)
-        self._scale += self._terms.scale(added)
-        self._parts, self._new = [*self._parts, added], []
+        part, nodes = self._measured.collect(self._poses, self._terms)
         if self._poses.num_scaled:  # the unit of all may be another
             self._cost, self._fit = self._terms.upper(self._all, self.estimate), None
             return
-        ends = np.unique(added.pairs)
-        part, here = added.subgraph(ends), self.estimate.subset(ends)
-        self._fit = self._fit and self._terms.fits(part, here)
-        self._cost = difference_up(self._cost, -self._terms.upper(part, here))
+        here = self._poses.estimate_of(nodes)
+        rise = self._terms.upper(part, here)
+        if self._fit or rise > self.settings.rtol * self._cost:
+            self._fit = self._terms.fits(part, here) and self._fit
+        self._cost = difference_up(self._cost, -rise)
 
     @property
     def _poses(self) -> Track:
@@ -375,7 +375,7 @@ class Session(Speaking):
         part = self._all
         self._poses.estimate = better
         self._cost, self._fit = self._terms.upper(part, better), None
-        self._found, self._optimum = None, -math.inf
+        self._found, self._standing, self._optimum = None, None, -math.inf
 
     def _is_settled(self, standing: Standing) -> bool:
         """Whether new measurements agree with the estimate, so that it is still the optimum."""
@@ -391,7 +391,7 @@ class Session(Speaking):
         begin = Start(self.estimate, GIVEN) if self._settled else None
         found = found or searched(problem, self.settings, begin)
         self._poses.estimate = found.estimate
-        self._cost, self._found, self._fit = found.cost, found, None
+        self._cost, self._found, self._fit, self._standing = found.cost, found, None, None
         if found.lower_bound > self.lower_bound:
             self._bounds.append((self._numbers.count, found.lower_bound))
         self._settled, self._optimum = len(self._numbers), found.cost

@@ -115,9 +115,9 @@ class Terms:
 
     def _unscaled(self, graph: Graph, track: Track | None) -> str:
         """What does not go with nodes of unknown scale, in a sentence; or empty."""
-        found = self.after(graph).features
-        if "scales" not in found:
+        if not graph.has_scales and "scales" not in self.features:
             return ""
+        found = self.after(graph).features
         if self.cost != CHORDAL:
             return OF_SCALES
         if found & {"distances", "own kinds"} and not _has_unit(graph, track):
