@@ -58,12 +58,7 @@ HOMES = {
     "rosbags": ("certpgo/io/bags.py",),
     "typer": ("certpgo/cli/", "reports/harness/commands/"),
     "rich": ("certpgo/cli/", "reports/harness/commands/"),
-    "threadpoolctl": (
-        "certpgo/linalg/multifrontal.py",
-        "certpgo/certify/proof.py",
-        "certpgo/solve/comparison.py",
-        "reports/harness/experiments/timing.py",
-    ),
+    "threadpoolctl": ("certpgo/linalg/threads.py", "reports/harness/experiments/timing.py"),
     "jinja2": ("certpgo/view/page.py",),
     "flint": ("reports/harness/certifiers/oracle.py",),
     "matplotlib": ("certpgo/view/", "reports/harness/experiments/figure.py"),

@@ -25,6 +25,7 @@ from certpgo.io.exact import quaternion
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.rotations import rotation_defect
+from certpgo.linalg.threads import one_thread
 from certpgo.objective import operators
 from certpgo.objective.quadratic import Quadratic
 
@@ -61,6 +62,7 @@ class Witness:
     exponent: int
 
 
+@one_thread
 def prove(
     problem: Quadratic,
     graph: checker.Graph,
@@ -85,22 +87,18 @@ def prove(
         a matrix that exceeds a positive semidefinite one by as much there
     reference : a pose to pin and to eliminate last, so that distances seen from it can be claimed
     """
-    from threadpoolctl import threadpool_limits
-
-    # Threads slow down the checker's many small products.
-    with threadpool_limits(limits=1):
-        point = problem.with_optimal_translations(point)
-        prover = _Prover(problem, graph, point, spare, reference)
-        shift = FIRST_SHIFT * prover.shifted.unit * (1.0 if prover.shifted.pin is None else GROWTH)
-        for _ in range(SHIFTS):
-            found = prover.settle(partial(prover.shifted.less, shift))
-            if found is not None:
-                return found
-            shift *= GROWTH
-        if fallback is None:
-            return None
-        other = recentred(problem, graph, fallback)
-        return prover.settle(lambda _: other)
+    point = problem.with_optimal_translations(point)
+    prover = _Prover(problem, graph, point, spare, reference)
+    shift = FIRST_SHIFT * prover.shifted.unit * (1.0 if prover.shifted.pin is None else GROWTH)
+    for _ in range(SHIFTS):
+        found = prover.settle(partial(prover.shifted.less, shift))
+        if found is not None:
+            return found
+        shift *= GROWTH
+    if fallback is None:
+        return None
+    other = recentred(problem, graph, fallback)
+    return prover.settle(lambda _: other)
 
 
 def proven_bound(

@@ -257,25 +257,34 @@ class Graph(Speaking, GraphData):
         kept = factors != 0.0
         information = self.information and self.information.reweighted(factors)
         graph = self if kept.all() else self.with_information(None).with_edges(kept)
-        factors = factors[kept]
-        other = graph._with(
-            kappa=frozen_floats(factors * graph.kappa),
-            tau=frozen_floats(factors * graph.tau),
+        return graph._weighed(factors[kept], information, graph.blocks)
+
+    def scaled(self, factor: float) -> Self:
+        """All concentrations, information and other weights times ``factor``, which is positive."""
+        information = self.information and self.information.scaled(factor)
+        blocks = tuple(block.scaled(factor) for block in self.blocks)
+        return self._weighed(np.full(self.num_edges, factor), information, blocks)
+
+    def _weighed(
+        self,
+        factors: FloatArray,
+        information: Information | None,
+        blocks: tuple[Observations, ...],
+    ) -> Self:
+        """Concentrations times positive factors (m,), with other information and blocks."""
+        other = self._with(
+            kappa=frozen_floats(factors * self.kappa),
+            tau=frozen_floats(factors * self.tau),
             information=information,
+            blocks=blocks,
         )
-        if (N := graph.couplings) is not None:
+        if (N := self.couplings) is not None:
             N = frozen_floats(factors[:, None, None] * N)
-            check_matrices("couplings", N, graph.rotations.shape, graph.edges)
+            check_matrices("couplings", N, self.rotations.shape, self.edges)
             other = other._with(couplings=N)
         check_weights("kappa", other.kappa, other.edges, or_none=True)
         other._check_tau()
         return other
-
-    def scaled(self, factor: float) -> Self:
-        """All concentrations, information and other weights times ``factor``."""
-        graph = self.with_information(None).reweighted(np.full(self.num_edges, factor))
-        graph = graph.with_information(self.information and self.information.scaled(factor))
-        return graph.with_blocks(*(block.scaled(factor) for block in self.blocks))
 
     def without_parallel_edges(self, keep: Keep) -> Self:
         """Keep ``"all"`` parallel edges, or the ``"first"`` or ``"last"`` of each pair {i, j}."""

@@ -166,8 +166,9 @@ class Information(Brief):
     def scaled(self, factor: float) -> Information:
         """All matrices times ``factor``."""
         other = replace(self, distinct=factor * self.distinct)
-        if math.frexp(factor)[0] == 0.5:  # a power of two rounds nothing
-            other.__dict__["is_definite"] = self.is_definite
+        known = self.__dict__.get("is_definite")
+        if known is not None and math.frexp(factor)[0] == 0.5:  # a power of two rounds nothing
+            other.__dict__["is_definite"] = known
         return other
 
     def reweighted(self, factors: FloatArray) -> Information:

@@ -11,16 +11,15 @@ not be stored. docs/multifrontal.md has the analysis of rounding.
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cached_property
-from threading import Lock
 from typing import Any, Literal
 
 import numpy as np
 
 from certpgo.linalg import compiled
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
+from certpgo.linalg.threads import one_thread
 
 #: Compensates the rounding of sums of nonnegative numbers.
 ROUNDED_UP = 1.001
@@ -219,7 +218,7 @@ class Fronts:
         options: Any = scale, panels, summed, wish, keep == "single"
         data = _aligned(data)
         # Threads of BLAS only wait for each other in small fronts.
-        with nullcontext() if self.is_parallel else one_thread:
+        with one_thread.lifted() if self.is_parallel else one_thread:
             done = compiled.kernel.factor(self._fronts, data, *options)
         return Elimination(panels, sums, squares, residual) if done else None
 
@@ -287,41 +286,6 @@ def minimum_degree(indptr: IntArray, indices: IntArray) -> IntArray:
     """A fill-reducing order (n,) of a symmetric pattern (Amestoy, Davis, Duff 1996)."""
     found = compiled.kernel.order(_integers(indptr), _integers(indices))
     return np.frombuffer(found, dtype=np.int64)
-
-
-class _OneThread:
-    """Limits BLAS to one thread while any thread of Python is within; the last one restores."""
-
-    def __init__(self) -> None:
-        self._lock, self._within = Lock(), 0
-        self._before: list[tuple[Any, int]] = []
-
-    def __enter__(self) -> None:
-        with self._lock:
-            if not self._within:
-                threads = ((blas, blas.num_threads) for blas in self._libraries)
-                self._before = [(blas, number) for blas, number in threads if number > 1]
-                for blas, _ in self._before:
-                    blas.set_num_threads(1)
-            self._within += 1
-
-    def __exit__(self, *_: object) -> None:
-        with self._lock:
-            self._within -= 1
-            if not self._within:
-                for blas, number in self._before:
-                    blas.set_num_threads(number)
-
-    @cached_property
-    def _libraries(self) -> list[Any]:
-        from threadpoolctl import ThreadpoolController
-
-        found = ThreadpoolController().lib_controllers
-        return [library for library in found if library.user_api == "blas"]
-
-
-#: Of BLAS.
-one_thread = _OneThread()
 
 
 def _integers(values: IntArray) -> IntArray:

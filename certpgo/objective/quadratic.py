@@ -168,7 +168,7 @@ class Quadratic(EdgeOperators):
 
     def scaled(self, factor: float) -> Quadratic:
         """The same measurements with all weights times ``factor``; pattern and order are shared."""
-        return self.reweighted(np.full(self.graph.num_edges, factor))
+        return self.of_same_edges(self.graph.scaled(factor))
 
     def reweighted(self, factors: FloatArray) -> Quadratic:
         """The problem with weights times factors (m,); an edge with factor 0 is removed."""

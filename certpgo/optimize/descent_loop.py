@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 import numpy as np
 
 from certpgo.linalg.arrays import FloatArray
+from certpgo.linalg.threads import one_thread
 from certpgo.objective.quadratic_model import CostAtPoint
 from certpgo.optimize.progress import Progress
 from certpgo.optimize.solution import Status
@@ -85,6 +86,7 @@ class _Step(NamedTuple):
     accepted: bool = True
 
 
+@one_thread
 def minimise(here: AnyHere, rule: StepRule, progress: Progress) -> AnyHere:
     """The last model of a descent from that of its start; ``progress`` has how it ended."""
     with progress.watch.phase(rule.phase):

@@ -18,6 +18,7 @@ from certpgo.graph import Estimate, Graph, Instance
 from certpgo.io.accept_paths import AnyPath, estimated, measured
 from certpgo.io.writing import AnyAnswer
 from certpgo.linalg.arrays import IntArray
+from certpgo.linalg.threads import one_thread
 from certpgo.objective.choose_cost import Judged, objective_of
 from certpgo.objective.truncated_cost import rejecting
 from certpgo.optimize.monitor import Iteration, Monitor, silent
@@ -157,6 +158,7 @@ class Judge:
         self._latest: LocalMinimum | None = None  # the other one of this estimate, if cut short
         self._raised = False  # whether that has its best bound
 
+    @one_thread
     def certify(self, estimate: Estimate) -> Certificate:
         """Certify one estimate.
 

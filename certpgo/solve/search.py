@@ -21,6 +21,7 @@ from certpgo.errors import GraphError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Point
 from certpgo.graph.trees import tree_initialization
+from certpgo.linalg.threads import one_thread
 from certpgo.objective.choose_cost import Certifiable
 from certpgo.objective.lifted_distances import LiftedDistances
 from certpgo.optimize import similarity_starts
@@ -44,6 +45,7 @@ ORIGIN = "a random point of higher rank"
 MOST_SURROGATES = 10
 
 
+@one_thread
 def search(
     problem: Certifiable,
     settings: SolveSettings,

@@ -4,11 +4,9 @@ import json
 import os
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-import threadpoolctl
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import sparse
@@ -16,7 +14,7 @@ from strategies import random_edges, rng_of, seeds
 
 import certpgo
 from certpgo.io.datasets.synthetic import grid3d
-from certpgo.linalg import compiled, factor, multifrontal
+from certpgo.linalg import compiled, factor
 from certpgo.linalg.arrays import CSC
 from certpgo.linalg.blocks import BlockPattern, add_to_diagonal
 from certpgo.linalg.multifrontal import Fronts, Tree, minimum_degree
@@ -331,28 +329,6 @@ def test_no_bound_where_products_underflow():
         scaled = CSC((np.ldexp(A.data, exponent), A.indices, A.indptr), A.shape)
         assert (symbolic.rounding(scaled, np.ones(16)) is not None) == bounded
         assert (symbolic.residual(scaled, np.ones(16)) is not None) == bounded
-
-
-def test_threads_of_python_leave_those_of_blas_as_they_were():
-    rng = rng_of(3)
-    P, sizes = BlockPattern(60, random_edges(rng, 60, 90)), np.full(60, 6)
-    A, F = definite(rng, P, sizes), fronts(P, sizes)
-
-    def threads():
-        # Other packages bring libraries of their own, for OpenMP too.
-        found = threadpoolctl.threadpool_info()
-        return [x["num_threads"] for x in found if "scipy" in x["filepath"].lower()]
-
-    before = threads()
-    with ThreadPoolExecutor(4) as pool:
-        for done in [pool.submit(F.factor, A.data) for _ in range(40)]:
-            done.result()
-    with multifrontal.one_thread:
-        with multifrontal.one_thread:
-            pass
-        inside = threads()
-    assert threads() == before
-    assert all(count == 1 for count in inside)
 
 
 def test_engines_agree_and_serve_alone(monkeypatch):
