@@ -14,6 +14,7 @@ from certpgo.graph.relaxed_point import Point, translations_of
 from certpgo.linalg import compiled
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import U
+from certpgo.linalg.blocks import diagonal_of
 from certpgo.linalg.compiled import LARGEST_RANK
 from certpgo.objective.quadratic import Quadratic
 
@@ -62,7 +63,7 @@ class Shifted:
             if unscaled.any():
                 lengths = np.linalg.norm(arms[unscaled[~is_rotation]], axis=1)
                 weights[unscaled] = np.exp2(np.round(np.log2(lengths)))
-        unit = U * float(np.abs(problem.matrix.diagonal()[is_rotation]).mean())
+        unit = U * float(np.abs(diagonal_of(problem.matrix)[is_rotation]).mean())
         multipliers = problem.multipliers(point)
         blocks = point.rotations
         if problem.takes_scales:

@@ -14,12 +14,11 @@ from certpgo.diagnosis.examined import Examined
 from certpgo.diagnosis.finding import Finding
 from certpgo.graph import Instance
 from certpgo.graph.bridges import bridges
-from certpgo.graph.edges import components_of
+from certpgo.graph.edges import adjacency, components_of
 from certpgo.graph.kinds import Measurements
 from certpgo.graph.phrases import counted, few
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray, IntArray
-from certpgo.linalg.blocks import adjacency
 from certpgo.objective.choose_cost import objective_of
 from certpgo.optimize.descent import descend
 from certpgo.solve.accuracy_wording import ends, few_edges

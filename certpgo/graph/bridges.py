@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from certpgo.graph.edges import adjacency
 from certpgo.graph.graph import Graph
 from certpgo.graph.kinds import Measurements
 from certpgo.linalg import compiled
 from certpgo.linalg.arrays import IntArray
-from certpgo.linalg.blocks import adjacency
 
 
 def bridges(graph: Graph | Measurements) -> IntArray:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo.errors import GraphError
+from certpgo.graph.edges import adjacency
 from certpgo.graph.graph import Graph
 from certpgo.linalg.arrays import BoolArray, IntArray
-from certpgo.linalg.blocks import adjacency
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +20,9 @@ from certpgo.linalg.arrays import (
     frozen_flags,
     frozen_floats,
 )
-from certpgo.linalg.blocks import adjacency
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 Keep = Literal["all", "first", "last"]
 
@@ -148,6 +150,15 @@ def components_of(n: int, edges: IntArray) -> IntArray:
         labels = csgraph.connected_components(matrix, directed=False)[1].astype(np.int64)
     labels.flags.writeable = False
     return labels
+
+
+def adjacency(n: int, i: IntArray, j: IntArray, values: FloatArray) -> sparse.csr_array:
+    """The (n, n) matrix with ``values`` at (i, j), repeated pairs summed, for csgraph."""
+    from scipy import sparse
+
+    # csgraph needs 32-bit indices; SciPy before 1.17 does not convert them.
+    pairs = np.asarray(i, dtype=np.int32), np.asarray(j, dtype=np.int32)
+    return sparse.coo_array((values, pairs), shape=(n, n)).tocsr()
 
 
 def simple_edges(n: int, edges: IntArray, keep: Keep) -> IntArray:

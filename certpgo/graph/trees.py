@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from certpgo.graph import Estimate
+from certpgo.graph.edges import adjacency
 from certpgo.graph.graph_data import GraphData
 from certpgo.linalg import compiled
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
-from certpgo.linalg.blocks import adjacency
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

@@ -18,6 +18,7 @@ import numpy as np
 from certpgo.errors import MissingDependency, SpecError
 from certpgo.linalg import compiled, multifrontal, superlu
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
+from certpgo.linalg.blocks import diagonal_of
 from certpgo.linalg.multifrontal import Precision
 from certpgo.linalg.rounding_bound import (
     OTHERS,
@@ -219,7 +220,7 @@ class _Multifrontal:
         if precision == "double":
             return self._fronts.factor(_entries(A))
         mixed = precision == "mixed"
-        return self._fronts.factor_kept_single(_entries(A), A.diagonal(), mixed=mixed)
+        return self._fronts.factor_kept_single(_entries(A), diagonal_of(A), mixed=mixed)
 
     def rounding(self, A: CSC, w: FloatArray) -> RoundingBound | None:
         terms = self.lengths + OTHERS
@@ -231,7 +232,7 @@ class _Multifrontal:
         return self._bound(least_of_both(absolute, terms), squares, A)
 
     def residual(self, A: CSC, w: FloatArray) -> RoundingBound | None:
-        diagonal = A.diagonal()
+        diagonal = diagonal_of(A)
         if not (diagonal > 0.0).all():
             return None
         found = self._fronts.residual(_entries(A), diagonal, w)

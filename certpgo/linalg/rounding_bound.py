@@ -12,6 +12,7 @@ import numpy as np
 
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import U
+from certpgo.linalg.blocks import diagonal_of
 
 #: Relative agreement of a Cholesky factor's squared row norms with the diagonal.
 AGREEMENT = 1e-6
@@ -72,6 +73,6 @@ def is_cholesky(squares: FloatArray, A: CSC) -> bool:
 
     And whether no product of entries underflows by more than the rounding that is bounded.
     """
-    diagonal = A.diagonal()
+    diagonal = diagonal_of(A)
     near = np.abs(squares - diagonal) <= AGREEMENT * diagonal
     return bool(np.all(near & (diagonal >= SMALLEST) & (diagonal < np.inf)))

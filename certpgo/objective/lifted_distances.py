@@ -24,7 +24,7 @@ from certpgo.graph.relaxed_point import Lift, Point, translations_of
 from certpgo.graph.scale import Scale
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import U
-from certpgo.linalg.blocks import Layout, scatter_sum
+from certpgo.linalg.blocks import Layout, diagonal_of, scatter_sum
 from certpgo.linalg.factor import Factor, default_engine
 from certpgo.linalg.rotations import orthonormal
 from certpgo.objective import operators
@@ -282,7 +282,7 @@ class LiftedModel:
 
     def scale(self, H: CSC) -> FloatArray:
         """(N,) the diagonal, positive, and one number for each position."""
-        size, r = self._layout.unpack(np.abs(H.diagonal())), self.rank
+        size, r = self._layout.unpack(np.abs(diagonal_of(H))), self.rank
         # Of positions and of turns by themselves, as their ratio depends on the unit of length.
         largest = np.repeat([size[:, :r].max(), size[:, r:].max()], [r, size.shape[1] - r])
         # Each position's mean: entries of single coordinates depend on how the world is turned.

@@ -10,6 +10,7 @@ import numpy as np
 
 from certpgo.graph.relaxed_point import Lift, translations_of
 from certpgo.linalg.arrays import CSC, FloatArray
+from certpgo.linalg.blocks import diagonal_of
 from certpgo.linalg.factor import Factor
 from certpgo.objective import operators
 from certpgo.objective.quadratic_model import ROUNDING, largest_step
@@ -111,7 +112,7 @@ class ManifoldModel:
 
     def scale(self, H: CSC) -> FloatArray:
         """(N,) the diagonal, positive, and one number for each position."""
-        size, r = self.layout.unpack(np.abs(H.diagonal())), self.moves
+        size, r = self.layout.unpack(np.abs(diagonal_of(H))), self.moves
         largest = np.full(size.shape[1], size[:, r:].max())
         if r:
             largest[:r] = size[:, :r].max()

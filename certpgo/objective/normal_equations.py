@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, cast
 
-import numpy as np
-
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import translations_of
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import CSC, FloatArray
+from certpgo.linalg.blocks import diagonal_of
 from certpgo.linalg.factor import LinearSolver
 from certpgo.objective.quadratic_model import ROUNDING, largest_step
 
@@ -64,7 +63,7 @@ class NormalEquations:
 
     def scale(self, H: CSC) -> FloatArray:
         """(N,) the diagonal of the matrix."""
-        return np.asarray(H.diagonal())
+        return diagonal_of(H)
 
     def raised(self, damping: float) -> float:
         """The damping after a failed step: ten times as much, or the first."""

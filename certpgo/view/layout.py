@@ -10,9 +10,8 @@ from scipy.sparse.linalg import ArpackError, eigsh
 
 from certpgo.graph import Graph
 from certpgo.graph.cycles import is_cycle, walk
-from certpgo.graph.edges import simple_edges
+from certpgo.graph.edges import adjacency, simple_edges
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
-from certpgo.linalg.blocks import adjacency
 
 #: Share of all pairs that are edges from which on eigenvectors say little about a graph.
 DENSE = 0.4

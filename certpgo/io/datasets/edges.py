@@ -10,10 +10,10 @@ from scipy import linalg
 from scipy.sparse import csgraph
 
 from certpgo.errors import FileNotHere, InputError
+from certpgo.graph.edges import adjacency
 from certpgo.io.datasets.source import dataset
 from certpgo.io.reading import read
 from certpgo.linalg.arrays import IntArray
-from certpgo.linalg.blocks import adjacency
 
 
 def viewing_edges(name: str, data: str | Path | None = None) -> tuple[str, int, IntArray]:
