@@ -19,14 +19,12 @@ import numpy as np
 
 from certpgo.linalg import compiled
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
-from certpgo.linalg.threads import one_thread
+from certpgo.linalg.threads import PARALLEL, one_thread
 
 #: Compensates the rounding of sums of nonnegative numbers.
 ROUNDED_UP = 1.001
 
 
-#: Multiplications from which a factorization uses all threads of BLAS: some ten seconds of one.
-PARALLEL = 3e11
 #: Arrays of a factorization: weights, sums and squares, or scale, weights and sums.
 Triple = tuple[FloatArray, FloatArray, FloatArray]
 #: Of a factorization: "mixed" computes in double precision and keeps L in single.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from contextlib import nullcontext
 
 import numpy as np
 from scipy.linalg.lapack import dtrtri
@@ -14,7 +13,7 @@ from certpgo.linalg import compiled
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import U
 from certpgo.linalg.blocks import Layout, with_entries
-from certpgo.linalg.multifrontal import PARALLEL, one_thread
+from certpgo.linalg.threads import PARALLEL, one_thread
 
 ILL_CONDITIONED = "a factor is too ill-conditioned for bounds on its inverse"
 
@@ -74,7 +73,7 @@ def _blocks(L: CSC, at: IntArray, *, above: bool = False) -> FloatArray:
         indptr, indices, of, by = (np.ascontiguousarray(part, dtype=np.int64) for part in parts)
         # Threads of BLAS only wait for each other in small fronts.
         is_large = float((np.diff(indptr) ** 2.0).sum()) >= PARALLEL
-        with nullcontext() if is_large else one_thread:
+        with one_thread.lifted() if is_large else one_thread:
             done = compiled.kernel.inverse_blocks(indptr, indices, L.data, of, by, above, blocks)
         if done:
             return blocks

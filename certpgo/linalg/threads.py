@@ -12,6 +12,9 @@ from functools import cached_property
 from threading import Lock
 from typing import Any
 
+#: Multiplications from which work uses all threads: some ten seconds of one.
+PARALLEL = 3e11
+
 
 class _OneThread(ContextDecorator):
     """Limits BLAS to one thread while any thread of Python is within; the last one restores."""
