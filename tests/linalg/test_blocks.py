@@ -6,11 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from strategies import random_edges, rng_of, seeds
 
+from certpgo.graph.edges import adjacency
 from certpgo.linalg.blocks import (
     BlockPattern,
     add_to_diagonal,
-    adjacency,
-    diagonal_places,
+    diagonal_of,
     pinned,
     scatter_sum,
 )
@@ -78,7 +78,7 @@ def test_rows_of_points_are_left_out(b, of_points, parallel):
         assert A.has_sorted_indices
         assert A.indices.dtype == A.indptr.dtype == np.int32
         np.testing.assert_allclose(A.toarray(), whole[np.ix_(rows, rows)], rtol=0, atol=1e-13)
-        np.testing.assert_array_equal(A.data[diagonal_places(A)], A.diagonal())
+        np.testing.assert_array_equal(diagonal_of(A), A.diagonal())
         assert pattern.layout_of(A) is pattern.layout(b, of_points)
         # The same nodes without points have blocks of one size.
         bare = BlockPattern(n, edges).assemble(diagonal, upper, of_points).toarray()
@@ -152,7 +152,7 @@ def test_diagonal_and_pinning_keep_the_pattern():
     rng = np.random.default_rng(1)
     edges = random_edges(rng, 5, 4)
     A = BlockPattern(5, edges).assemble(symmetric(rng, 5, 2), rng.standard_normal((8, 2, 2)))
-    np.testing.assert_array_equal(A.data[diagonal_places(A)], A.diagonal())
+    np.testing.assert_array_equal(diagonal_of(A), A.diagonal())
     bump = rng.standard_normal(10)
     np.testing.assert_allclose(
         add_to_diagonal(A, bump).toarray(), A.toarray() + np.diag(bump), rtol=0, atol=1e-15
