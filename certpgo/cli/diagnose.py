@@ -114,8 +114,9 @@ def _whole(source: Source, reading: Reading) -> Instance:
     except InputError as refusal:
         if not reading.fixed:
             raise
+        released = replace(reading, fixed=False).open(source, operation=None)
         notice(f"{refusal}: released here")
-        return replace(reading, fixed=False).open(source, operation=None)
+        return released
 
 
 def _estimate(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -14,8 +15,8 @@ from certpgo.diagnosis import estimates, ids, measurements, optimizer, priors, s
 from certpgo.diagnosis import truth as of_truth
 from certpgo.diagnosis.detectability import detectable
 from certpgo.diagnosis.examined import Examined, KnownTruth
-from certpgo.diagnosis.finding import Diagnosis, Finding
-from certpgo.errors import FormatError, InputError
+from certpgo.diagnosis.finding import Costs, Diagnosis, Finding
+from certpgo.errors import FormatError, GraphError, InputError
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.components import connected_parts
 from certpgo.graph.phrases import counted
@@ -127,11 +128,28 @@ def diagnose(
         could = "; ".join(filter(None, (_detectable(one, several) for one in sized)))
     tried = len(whole.tried)
     said = f"{instance.name}, by {counted(tried, 'trial{s}')}"
-    return Diagnosis(tuple(found), tried, said, could)
+    costs = None if found or several else _costs(sized[0])
+    return Diagnosis(tuple(found), tried, said, could, costs)
+
+
+def _costs(examined: Examined) -> Costs:
+    """What an estimate costs that no mistake explains, and the best one."""
+    certificate, given = examined.answer.certificate, examined.estimate
+    bound = certificate.lower_bound
+    return Costs(
+        examined.best,
+        bound if bound is not None and math.isfinite(bound) else None,
+        None if given is None else examined.problem.cost(given),
+        is_optimal=certificate.is_optimal,
+    )
 
 
 def _of_part(examined: Examined, wrong: bool) -> list[Finding]:
     """The findings of a connected part, with remarks if something is wrong there or elsewhere."""
+    try:
+        _ = examined.problem
+    except GraphError as refusal:  # nothing can be computed of these measurements
+        return [optimizer.indeterminate(str(refusal), strength=2.0)]
     found = [finding for check in CHECKS for finding in check(examined)]
     return [*found, *structure.remarks(examined)] if found or wrong else found
 

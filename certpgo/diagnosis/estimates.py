@@ -18,6 +18,7 @@ from certpgo.diagnosis.finding import Finding
 from certpgo.graph import Estimate
 from certpgo.graph.phrases import cost_shown, counted
 from certpgo.io.exact import quaternion
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray, IntArray
 
 #: A reading explains an estimate if it leaves at most this share of the cost, and of its excess.
@@ -64,7 +65,10 @@ def found(examined: Examined) -> Iterator[Finding]:
     given = examined.problem.cost(estimate)
     if not given > WRONG * examined.best:
         return
-    trials = [_tried(examined, estimate, given, names) for names in _candidates(d)]
+    names = [*_candidates(d)]
+    if not examined.instance.graph.is_point.any():
+        names += [(one,) for one in STEPS]
+    trials = [_tried(examined, estimate, given, one) for one in names]
     trials += [_reordered(examined, estimate, *o) for o in _orders(examined.instance.ids)]
     best = min(trial.share for trial in trials)
     chosen = next(trial for trial in trials if trial.share <= HARDLY * best)
@@ -123,6 +127,19 @@ def _positions_of_inverses(R: FloatArray, t: FloatArray | None) -> Poses:
     return R, None if t is None else -np.einsum("nab,nb->na", R, t)
 
 
+def _composed(R: FloatArray, t: FloatArray | None) -> Poses:
+    """Products of each pose and all before it, by doubling the steps."""
+    step, R = 1, R.copy()
+    t = None if t is None else t.copy()
+    while step < len(R):
+        before = R[:-step]
+        if t is not None:
+            t[step:] = t[:-step] + np.einsum("nab,nb->na", before, t[step:])
+        R[step:] = before @ R[step:]
+        step *= 2
+    return so.project(R), t
+
+
 def _mirrored(axis: int) -> Callable[[FloatArray, FloatArray | None], Poses]:
     def read(R: FloatArray, t: FloatArray | None) -> Poses:
         signs = np.where(np.arange(R.shape[1]) == axis, -1.0, 1.0)
@@ -177,6 +194,22 @@ FORMS = (
         "{its} positions are of the world in the body, its rotations of the body in the world",
         "replace each position t by -R t",
         _positions_of_inverses,
+    ),
+)
+
+#: Those of all poses together, in the order of nodes.
+STEPS = (
+    Convention(
+        "relative-poses",
+        "{its} poses are each relative to the one before, not to the first",
+        "multiply each from the left by the product of all before it",
+        _composed,
+    ),
+    Convention(
+        "relative-poses",
+        "{its} poses are each inverse and relative to the one before: of that in its own frame",
+        "invert each, and multiply it from the left by the product of all before it",
+        lambda R, t: _composed(*_inverse(R, t)),
     ),
 )
 

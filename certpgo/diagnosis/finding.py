@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from certpgo.graph.display import Speaking
-from certpgo.graph.phrases import counted
+from certpgo.graph.phrases import cost_shown, counted
 from certpgo.io.json_values import plain
 
 #: Findings that are shown.
@@ -65,6 +65,41 @@ def explained(cost: float | None, as_given: float | None) -> float:
     return 16.0 if cost <= 1e-16 * as_given else math.log10(as_given / cost)
 
 
+@dataclass(frozen=True)
+class Costs:
+    """What a map costs, and what the best one does.
+
+    Attributes
+    ----------
+    best : the least cost known
+    lower_bound : no estimate costs less; None if nothing is proven
+    given : of the estimate that is asked about; None without one
+    is_optimal : whether the best one is proven to be the optimum
+
+    Examples
+    --------
+    >>> from certpgo.diagnosis.finding import Costs
+    >>> print(Costs(427.2, 427.1, 430.5, is_optimal=True))
+    the estimate costs 430.5, the optimum 427.2
+    >>> print(Costs(427.2, 390.0))
+    the best estimate costs 427.2, none less than 390
+    """
+
+    best: float
+    lower_bound: float | None = None
+    given: float | None = None
+    is_optimal: bool = False
+
+    def __str__(self) -> str:
+        best = "the optimum" if self.is_optimal else "the best estimate"
+        said = f"{best} costs {cost_shown(self.best)}"
+        if self.given is not None:
+            said = f"the estimate costs {cost_shown(self.given)}, {best} {cost_shown(self.best)}"
+        if self.is_optimal or self.lower_bound is None:
+            return said
+        return f"{said}, none less than {cost_shown(self.lower_bound)}"
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Diagnosis(Speaking):
     """What may be wrong with a map, best explanation first.
@@ -75,6 +110,7 @@ class Diagnosis(Speaking):
     tried : how many hypotheses were tried
     about : what was examined, in a phrase
     detectable : what sizes of errors would have been found, in words
+    costs : of the map that is asked about and of the best one known, where there is no finding
 
     Examples
     --------
@@ -92,13 +128,15 @@ class Diagnosis(Speaking):
     tried: int
     about: str
     detectable: str = ""
+    costs: Costs | None = None
 
     @property
     def headline(self) -> str:
         """The first finding, or that there is none, in sentences without the last full stop."""
         if self.findings:
             return str(self.findings[0]).removesuffix(".")
-        return f"None of {counted(self.tried, 'known mistake{s}')} explains anything here"
+        said = f"None of {counted(self.tried, 'known mistake{s}')} explains anything here"
+        return said if self.costs is None else f"{said}: {self.costs}"
 
     def facts(self, shown: int = SHOWN) -> Iterator[tuple[str, str]]:
         """What was examined, and what would have been seen, as names and values.
@@ -126,6 +164,7 @@ class Diagnosis(Speaking):
             "about": self.about,
             "tried": self.tried,
             "detectable": self.detectable or None,
+            "costs": None if self.costs is None else asdict(self.costs),
             "findings": [asdict(finding) for finding in self.findings],
         }
 

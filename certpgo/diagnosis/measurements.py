@@ -198,6 +198,9 @@ def found(examined: Examined) -> Iterator[Finding]:
         return
     yield from wrong.found(examined, judged)
     yield from unusual
+    if meaning is not None and unusual and not judged.wrong.any():
+        # It explains as much, and is rarer.
+        yield replace(meaning[1], strength=0.9 * min(one.strength for one in unusual))
 
 
 def _convention(examined: Examined) -> Finding | None:

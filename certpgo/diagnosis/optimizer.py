@@ -116,8 +116,8 @@ def _stopped_early(examined: Examined, given: float, end: Solution) -> Finding:
         "stopped-early",
         f"the optimizer stopped early: the estimate costs {cost_shown(given)}, and descent from "
         f"it reaches {which}, {best}, in {steps}",
-        "allow more iterations or a smaller tolerance, or take the end of descent: "
-        "certpgo certify GRAPH ESTIMATE --best OUT",
+        "allow more iterations or a smaller tolerance (if it says that it converged, check its "
+        "derivatives), or take the end of descent: certpgo certify GRAPH ESTIMATE --best OUT",
         examined.best,
         given,
         _weakened(examined.best, given),
@@ -236,12 +236,15 @@ def undetermined(examined: Examined) -> Iterator[Finding]:
     open_ = examined.answer.undetermined
     if open_ is None:
         return
-    instance = examined.instance
-    said = open_.in_words(instance.named)
-    yield Finding(
+    yield indeterminate(open_.in_words(examined.instance.named), strength=0.3)
+
+
+def indeterminate(said: str, strength: float) -> Finding:
+    """That the measurements leave open what is said."""
+    return Finding(
         "undetermined",
         f"the measurements leave nodes free, and linear systems indeterminate: {said}",
         "add such measurements, or a weak prior of these nodes",
-        strength=0.3,
+        strength=strength,
         proven=True,
     )

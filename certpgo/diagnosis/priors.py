@@ -28,7 +28,8 @@ def found(examined: Examined) -> Iterator[Finding]:
     """Priors or held nodes without which the measurements cost far less."""
     instance = examined.instance
     world = instance.graph.world if instance.world is None else instance.world
-    if instance.graph.has_scales or (examined.fit is not None and not examined.fit.warning):
+    fit = examined.fit
+    if instance.graph.has_scales or (fit is not None and not fit.is_unusually_large):
         return
     # What is left may leave nodes free.
     with suppress(CertPGOError, np.linalg.LinAlgError):

@@ -211,7 +211,8 @@ def other_meaning(examined: Examined) -> tuple[float, Finding] | None:
             if given is None or (found := _studied(examined, posed)) is None:
                 continue
             gain, after = given.surprise - found.surprise, found.fit
-            even = _unevenness(posed, found.estimate) < EVEN
+            # Levers may make ordinary squares uneven, whatever the meaning.
+            even = _unevenness(posed, found.estimate) < max(EVEN, EVENLY * uneven)
             if gain > (MORE if best is None else best[0]) and even and not after.is_unusual:
                 best = gain, meaning, after
     if best is None:
