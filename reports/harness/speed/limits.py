@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -25,7 +25,7 @@ from certpgo.objective.quadratic import Quadratic
 from certpgo.solve.solving import solve
 from reports.harness.experiments.timing import processor_seconds
 from reports.harness.speed.measuring import Comparison, Group, Lap, Timer, Timers, processor
-from reports.harness.speed.solving import finished
+from reports.harness.speed.solving import certifying, finished, solving
 
 SECTION = "times the limit"
 #: Turns of helices: 10,000 to 100,000 poses.
@@ -44,7 +44,7 @@ ASSEMBLY, GRADIENT = "Newton's matrix, assembled", "gradient"
 SINGLE, DOUBLE = "factor of Newton's matrix, single", "factor of Newton's matrix, double"
 SUBSTITUTION, PRODUCT = "solution with the single factor", "product with Newton's matrix"
 ROUNDING = "factor of the certificate's matrix, with row sums"
-SOLVING, CERTIFYING = "solve", "certify"
+COSTS = (CHORDAL, "g2o", "gtsam")
 PHASES = (
     ORDERING,
     ANALYSIS,
@@ -55,8 +55,6 @@ PHASES = (
     SUBSTITUTION,
     PRODUCT,
     ROUNDING,
-    SOLVING,
-    CERTIFYING,
 )
 
 
@@ -87,14 +85,16 @@ class Work:
 
 def groups(quick: bool) -> Iterator[Group]:
     """Helices of growing size, and public sets, under F."""
-    compared = tuple(Comparison(phase, limit_of(phase), LARGE) for phase in PHASES)
+    whole = (*PHASES, solving(CHORDAL), certifying(CHORDAL))
+    compared = tuple(Comparison(phase, limit_of(phase), LARGE) for phase in whole)
     for turns in QUICK_TURNS if quick else TURNS:
         timers = functools.partial(_graph, functools.partial(_helix, turns))
         subject = f"helix of {turns**2:,} poses"
         yield Group(SECTION, subject, timers, compared, 1 if quick else 2, size=turns**2)
     for name in () if quick else SETS:
         read = functools.partial(datasets.load, name, download=False, quiet=True)
-        yield Group(SECTION, name, functools.partial(_graph, read), compared, 2)
+        own = (Comparison(solving(cost), limit_of(solving(cost)), LARGE) for cost in COSTS[1:])
+        yield Group(SECTION, name, functools.partial(_graph, read, COSTS), (*compared, *own), 2)
 
 
 def limit_of(phase: str) -> str:
@@ -107,7 +107,7 @@ def _helix(turns: int) -> Instance:
 
 
 @contextmanager
-def _graph(made: Callable[[], Instance]) -> Iterator[Timers]:
+def _graph(made: Callable[[], Instance], costs: Sequence[str] = COSTS[:1]) -> Iterator[Timers]:
     if not compiled.AVAILABLE:
         raise MissingDependency("the compiled engine", remedy=compiled.COMPILED)
     graph: Any = made().graph
@@ -115,9 +115,10 @@ def _graph(made: Callable[[], Instance]) -> Iterator[Timers]:
     problem = Quadratic(graph)
     steps, work = _phases(problem, estimate)
     whole: dict[str, Callable[[], Any]] = {
-        SOLVING: lambda: finished(solve(graph, cost=CHORDAL)),
-        CERTIFYING: lambda: certify(graph, estimate, cost=CHORDAL),
+        certifying(CHORDAL): lambda: certify(graph, estimate, cost=CHORDAL)
     }
+    for cost in costs:
+        whole[solving(cost)] = functools.partial(_solved, graph, cost)
     for name, step in whole.items():
         with counting() as total:
             step()
@@ -125,6 +126,10 @@ def _graph(made: Callable[[], Instance]) -> Iterator[Timers]:
     yield {name: processor(step) for name, step in (steps | whole).items()} | {
         limit_of(name): least.timer() for name, least in work.items()
     }
+
+
+def _solved(graph: Any, cost: str) -> Any:
+    return finished(solve(graph, cost=cost))
 
 
 def _phases(
@@ -218,7 +223,7 @@ def counting() -> Iterator[Work]:
         setattr(total, kind, getattr(total, kind) + flops_of(self))
         return eliminate(self, data, **options)
 
-    def solving(self: Fronts, panels: multifrontal.Kept, *rest: Any) -> Any:
+    def substituting(self: Fronts, panels: multifrontal.Kept, *rest: Any) -> Any:
         kind = "single" if panels.dtype == np.float32 else "double"
         total.moved += substituted(self, kind)
         return solution(self, panels, *rest)
@@ -227,7 +232,7 @@ def counting() -> Iterator[Work]:
         total.moved += multiplied(self, data)
         return product(self, data, x)
 
-    replaced = {"eliminate": eliminating, "solve": solving, "multiply": multiplying}
+    replaced = {"eliminate": eliminating, "solve": substituting, "multiply": multiplying}
     try:
         for name, function in replaced.items():
             setattr(Fronts, name, function)
