@@ -25,7 +25,7 @@ from certpgo.objective.quadratic import Quadratic
 from certpgo.solve.solving import solve
 from reports.harness.experiments.timing import processor_seconds
 from reports.harness.speed.measuring import Comparison, Group, Lap, Timer, Timers, processor
-from reports.harness.speed.solving import certifying, finished, solving
+from reports.harness.speed.solving import certifying, finished, shares, solving
 
 SECTION = "times the limit"
 #: Turns of helices: 10,000 to 100,000 poses.
@@ -123,7 +123,8 @@ def _graph(made: Callable[[], Instance], costs: Sequence[str] = COSTS[:1]) -> It
         with counting() as total:
             step()
         work[name] = total
-    yield {name: processor(step) for name, step in (steps | whole).items()} | {
+    say = {solving(cost): shares for cost in costs}
+    yield {name: processor(step, say.get(name)) for name, step in (steps | whole).items()} | {
         limit_of(name): least.timer() for name, least in work.items()
     }
 

@@ -44,7 +44,8 @@ OF_SECTION = {
     "it from the file's initial values.",
     "reading": "Seconds of reading alone, in new processes that have imported NumPy and SciPy.",
     "solving": "From the graph in memory to the certified estimate, and certifying that estimate "
-    "anew. What they say: verdict and cost, or the cost where GTSAM ends.",
+    "anew. What they say: verdict, cost and how phases share the time, or the cost where another "
+    "program ends.",
     "small problems": "Graphs of 3 to 125 nodes. Poses are solved and certified under each cost, "
     "next to GTSAM's chordal initialization and Gauss-Newton, or to g2o's from there.",
     "proofs": "A proof about the file, accepted by the checker, for an answer that is known.",

@@ -129,7 +129,14 @@ def finished(answer: CertifiedSolution) -> CertifiedSolution:
 
 
 def _answered(answer: CertifiedSolution) -> str:
-    return _judged(answer.certificate)
+    return f"{_judged(answer.certificate)} ({shares(answer)})"
+
+
+def shares(answer: CertifiedSolution) -> str:
+    """How the phases of a search share its time, in percent."""
+    seconds = answer.solution.seconds
+    whole = sum(seconds.values())
+    return ", ".join(f"{phase} {spent / whole:.0%}" for phase, spent in seconds.items())
 
 
 def _judged(found: Certificate) -> str:
