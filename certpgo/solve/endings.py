@@ -98,7 +98,7 @@ def _result(search: Search, found: Certificate) -> CertifiedSolution:
         tuple(replace(level, cost=unit * level.cost) for level in search.levels),
         search.settings,
         search.original,
-        outliers,
+        (outliers,) if search.looked else None,
     )
 
 

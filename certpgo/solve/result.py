@@ -25,7 +25,7 @@ from certpgo.solve.accuracy_wording import fixed
 from certpgo.solve.assessment import CostlyEdge, costly_edges
 from certpgo.solve.fit import Fit, fit_of
 from certpgo.solve.likelihood import LEVEL, excess_of_truth, excesses
-from certpgo.solve.outliers import Disagreement
+from certpgo.solve.outliers import Disagreement, disagreement
 from certpgo.solve.rejection import Rejection, headline
 from certpgo.solve.settings import SolveSettings
 
@@ -45,8 +45,7 @@ class CertifiedSolution(Speaking):
     levels : the steps of the staircase; only one if it did not climb
     settings : settings of the search
     problem : what the certificate is about: the measurements, those kept if some were rejected
-    disagreement : measurements that disagree with the rest, if there are any;
-        `certpgo.solve_robustly` rejects them
+    found_disagreement : that which the search found, in a tuple; None if it did not look
     rejection : what is proven about measurements that `certpgo.solve_robustly` rejected; else None
     noise_scale : standard deviation of the noise that rejections assume, over the stated one
     at_stated_noise : the answer at the stated noise, where another is assumed and it rejects others
@@ -70,7 +69,7 @@ class CertifiedSolution(Speaking):
     levels: tuple[Level, ...]
     settings: SolveSettings
     problem: Certifiable = field(repr=False)
-    disagreement: Disagreement | None = None
+    found_disagreement: tuple[Disagreement | None] | None = None
     instance: Instance | None = field(default=None, repr=False)
     rejection: Rejection | None = None
     noise_scale: float = 1.0
@@ -113,6 +112,13 @@ class CertifiedSolution(Speaking):
     def rejected(self) -> IntArray:
         """(k,) indices of the measurements that were rejected, ascending; empty unless robust."""
         return self.solution.rejected
+
+    @cached_property
+    def disagreement(self) -> Disagreement | None:
+        """Measurements that disagree with the rest; `certpgo.solve_robustly` rejects them."""
+        if self.found_disagreement is not None:
+            return self.found_disagreement[0]
+        return disagreement(self.problem, self.estimate)
 
     @cached_property
     def costliest(self) -> tuple[CostlyEdge, ...]:

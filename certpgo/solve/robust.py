@@ -172,7 +172,7 @@ def _answered(
         found,
         solution=solution,
         start=selection.method,
-        disagreement=None,
+        found_disagreement=(None,),
         rejection=rejection,
         noise_scale=selection.scale,
     )

@@ -28,7 +28,7 @@ from certpgo.optimize.progress import EarlyStopping
 from certpgo.optimize.riemannian_newton import NewtonSettings
 from certpgo.optimize.solution import Level, Solution, Status
 from certpgo.solve import bounding
-from certpgo.solve.outliers import Disagreement, disagreement
+from certpgo.solve.outliers import Disagreement, disagreement, ignore
 from certpgo.solve.plan import Plan
 from certpgo.solve.settings import OUTLIERS_PATIENCE, SolveSettings
 
@@ -90,6 +90,7 @@ class Search:
         self.climbed = Climbed(False, d)  # how far the relaxation of distances was minimised
         self.surrogates = 0
         self.disagreement: Disagreement | None = None
+        self.looked = True  # whether that is known, or for the answer to find
 
     def run(
         self,
@@ -206,8 +207,12 @@ class Search:
                 break
 
     def look_for_outliers(self, report: Report | None) -> None:
-        """Look for measurements that disagree with the rest, and report them."""
-        if report is None:
+        """Look for measurements that disagree with the rest, and report them.
+
+        Where nobody listens and the gap is closed, the answer does so when it is asked.
+        """
+        self.looked = not (report is ignore and self.is_certified)
+        if report is None or not self.looked:
             return
         with self.watch.phase("residuals"):
             self.disagreement = disagreement(

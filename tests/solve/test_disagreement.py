@@ -180,6 +180,10 @@ def test_a_certified_answer_may_have_its_doubts():
     assert answer.verdict is Verdict.CERTIFIED
     assert answer.disagreement.edges.tolist() == [20]
     assert math.degrees(answer.disagreement.worst_angle) > 179.0
+    told = []
+    listened = certpgo.solve(problem.graph, on_disagreement=told.append)
+    assert told == [listened.disagreement]
+    assert told[0].edges.tolist() == [20]
 
 
 def test_solving_robustly_certifies_what_is_kept():
