@@ -49,7 +49,12 @@ def joined(
     def rows(name: str) -> Any:
         return np.concatenate([getattr(graph, name) for graph in graphs])
 
-    return Graph(
+    same = all(
+        (kinds[to] == graph.nodes)[to >= 0].all() and not graph.is_signed
+        for graph, to in zip(graphs, own, strict=True)
+    )
+    make = Graph.trusted if same else Graph
+    return make(
         nodes=kinds,
         edges=np.concatenate([to[graph.edges] for graph, to in zip(graphs, own, strict=True)]),
         rotations=rows("rotations"),
@@ -112,8 +117,10 @@ def _blocks(
     )
 
 
-def _flags(known: Sequence[BoolArray | None], graphs: Sequence[Graph]) -> BoolArray:
+def _flags(known: Sequence[BoolArray | None], graphs: Sequence[Graph]) -> BoolArray | None:
     """(m,) flags of the edges of several graphs, None for none."""
+    if all(flag is None for flag in known):
+        return None
     flags = [
         np.zeros(graph.num_edges, dtype=bool) if flag is None else flag
         for flag, graph in zip(known, graphs, strict=True)

@@ -137,6 +137,25 @@ class Graph(Speaking, GraphData):
         other.__dict__.update(known)
         return other
 
+    @classmethod
+    def trusted(cls, **arrays: Any) -> Self:
+        """The graph of arrays whose rows are known to be in order; how they go together is checked.
+
+        Parameters
+        ----------
+        arrays : the attributes, but for those that have their defaults
+        """
+        for array in arrays.values():
+            if isinstance(array, np.ndarray):
+                array.flags.writeable = False
+        graph: Self = object.__new__(cls)
+        defaults = {"couplings": None, "arms": None, "assumed": None, "absolute": None}
+        graph.__dict__.update({**defaults, "information": None, "blocks": (), "is_signed": False})
+        graph.__dict__.update(arrays)
+        graph._check_scales()
+        graph._check_besides()
+        return graph
+
     def _with(self, **changed: Any) -> Self:
         """The graph with some attributes that are known to be in order."""
         other: Self = object.__new__(type(self))
@@ -182,7 +201,7 @@ class Graph(Speaking, GraphData):
         residual = None if cost == "chordal" else cost
         if self.information is None or self.information.residual == residual:
             return self
-        return self.with_information(replace(self.information, residual=residual))
+        return self._with(information=self.information.of_residual(residual))
 
     def with_weights(
         self, kappa: FloatArray | float | None = None, tau: FloatArray | float | None = None

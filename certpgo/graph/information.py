@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -28,6 +28,8 @@ RotationAbout = Literal["tangent", "quaternion"]
 TURNED = 2.0**-48
 #: Eigenvalues that turning may leave in place of zeros, relative to the largest.
 ROUNDING = 1e-12
+#: Matrices up to which equal ones of several parts are found.
+FEW = 256
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -147,6 +149,19 @@ class Information(Brief):
         d = 2 if self.distinct.shape[1] == 3 else 3
         return Information.isotropic(kappa, tau, d, self.residual, self.about)
 
+    def of_residual(self, residual: str | None) -> Information:
+        """The same matrices, which weigh the residuals of another program's cost."""
+        return self._with(residual=residual)
+
+    def _with(self, **changed: Any) -> Information:
+        """The same with attributes that are known to be in order."""
+        other = object.__new__(Information)
+        known = (self.distinct, self.index, self.residual, self.about)
+        names = ("distinct", "index", "residual", "about")
+        other.__dict__.update(zip(names, known, strict=True))
+        other.__dict__.update(changed)
+        return other
+
     def about_tangents(self) -> Information:
         """The same noise in matrices about tangents, of which kappa is what it is."""
         d = 2 if self.distinct.shape[1] == 3 else 3
@@ -241,10 +256,18 @@ def joined_information(parts: Sequence[Information | None]) -> Information | Non
     known = [part for part in parts if part is not None]
     if len(known) < len(parts) or len({(part.residual, part.about) for part in known}) > 1:
         return None
-    offsets = np.cumsum([0, *(len(part.distinct) for part in known)])
-    index = [part.index + offset for part, offset in zip(known, offsets[:-1], strict=True)]
     distinct = np.concatenate([part.distinct for part in known])
-    return replace(known[0], distinct=distinct, index=np.concatenate(index))
+    offsets = np.cumsum([0, *(len(part.distinct) for part in known)])
+    index = np.concatenate(
+        [part.index + offset for part, offset in zip(known, offsets[:-1], strict=True)]
+    )
+    if len(distinct) <= FEW:
+        numbers: dict[bytes, int] = {}
+        same = [numbers.setdefault(matrix.tobytes(), len(numbers)) for matrix in distinct]
+        if len(numbers) < len(distinct):
+            _, first = np.unique(same, return_index=True)
+            distinct, index = distinct[first], np.array(same)[index]
+    return known[0]._with(distinct=frozen_floats(distinct), index=frozen_indices(index))
 
 
 def unmeasured(information: FloatArray) -> BoolArray:

@@ -75,6 +75,9 @@ class Scale:
     @cached_property
     def total(self) -> float:
         """W."""
+        if not self.is_far.any():
+            relative = float(_limited(self.turn).sum())
+            return relative + float(_limited(_limited(self.move) * self.squares).sum())
         far, near, move = self.is_far, ~self.is_far, _limited(self.move)
         lever = _limited(move[near] * self.squares[near])
         moved = float(lever.sum())

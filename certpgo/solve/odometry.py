@@ -12,7 +12,6 @@ from certpgo.graph import Estimate, Graph
 from certpgo.graph.concatenate import make_of, require_one_make
 from certpgo.graph.kinds import NODES, Node
 from certpgo.graph.labels import WORLD, Label, called
-from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
 #: Room for so many poses at first.
@@ -35,10 +34,10 @@ class Track:
         self.num_scaled = 0  #: Nodes of unknown scale.
         self.newest: int | None = None  #: The last pose of the last graph with new ones.
         self._num_known = 0  # nodes that are neither such nor points
-        self._rotations = np.tile(np.eye(d), (FIRST, 1, 1))
+        self._unit = np.eye(d)
+        self._rotations = np.tile(self._unit, (FIRST, 1, 1))
         self._translations = np.zeros((FIRST, d))
         self._scales = np.ones(FIRST)
-        self._projected = 0  # poses whose rotations are such to rounding
 
     @property
     def points(self) -> BoolArray | None:
@@ -57,10 +56,7 @@ class Track:
     @property
     def estimate(self) -> Estimate:
         """All poses; never changed later."""
-        n, new = len(self), slice(self._projected, len(self))
-        if self._projected < n:
-            self._rotations[new] = so.project(self._rotations[new])
-            self._projected = n
+        n = len(self)
         scales = self._scales[:n] if self.num_scaled else None
         return Estimate.trusted(self._rotations[:n], self._translations[:n], scales=scales)
 
@@ -74,14 +70,11 @@ class Track:
             self._translations[: len(self)] = better.translations
         if better.scales is not None:
             self._scales[: len(self)] = better.scales
-        self._projected = len(self)
 
     def estimate_of(self, nodes: IntArray) -> Estimate:
         """The poses of some nodes."""
-        n = len(self)
-        poses = self.estimate.rotations[nodes], self._translations[:n][nodes]
-        scales = self._scales[:n][nodes] if self.num_scaled else None
-        return Estimate.trusted(*poses, scales=scales)
+        scales = self._scales[nodes] if self.num_scaled else None
+        return Estimate.trusted(self._rotations[nodes], self._translations[nodes], scales=scales)
 
     def extend(self, graph: Graph, labels: Sequence[Label]) -> IntArray:
         """Compose the poses of new nodes; the number of each node (n,), -1 for one without edges.
@@ -99,11 +92,11 @@ class Track:
         for here, there, edge in steps:
             self._append(graph, labels, here, there, edge)
             self._count(kinds[there])
-        numbers = np.array([self.numbers.get(label, -1) for label in labels], dtype=np.intp)
-        is_world = np.array([label is WORLD for label in labels])
-        new = numbers[(numbers >= before) & ~is_world & (graph.nodes != Node.POINT)]
-        self.newest = int(new[-1]) if len(new) else self.newest
-        return numbers
+        numbers = [self.numbers.get(label, -1) for label in labels]
+        for number, label, kind in zip(numbers, labels, kinds, strict=True):
+            if number >= before and label is not WORLD and kind != Node.POINT:
+                self.newest = number
+        return np.array(numbers, dtype=np.intp)
 
     def steps(self, graph: Graph, labels: Sequence[Label]) -> list[tuple[int, int, int]]:
         """Edges (from, to, edge) that reach new nodes from known ones.
@@ -140,7 +133,9 @@ class Track:
             self._translations = _doubled(self._translations)
             self._scales = np.concatenate([self._scales, np.ones_like(self._scales)])
         R, forward = graph.rotations[edge], graph.edges[edge, 0] == here
-        self._rotations[n] = self._rotations[known] @ (R if forward else R.T)
+        R = self._rotations[known] @ (R if forward else R.T)
+        # By a step of Newton and Schulz, whatever the length of the chain, a rotation to rounding.
+        self._rotations[n] = R @ (1.5 * self._unit - 0.5 * (R.T @ R))
         if graph.has_scales:
             self._scale(graph, there, edge, known)
         if graph.has_positions:

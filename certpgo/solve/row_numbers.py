@@ -26,6 +26,8 @@ class RowNumbers:
 
     def following(self, graph: Graph, is_measured: BoolArray) -> list[int]:
         """Numbers of new measurements, in that order, given which edges (m,) are measurements."""
+        if not graph.blocks and is_measured.all():
+            return list(range(self.count, self.count + graph.num_edges))
         others = sum(block.num_edges for block in graph.blocks)
         measured = np.append(is_measured, np.ones(others, dtype=bool))
         numbers = np.where(measured, self.count + np.cumsum(measured) - 1, ASSUMED)

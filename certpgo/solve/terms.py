@@ -110,8 +110,9 @@ class Terms:
 
     def after(self, graph: Graph) -> Terms:
         """The same cost, when these measurements have come."""
-        found = {name for name, feature in FEATURES.items() if feature.is_in(graph)}
-        return self if found <= self.features else replace(self, features=self.features | found)
+        others = FEATURES.keys() - self.features
+        found = {name for name in others if FEATURES[name].is_in(graph)}
+        return replace(self, features=self.features | found) if found else self
 
     def _unscaled(self, graph: Graph, track: Track | None) -> str:
         """What does not go with nodes of unknown scale, in a sentence; or empty."""
