@@ -248,3 +248,22 @@ def test_sixteen_numbers_and_arrays(file, tmp_path):
     np.save(tmp_path / "f.npy", np.array([{"a": 1}]), allow_pickle=True)
     with pytest.raises(FormatError, match="no array of numbers"):
         io.read_estimate(tmp_path / "f.npy")
+
+
+@pytest.mark.parametrize(("d", "angles"), [(2, "0 0 0.1"), (3, "0.2 -0.3 0.1")])
+def test_relations_between_times(file, d, angles):
+    """Poses of the second time in the first; R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    text = f"976052857.25 976052858 1 2 0 {angles}\n976052859.5 976052858 3 4 0 {angles}\n"
+    instance = io.read(file(text, "intel.relations"), quiet=True)
+    assert instance.times_ns.tolist() == [976052857250000000, 976052858 * 10**9, 976052859500000000]
+    assert instance.pairs.tolist() == [[0, 1], [2, 1]]
+    assert instance.graph.d == d
+    assert not instance.states_noise
+    np.testing.assert_array_equal(instance.graph.translations[:, :2], [[1.0, 2.0], [3.0, 4.0]])
+    roll, pitch, yaw = map(float, angles.split())
+    expected = so.exp(np.array([[0.0, 0.0, yaw]])) @ so.exp(np.array([[0.0, pitch, 0.0]]))
+    expected = (expected @ so.exp(np.array([[roll, 0.0, 0.0]])))[0, :d, :d]
+    np.testing.assert_allclose(instance.graph.rotations[0], expected, atol=1e-15)
+    same = f"976052858 976052858 1 2 0 {angles}\n"
+    with pytest.raises(FormatError, match="measured from itself"):
+        io.read(file(same, "loop.relations"))
