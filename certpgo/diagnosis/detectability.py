@@ -11,15 +11,18 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from scipy import special
 
 from certpgo.diagnosis.examined import Examined
+from certpgo.diagnosis.study import Study
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.bridges import bridges
 from certpgo.graph.phrases import counted
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.chi_squared import FALSE_ALARMS
 from certpgo.objective.choose_cost import Certifiable
@@ -115,7 +118,9 @@ def detectable(examined: Examined) -> Detectable | None:
     if noise < EXACT:
         return None
     with suppress(NumericalError, np.linalg.LinAlgError):
-        return sizes_of(answer.problem, answer.marginals, loops, noise)
+        fit, marginals = examined.first, examined.answer.marginals
+        of_loops = by_marginals(marginals, loops) if fit is None else informations(fit, loops)
+        return sizes_of(graph, loops, *of_loops, noise)
     return None
 
 
@@ -136,38 +141,45 @@ def noise_at(problem: Certifiable, estimate: Estimate) -> float:
 
 
 def sizes_of(
-    problem: Certifiable, marginals: Marginals, chosen: IntArray, noise: float = 1.0
+    graph: Graph, chosen: IntArray, W: FloatArray, checked: FloatArray, noise: float = 1.0
 ) -> Detectable:
     """The detectable errors of some measurements of a pose in the frame of another.
 
     Parameters
     ----------
     chosen : (k,) their indices
+    W, checked : as `informations`
     noise : over that which the weights state
-
-    Raises
-    ------
-    NumericalError
-        The measurements do not determine all nodes.
     """
-    W, checked = informations(problem, marginals, chosen)
-    p, d = W.shape[1], problem.d
-    level = special.chdtri(p, FALSE_ALARMS / problem.chordal.graph.num_measurements)
+    p, d = W.shape[1], graph.d
+    level = special.chdtri(p, FALSE_ALARMS / graph.num_measurements)
     seen = noise**2 * float(special.chndtrinc(level, p, 1.0 - POWER))
-    nothing = _are_bridges(problem.chordal.graph, chosen)
-    moved = p - (d * (d - 1)) // 2
+    nothing = _are_bridges(graph, chosen)
+    moved = p - so.tangent_dim(d)
     turned = _least(W, checked, slice(moved, p), nothing, seen)
     metres = _least(W, checked, slice(0, moved), nothing, seen) if moved else None
     return Detectable(chosen, metres, np.degrees(turned), noise)
 
 
-def informations(
-    problem: Certifiable, marginals: Marginals, chosen: IntArray
-) -> tuple[FloatArray, FloatArray]:
+def informations(fit: Study, chosen: IntArray) -> tuple[FloatArray, FloatArray]:
     """Two (k, b, b): the information W of some measurements, and what is checked of it, W - W P W.
 
-    In the tangent of the second pose: translations in metres, then turns in radians.
+    In the tangent of the second pose: translations in metres, then turns in radians. With residuals
+    that a motion of that pose moves by A, W = A^T A, and a fit leaves A^T (I - P) A of it.
     """
+    d, b = fit.problem.d, fit.parts[0].slopes.shape[2] // 2
+    both = np.zeros((2, len(fit.edges), b, b))
+    for part, left in zip(fit.parts, fit.remaining, strict=True):
+        A = part.slopes[:, :, b:].copy()
+        A[:, :, :d] = A[:, :, :d] @ fit.estimate.rotations[fit.edges[part.rows, 1]]
+        back = np.swapaxes(A, 1, 2)
+        both[:, part.rows] = back @ A, back @ left @ A
+    return both[0][chosen], both[1][chosen]
+
+
+def by_marginals(marginals: Marginals, chosen: IntArray) -> tuple[FloatArray, FloatArray]:
+    """The same where residuals are not studied, such as those of rotations alone."""
+    problem = cast("Certifiable", marginals.problem)
     pairs = problem.chordal.graph.edges[chosen]
     W = information_of(problem, marginals, chosen, pairs)
     return W, W - W @ marginals.relatives(pairs) @ W

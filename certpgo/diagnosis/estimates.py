@@ -1,25 +1,27 @@
-"""Conventions that an estimate may have been written in, each judged by the cost of so reading it.
-
-Poses are read as x y z and a quaternion x y z w, of the body in the world, in metres. A reading
-undoes one other convention; the cost says which one explains the estimate.
-"""
+"""Conventions of an estimate, each judged by the cost of so reading it."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import permutations, product
 
 import numpy as np
 
+from certpgo.diagnosis.conventions import (
+    STEPS,
+    Convention,
+    NodeOrder,
+    Reading,
+    candidates,
+    orders_of,
+    read_by,
+)
 from certpgo.diagnosis.examined import Examined
 from certpgo.diagnosis.finding import Finding
+from certpgo.diagnosis.screening import ALIKE, Sample
 from certpgo.graph import Estimate
-from certpgo.graph.phrases import cost_shown, counted
-from certpgo.io.exact import quaternion
-from certpgo.linalg import rotations as so
-from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.graph.phrases import cost_shown
 
 #: A reading explains an estimate if it leaves at most this share of the cost, and of its excess.
 SHARE = 0.1
@@ -32,29 +34,9 @@ HARDLY = 1.02
 #: Units by their length in metres, and how closely a scale must meet one.
 UNITS = {"millimetres": 1e-3, "centimetres": 1e-2, "kilometres": 1e3, "feet": 0.3048}
 NEAR = 0.02
-#: Squared correlation of steps with measured ones from which a scale is one.
-ALIKE = 0.8
-
-Poses = tuple[FloatArray, FloatArray | None]
-
-
-@dataclass(frozen=True)
-class Convention:
-    """A way to write poses, and how these are read.
-
-    Attributes
-    ----------
-    kind : its name in findings
-    said : what was written, in words; ``{it}`` and ``{its}`` are what is read
-    next : what to do about it
-    read : rotations (n, d, d) and translations (n, d), as they are read in the usual way, to those
-        that are meant
-    """
-
-    kind: str
-    said: str
-    next: str
-    read: Callable[[FloatArray, FloatArray | None], Poses]
+#: The share of the cost of some measurements that a reading leaves if it may explain an estimate,
+#: and the same over that of the best reading.
+LIKELY, NEARLY = 0.5, 10.0
 
 
 def found(examined: Examined) -> Iterator[Finding]:
@@ -65,12 +47,18 @@ def found(examined: Examined) -> Iterator[Finding]:
     given = examined.problem.cost(estimate)
     if not given > WRONG * examined.best:
         return
-    names = [*_candidates(d)]
-    if not examined.instance.graph.is_point.any():
-        names += [(one,) for one in STEPS]
-    trials = [_tried(examined, estimate, given, one) for one in names]
-    trials += [_reordered(examined, estimate, *o) for o in _orders(examined.instance.ids)]
-    best = min(trial.share for trial in trials)
+    steps = () if examined.instance.graph.is_point.any() else STEPS
+    readings: list[Reading] = [*candidates(d), *((one,) for one in steps)]
+    readings += orders_of(examined.instance)
+    trials = [
+        _reordered(examined, estimate, one)
+        if isinstance(one, NodeOrder)
+        else _tried(examined, estimate, given, one)
+        for one in _likely(examined, estimate, readings)
+    ]
+    best = min((trial.share for trial in trials), default=math.inf)
+    if best == math.inf:
+        return
     chosen = next(trial for trial in trials if trial.share <= HARDLY * best)
     cost = chosen.share * given
     near = cost < FAR * examined.best or chosen.share < SURE
@@ -106,186 +94,32 @@ class _Trial:
     share: float
 
 
-# --- Conventions ----------------------------------------------------------------------------------
-
-
-def with_w_first(R: FloatArray) -> FloatArray:
-    """Rotations (n, 3, 3) whose quaternions w x y z were read as x y z w, as they are meant."""
-    return quaternion.rotations(np.roll(quaternion.to_write(R), -1, axis=1))
-
-
-def _inverse(R: FloatArray, t: FloatArray | None) -> Poses:
-    back = np.swapaxes(R, 1, 2)
-    return back, None if t is None else -np.einsum("nab,nb->na", back, t)
-
-
-def _turned_back(R: FloatArray, t: FloatArray | None) -> Poses:
-    return np.swapaxes(R, 1, 2), t
-
-
-def _positions_of_inverses(R: FloatArray, t: FloatArray | None) -> Poses:
-    return R, None if t is None else -np.einsum("nab,nb->na", R, t)
-
-
-def _composed(R: FloatArray, t: FloatArray | None) -> Poses:
-    """Products of each pose and all before it, by doubling the steps."""
-    step, R = 1, R.copy()
-    t = None if t is None else t.copy()
-    while step < len(R):
-        before = R[:-step]
-        if t is not None:
-            t[step:] = t[:-step] + np.einsum("nab,nb->na", before, t[step:])
-        R[step:] = before @ R[step:]
-        step *= 2
-    return so.project(R), t
-
-
-def _mirrored(axis: int) -> Callable[[FloatArray, FloatArray | None], Poses]:
-    def read(R: FloatArray, t: FloatArray | None) -> Poses:
-        signs = np.where(np.arange(R.shape[1]) == axis, -1.0, 1.0)
-        return R, None if t is None else signs * t
-
-    return read
-
-
-def _of_other_hand(axis: int) -> Callable[[FloatArray, FloatArray | None], Poses]:
-    def read(R: FloatArray, t: FloatArray | None) -> Poses:
-        signs = np.where(np.arange(R.shape[1]) == axis, -1.0, 1.0)
-        return signs[:, None] * R * signs, None if t is None else signs * t
-
-    return read
-
-
-def _permuted(order: tuple[int, ...]) -> Callable[[FloatArray, FloatArray | None], Poses]:
-    def read(R: FloatArray, t: FloatArray | None) -> Poses:
-        return R, None if t is None else t[:, list(order)]
-
-    return read
-
-
-def _turned(C: FloatArray) -> Callable[[FloatArray, FloatArray | None], Poses]:
-    def read(R: FloatArray, t: FloatArray | None) -> Poses:
-        return R @ C, t
-
-    return read
-
-
-W_FIRST = Convention(
-    "quaternion-w-first",
-    "{its} quaternions have w first",
-    "write them as qx qy qz qw",
-    lambda R, t: (with_w_first(R), t),
-)
-FORMS = (
-    Convention(
-        "inverse-poses",
-        "{its} poses are of the world in the body (world to camera), not of the body in the world",
-        "invert each pose",
-        _inverse,
-    ),
-    Convention(
-        "inverse-rotations",
-        "{its} rotations are inverse, its positions are not",
-        "transpose each rotation, or negate x, y and z of its quaternion",
-        _turned_back,
-    ),
-    Convention(
-        "inverse-positions",
-        "{its} positions are of the world in the body, its rotations of the body in the world",
-        "replace each position t by -R t",
-        _positions_of_inverses,
-    ),
-)
-
-#: Those of all poses together, in the order of nodes.
-STEPS = (
-    Convention(
-        "relative-poses",
-        "{its} poses are each relative to the one before, not to the first",
-        "multiply each from the left by the product of all before it",
-        _composed,
-    ),
-    Convention(
-        "relative-poses",
-        "{its} poses are each inverse and relative to the one before: of that in its own frame",
-        "invert each, and multiply it from the left by the product of all before it",
-        lambda R, t: _composed(*_inverse(R, t)),
-    ),
-)
-
-
-def of_axes(d: int) -> Iterator[Convention]:
-    """Axes of positions or of the world: mirrored or permuted."""
-    names = "xyz"[:d]
-    for axis, name in enumerate(names):
-        yield Convention(
-            "mirrored",
-            f"{{its}} positions are mirrored: {name} has the other sign",
-            f"negate {name}",
-            _mirrored(axis),
-        )
-    # Of whichever axis: they differ by a turn of the world, but for what the bodies are.
-    for axis, name in enumerate(names):
-        yield Convention(
-            "other-handedness",
-            f"{{it}} is of the other handedness, mirrored in {name}",
-            f"negate {name}, and turn rotations accordingly (S R S)",
-            _of_other_hand(axis),
-        )
-    for order in permutations(range(d)):
-        if order != tuple(range(d)):
-            columns = " ".join(names[k] for k in np.argsort(order))
-            yield Convention(
-                "permuted-axes",
-                f"{{its}} positions are in the order {columns}",
-                f"write them as {' '.join(names)}",
-                _permuted(order),
-            )
-
-
-def of_bodies(d: int) -> Iterator[Convention]:
-    """Other axes of the bodies: their rotations turned from the right."""
-    for C in quarter_turns(d):
-        yield Convention(
-            "permuted-axes",
-            f"{{its}} bodies have other axes: {axes_of(C)}, as of a camera and its vehicle",
-            "multiply each rotation from the right by that permutation",
-            _turned(C),
-        )
-
-
-def axes_of(C: FloatArray) -> str:
-    """Which axes are those of a signed permutation, in words."""
-    names = "xyz"[: len(C)]
-    rows = [(int(np.argmax(np.abs(c))), c) for c in C.T]
-    named = [f"{'-' if c[k] < 0.0 else ''}{names[k]}" for k, c in rows]
-    return ", ".join(f"{own} is {of}" for own, of in zip(names, named, strict=True))
-
-
-def quarter_turns(d: int) -> Iterator[FloatArray]:
-    """All rotations that permute axes, but for the identity."""
-    for order in permutations(range(d)):
-        for signs in product((1.0, -1.0), repeat=d):
-            C = np.zeros((d, d))
-            C[list(order), np.arange(d)] = signs
-            if np.linalg.det(C) > 0.0 and not np.array_equal(C, np.eye(d)):
-                yield C
-
-
-def _candidates(d: int) -> Iterator[tuple[Convention, ...]]:
-    """Conventions to try, single ones first, then with quaternions of w first."""
-    yield ()
-    alone = (*FORMS, *of_axes(d), *of_bodies(d))
-    if d == 3:
-        yield (W_FIRST,)
-    for one in alone:
-        yield (one,)
-    if d == 3:
-        for one in FORMS:
-            yield (W_FIRST, one)
-
-
 # --- Trials ---------------------------------------------------------------------------------------
+
+
+def _likely(
+    examined: Examined, estimate: Estimate, readings: Sequence[Reading]
+) -> Iterator[Reading]:
+    """The readings that may explain an estimate, by some measured poses."""
+    for one in readings:
+        named = "reordered" if isinstance(one, NodeOrder) else "+".join(of.kind for of in one)
+        examined.trying(named or "scaled")
+    if (sample := Sample.of(examined)) is None:
+        yield from readings
+        return
+    given, nodes = estimate.subset(sample.nodes), sample.nodes
+    poses, world = list[Estimate](), examined.instance.world
+    for one in readings:
+        if isinstance(one, NodeOrder):
+            poses.append(one.read(estimate, nodes))
+        elif all(convention.of_each for convention in one):
+            poses.append(read_by(given, one))
+        else:
+            poses.append(read_by(estimate, one, world).subset(nodes))
+    known = [one.has_pose[nodes] if isinstance(one, NodeOrder) else None for one in readings]
+    shares = sample.shares(given, poses, known)
+    most = min(LIKELY, NEARLY * float(shares.min()))
+    yield from (one for one, share in zip(readings, shares.tolist(), strict=True) if share <= most)
 
 
 def _tried(
@@ -293,7 +127,6 @@ def _tried(
 ) -> _Trial:
     """The estimate, of a given cost, read by some conventions, in the unit that fits best."""
     poses = read_by(estimate, conventions, examined.instance.world)
-    examined.trying("+".join(one.kind for one in conventions) or "scaled")
     kind = conventions[0].kind if conventions else "as-given"
     said = ", and ".join(one.said for one in conventions)
     next = ", and ".join(one.next for one in conventions)
@@ -311,22 +144,6 @@ def _tried(
             times = f"multiply its positions by {factor}"
             next, cost = f"{next}, and {times}" if next else times, scaled
     return _Trial(kind, said, next, cost / given)
-
-
-def read_by(
-    estimate: Estimate, conventions: tuple[Convention, ...], world: int | None = None
-) -> Estimate:
-    """The estimate as some conventions say; the world stays where it is."""
-    R, t = estimate.rotations, estimate.translations
-    for one in conventions:
-        R, t = one.read(R, t)
-    if world is not None:
-        R = R.copy()
-        R[world] = estimate.rotations[world]
-        if t is not None and estimate.translations is not None:
-            t = t.copy()
-            t[world] = estimate.translations[world]
-    return Estimate(R, t)
 
 
 def best_scale(examined: Examined, estimate: Estimate) -> float | None:
@@ -361,36 +178,12 @@ def unit_in_words(unit: str, factor: str) -> str:
     return f"{{it}} is in {unit}" if unit in UNITS else f"{{its}} lengths are off by {factor}"
 
 
-# --- Orders of nodes ------------------------------------------------------------------------------
-
-
-def _orders(ids: IntArray) -> Iterator[tuple[str, IntArray]]:
-    """Orders that poses may have been written in: what it is called, and the places of nodes.
-
-    Places are beyond an end where a node has no pose.
-    """
-    n = len(ids)
-    yield "from the last node to the first", np.arange(n)[::-1]
-    for shift in (1, -1, 2, -2):
-        by = counted(abs(shift), "node{s}")
-        yield f"by {by} too {'late' if shift > 0 else 'early'}", np.arange(n) + shift
-    by_text = np.argsort(np.array([str(k) for k in ids]), kind="stable")
-    yield "sorted as texts (1, 10, 11, 2)", np.argsort(by_text)
-
-
-def _reordered(examined: Examined, estimate: Estimate, called: str, places: IntArray) -> _Trial:
+def _reordered(examined: Examined, estimate: Estimate, order: NodeOrder) -> _Trial:
     """The estimate in another order, judged by measurements between nodes that have a pose."""
-    problem, n = examined.problem, len(places)
-    examined.trying("reordered")
-    if (world := examined.instance.world) is not None:
-        places = np.where(np.arange(n) == world, world, places)
-    has_pose = (places >= 0) & (places < n)
-    if (places == np.arange(n)).all():
-        return _Trial("reordered", "", "", math.inf)
-    chosen, t = np.clip(places, 0, n - 1), estimate.translations
-    other = Estimate(estimate.rotations[chosen], None if t is None else t[chosen])
-    known = has_pose[problem.graph.edges].all(axis=1)
-    costs, given = (float(problem.edge_costs(one)[known].sum()) for one in (other, estimate))
-    said = f"{{its}} poses are of nodes in another order: {called}"
+    problem = examined.problem
+    known = order.has_pose[problem.graph.edges].all(axis=1)
+    both = order.read(estimate), estimate
+    costs, given = (float(problem.edge_costs(one)[known].sum()) for one in both)
+    said = f"{{its}} poses are of nodes in another order: {order.called}"
     share = costs / given if given > 0.0 else math.inf
     return _Trial("reordered", said, "give each pose the id of its node", share)

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from certpgo.diagnosis.study import Study, studied_problem, study
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, Instance
 from certpgo.graph.keys import NO_TIME, SECOND
@@ -16,6 +17,7 @@ from certpgo.io.format import LabelledPoses
 from certpgo.io.matching import Matching
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.choose_cost import Certifiable, objective_of
+from certpgo.objective.sum import Sum
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.solve.fit import Fit
 from certpgo.solve.inconsistency import odometry
@@ -109,6 +111,7 @@ class Examined:
     truth : of some nodes; None if it is not known
     cost : name of the cost; by default the instance's own
     least : the least cost that is known; None to search for it
+    posed : the cost of the measurements, if it is known already
     time_limit : seconds of a search; None for the usual ones
     monitor : of all searches
     tried : counts hypotheses
@@ -119,6 +122,7 @@ class Examined:
     truth: KnownTruth | None = None
     cost: str | None = None
     least: float | None = None
+    posed: Certifiable | None = None
     time_limit: float | None = None
     monitor: Monitor = silent
     tried: list[str] = field(default_factory=list)
@@ -130,7 +134,23 @@ class Examined:
     @cached_property
     def problem(self) -> Certifiable:
         """The cost of the measurements."""
+        if self.posed is not None:
+            return self.posed
+        if self.least is None:
+            return self.answer.problem
         return objective_of(self.instance, self.cost)
+
+    @cached_property
+    def studied(self) -> Sum | None:
+        """The same as squares over the stated noise; None if that is not known."""
+        return studied_problem(self.problem)
+
+    @cached_property
+    def first(self) -> Study | None:
+        """All measurements at the best estimate; None where nothing is known of residuals."""
+        if self.studied is None:
+            return None
+        return study(self.studied, self.answer.estimate, self.anchor)
 
     @cached_property
     def answer(self) -> CertifiedSolution:

@@ -16,7 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.diagnosis import noise, weights, wrong
-from certpgo.diagnosis.estimates import HARDLY, SHARE, UNITS, with_w_first
+from certpgo.diagnosis.conventions import with_w_first
+from certpgo.diagnosis.estimates import HARDLY, SHARE, UNITS
 from certpgo.diagnosis.examined import Examined
 from certpgo.diagnosis.finding import Finding
 from certpgo.diagnosis.loops import Loops
@@ -190,7 +191,7 @@ def found(examined: Examined) -> Iterator[Finding]:
     judged, meaning = wrong.judged(examined), weights.other_meaning(examined)
     if judged is None:
         return
-    gain, unusual = noise.found(examined, judged.fit, judged.seen)
+    gain, unusual = noise.found(examined, judged.fit)
     # The noise has a number more to fit, and is more often misstated.
     bar = gain + weights.RARER - math.log(judged.fit.fit.freedom) if unusual else 0.0
     if meaning is not None and meaning[0] > max(bar, judged.gain(examined.best)):

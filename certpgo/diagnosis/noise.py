@@ -18,21 +18,21 @@ from scipy import special
 
 from certpgo.diagnosis.examined import Examined
 from certpgo.diagnosis.finding import Finding
-from certpgo.diagnosis.study import Coupling, Study, studied_problem, study
+from certpgo.diagnosis.study import Coupling, Study
 from certpgo.graph import Instance
 from certpgo.graph.kinds import RELATIVE, Kind
 from certpgo.graph.phrases import counted
 from certpgo.linalg.arrays import BoolArray, FloatArray
-from certpgo.objective.sum import Sum
 
 #: Ratios of standard deviations that are not remarked upon, and degrees of freedom that are enough.
 USUAL, FEWEST = 1.4, 0.5
-#: Ratio that a kind may have if others alone are said to be off.
-SIMILAR = 1.3
 #: Probability of what is unusual, and twice the log of likelihoods' ratio that needs no more words.
 UNLIKELY, NO_BETTER = 5e-5, 10.0
-#: Rounds of the fixed point, and change of a kind's variance relative to others' that ends them.
-ROUNDS, STILL = 6, 1.2
+#: Rounds of the fixed point; change of variances that ends them, and degrees of freedom by which
+#: these are known well enough whatever they were assumed to be.
+ROUNDS, NEAR, PLENTY = 6, 1.2, 1000
+#: Probability, over `UNLIKELY`, from which no other variances are looked for.
+ORDINARY = 100.0
 #: Variances relative to the last ones stay above this share, and that of the kind's own estimate.
 LEAST, STEP = 1e-12, 0.2
 #: A weight is stiff that is this many times the next smaller one.
@@ -98,16 +98,16 @@ class Model:
     ----------
     variances : (k,) relative to those that are stated
     freedoms : (k,) degrees of freedom that these are known by; 0 for those that are not estimated
-    surprise : of the study with these, see `Study`
+    gain : twice the log of how much likelier they are than what is stated
     """
 
     variances: FloatArray
     freedoms: FloatArray
-    surprise: float
+    gain: float
 
 
 def fitted(
-    problem: Sum, first: Study, seen: Coupling, kinds: Sequence[BoolArray], free: BoolArray
+    first: Study, seen: Coupling, kinds: Sequence[BoolArray], free: BoolArray
 ) -> Model | None:
     """The variances of some kinds (k,), given the others; None if they cannot be told.
 
@@ -116,38 +116,65 @@ def fitted(
     first : at the stated noise, of all measurements that are right
     seen : its coupling of the kinds
     """
-    at, variances, freedoms = first, np.ones(len(kinds)), np.zeros(len(kinds))
+    at, variances, gain = first, np.ones(len(kinds)), 0.0
+    B, squares = seen
+    if free.all():  # what is common to all changes no fit
+        variances, gain = _together(seen)
+        squares = squares / variances
     for number in range(ROUNDS):
-        B, squares, _ = seen if number == 0 else at.coupling(kinds)
-        if free.all() and number == 0:  # what is common to all changes no fit
-            variances = np.full(len(kinds), max(squares.sum() / B.sum(), LEAST))
-            squares = squares / variances
-        inverse = np.linalg.pinv(B[np.ix_(free, free)], hermitian=True)
-        freedoms[free] = 1.0 / np.diag(inverse)
+        changes, freedoms = _changes(B, squares, free)
         if not (freedoms[free] > FEWEST).all():
             return None
-        changes = np.ones(len(kinds))
-        changes[free] = inverse @ (squares - B[:, ~free].sum(axis=1))[free]
-        # A difference of squares may be negative: then as if all kinds were off by the same.
-        together = squares / np.maximum(B.sum(axis=1), FEWEST)
-        changes[free] = np.maximum(changes, np.maximum(STEP * together, LEAST))[free]
         variances = variances * changes
+        if np.abs(np.log(changes)).max() < math.log(NEAR) or freedoms[free].min() > PLENTY:
+            gain += _gained(B, changes)
+            break
         factors = np.ones(len(first.counts))
         for rows, variance in zip(kinds, variances.tolist(), strict=True):
             factors[rows] = 1.0 / variance
-        again = study(problem, at.estimate, at.anchor, factors, first.counts)
+        again = at.under(factors)
         if again is None:
             return None
-        at = again
-        if np.abs(np.log(changes)).max() < math.log(STILL):
-            break
-    return Model(variances, freedoms, at.surprise)
+        at, gain = again, first.surprise - again.surprise
+        if number < ROUNDS - 1:
+            B, squares = at.coupling(kinds)
+    return Model(variances, freedoms, gain)
+
+
+def _together(seen: Coupling) -> tuple[FloatArray, float]:
+    """(k,) the variance of all kinds if it is the same, and what that gains."""
+    freedom, chi2 = float(seen.B.sum()), float(seen.squares.sum())
+    ratio = max(chi2 / freedom, LEAST)
+    return np.full(len(seen.B), ratio), chi2 - freedom * (math.log(ratio) + 1.0)
+
+
+def _changes(B: FloatArray, squares: FloatArray, free: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """(k,) variances of kinds over those assumed, without bias whatever these are; and freedoms."""
+    inverse = np.linalg.pinv(B[np.ix_(free, free)], hermitian=True)
+    changes, freedoms = np.ones(len(B)), np.zeros(len(B))
+    changes[free] = inverse @ (squares - B[:, ~free].sum(axis=1))[free]
+    # A difference of squares may be negative: then as if all kinds were off by the same.
+    together = squares / np.maximum(B.sum(axis=1), FEWEST)
+    changes[free] = np.maximum(changes, np.maximum(STEP * together, LEAST))[free]
+    # Squares vary with the variances that are, not with those assumed.
+    own = changes[free]
+    varied = inverse @ (own[:, None] * B[np.ix_(free, free)] * own) @ inverse
+    freedoms[free] = own**2 / np.maximum(np.diag(varied), LEAST)
+    return changes, freedoms
+
+
+def _gained(B: FloatArray, changes: FloatArray) -> float:
+    """What variances near those assumed gain: to second order, and exactly for one kind alone."""
+    off = changes - 1.0
+    moved = off != 0.0
+    r, curved = changes[moved], (off * (B @ off))[moved]
+    return max(float((curved * (r - 1.0 - np.log(r)) / (r - 1.0) ** 2).sum()), 0.0)
 
 
 # --- Findings -------------------------------------------------------------------------------------
 
 
-def found(examined: Examined, first: Study, seen: Coupling) -> tuple[float, list[Finding]]:
+def found(examined: Examined, first: Study) -> tuple[float, list[Finding]]:
     """Kinds of measurements whose noise is not as stated.
 
     Before these stands twice the log of how much likelier they make the measurements.
@@ -155,14 +182,13 @@ def found(examined: Examined, first: Study, seen: Coupling) -> tuple[float, list
     Parameters
     ----------
     first : at the stated noise, of all measurements that are right
-    seen : its coupling of all kinds
     """
     instance = examined.instance
     examined.trying("noise")
     nothing = states_nothing(instance)
     if not (nothing or instance.states_noise):
         return 0.0, []
-    gain, unusual = _unusual(examined, first, seen)
+    gain, unusual = _unusual(examined, first)
     if nothing and unusual:
         return gain, [_identity(unusual)]
     return gain, [_finding(noise) for noise in unusual]
@@ -179,30 +205,33 @@ def _finding(noise: Noise) -> Finding:
     return Finding(kind, said, next, noise.freedom, chi2, strength)
 
 
-def _unusual(examined: Examined, first: Study, seen: Coupling) -> tuple[float, list[Noise]]:
+def _unusual(examined: Examined, first: Study) -> tuple[float, list[Noise]]:
     """Noise that is not as stated, in the simplest words: of all, of one kind, or of each."""
-    problem, names = studied_problem(examined.problem), kinds_of(examined)
+    names = kinds_of(examined)
     kinds = [rows & first.counts for rows in names.values()]
-    freedom, chi2 = float(seen.B.sum()), float(seen.squares.sum())
-    if problem is None or freedom < FEWEST:
+    seen = first.coupling(kinds)
+    freedom = float(seen.B.sum())
+    if freedom < FEWEST:
         return 0.0, []
-    ratio = max(chi2 / freedom, LEAST)
-    gain = chi2 - freedom * (math.log(ratio) + 1.0)
-    models = [(gain, [Noise("all measurements", math.sqrt(ratio), freedom)])]
+    ratios, gain = _together(seen)
     known = np.diag(seen.B) > FEWEST
+    of_each = _gained(seen.B, _changes(seen.B, seen.squares, known)[0])
+    if special.gammaincc(0.5 * len(kinds), 0.5 * max(gain, of_each)) > ORDINARY * UNLIKELY:
+        return 0.0, []
+    models = [(gain, [Noise("all measurements", math.sqrt(ratios[0]), freedom)])]
     choices = [known] if known.sum() > 1 else []
     singles = [np.arange(len(kinds)) == k for k in np.flatnonzero(known)]
     while choices:
         free = choices.pop()
-        if (model := fitted(problem, first, seen, kinds, free)) is None:
+        if (model := fitted(first, seen, kinds, free)) is None:
             if free is known:
                 choices = singles
             continue
         each = zip(names, np.sqrt(model.variances).tolist(), model.freedoms.tolist(), strict=True)
         of_kinds = [Noise(*one) for one, chosen in zip(each, free, strict=True) if chosen]
-        models.append((first.surprise - model.surprise, of_kinds))
+        models.append((model.gain, of_kinds))
         if free is known and models[-1][0] > gain + NO_BETTER:  # one kind may be all that is off
-            off = np.abs(np.log(model.variances)) > 2.0 * math.log(SIMILAR)
+            off = np.abs(np.log(model.variances)) > 2.0 * math.log(USUAL)
             choices = [one for one in singles if off[one].any()] if (off[known]).sum() == 1 else []
     most = max(gain for gain, _ in models)
     enough = [one for one in models if one[0] > most - NO_BETTER]

@@ -12,12 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
+from certpgo.diagnosis.studied_term import StudiedTerm
 from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate
 from certpgo.graph.information import Information
@@ -28,7 +29,6 @@ from certpgo.linalg.selected_inverse import blocks_of_pairs
 from certpgo.objective.choose_cost import Certifiable
 from certpgo.objective.costs import COSTS
 from certpgo.objective.edge_equations import linearized
-from certpgo.objective.residuals import NONE
 from certpgo.objective.sum import Sum
 from certpgo.objective.terms import gathered
 from certpgo.optimize.marginals import LARGEST
@@ -40,24 +40,9 @@ IDLE = 1e-12
 STEPS, SMALL = 3, 1e-4
 #: Share of a direction's variance that a fit must leave to check it.
 CHECKED = 1e-3
-#: Random signs that squared entries are averaged over: so many numbers in all, within limits.
-SIGNS, FEWEST, MOST_SIGNS = 30_000, 8, 200
-
-
-class StudiedTerm(NamedTuple):
-    """Rows of one term, in stated standard deviations.
-
-    Attributes
-    ----------
-    residuals : (k, r)
-    slopes : (k, r, 2p) derivatives by the two nodes
-    logs : (k,) log det of the stated weights
-    """
-
-    rows: IntArray
-    residuals: FloatArray
-    slopes: FloatArray
-    logs: FloatArray
+#: Random signs that squared entries are averaged over: so many numbers in all, within limits. Their
+#: error is then a fifth of the noise's own at most.
+SIGNS, FEWEST, MOST_SIGNS = 100_000, 6, 24
 
 
 class Coupling(NamedTuple):
@@ -67,11 +52,17 @@ class Coupling(NamedTuple):
     ----------
     B : (k, k)
     squares : (k,) of the kinds, over variances that are assumed
-    left : (m,) numbers of measurements that the fit does not take, roughly
     """
 
     B: FloatArray
     squares: FloatArray
+
+
+class _Judged(NamedTuple):
+    """What a fit leaves of each measurement, see `Study`."""
+
+    surprises: FloatArray
+    checked: IntArray
     left: FloatArray
 
 
@@ -81,7 +72,8 @@ class Study:
 
     Attributes
     ----------
-    estimate : the fit
+    problem : the measurements and their stated weights
+    estimate : the fit, or near it
     numbers : (m,) how many numbers each measures
     parts : residuals
     edges : (m, 2) nodes
@@ -92,6 +84,7 @@ class Study:
     counts : (m,) which measurements the fit is of
     """
 
+    problem: Sum
     estimate: Estimate
     numbers: IntArray
     parts: tuple[StudiedTerm, ...]
@@ -107,7 +100,7 @@ class Study:
     def squares(self) -> FloatArray:
         """(m,) squared residuals over stated variances."""
         found = np.zeros(len(self.edges))
-        for rows, e, _, _ in self.parts:
+        for rows, _, _, e, *_ in self.parts:
             found[rows] = (e * e).sum(axis=1)
         return found
 
@@ -119,15 +112,21 @@ class Study:
         return Fit(chi2, max(int(self.numbers[self.counts].sum()) - free, 1))
 
     @cached_property
+    def _free(self) -> FloatArray:
+        """(N,) zeros for the anchor, else ones."""
+        free = np.ones(self.layout.size)
+        free[self.layout.first_row(self.anchor) + np.arange(self.layout.sizes[self.anchor])] = 0.0
+        return free
+
+    @cached_property
     def surprise(self) -> float:
         """-2 log of the restricted likelihood of what counts, but for a constant.
 
         With the weights W of the measurements |e|^2 - log det W + log det H.
         """
-        still = self.layout.first_row(self.anchor) + np.arange(self.layout.sizes[self.anchor])
         log = 2.0 * np.log(self.factor.lower()[0].diagonal()).sum()
-        total = float(log - np.log(self.diagonal[still]).sum()) + self.fit.chi2
-        for rows, _, _, logs in self.parts:
+        total = float(log - np.log(self.diagonal[self._free == 0.0]).sum()) + self.fit.chi2
+        for rows, *_, logs in self.parts:
             of_rows = logs + self.numbers[rows] * np.log(self.factors[rows])
             total -= float(of_rows[self.counts[rows]].sum())
         return total
@@ -135,60 +134,154 @@ class Study:
     @property
     def surprises(self) -> FloatArray:
         """(m,) squared distances from what the others say, over what these are uncertain by."""
-        return self._judged[0]
+        return self._judged.surprises
 
     @property
     def checked(self) -> IntArray:
         """(m,) in how many directions that is known."""
-        return self._judged[1]
+        return self._judged.checked
+
+    @property
+    def left(self) -> FloatArray:
+        """(m,) how many of its numbers the fit leaves: all of those that do not count."""
+        return self._judged.left
 
     @cached_property
-    def _judged(self) -> tuple[FloatArray, IntArray]:
+    def remaining(self) -> tuple[FloatArray, ...]:
+        """Of each part (k, r, r), what is left of a measurement's own noise: blocks of I - P.
+
+        Of those that do not count, the variance of their distance from the fit, I + P.
+        """
         Z = blocks_of_pairs(*self.factor.lower(), self.layout, self.edges)
         still = np.repeat(self.edges == self.anchor, Z.shape[1] // 2, axis=1)
-        Z = np.where(still[:, :, None] | still[:, None, :], 0.0, Z)
-        surprises, checked = np.zeros(len(Z)), np.zeros(len(Z), dtype=np.intp)
-        for rows, e, A, _ in self.parts:
-            own = self.counts[rows], self.factors[rows, None, None]
-            P = own[1] * (A @ Z[rows] @ np.swapaxes(A, 1, 2))
-            sign = np.where(own[0], 1.0, -1.0)[:, None, None]
-            left, U = np.linalg.eigh(np.eye(e.shape[1]) - sign * P)
-            along = np.einsum("mab,ma->mb", U, e) ** 2
-            known = left > CHECKED
-            within = np.where(known, along / np.where(known, left, 1.0), 0.0).sum(axis=1)
+        Z[still[:, :, None] | still[:, None, :]] = 0.0
+        signed = np.where(self.counts, -self.factors, self.factors)
+        return tuple(
+            np.eye(A.shape[1]) + signed[rows, None, None] * (A @ Z[rows] @ np.swapaxes(A, 1, 2))
+            for rows, *_, A, _ in self.parts
+        )
+
+    @cached_property
+    def _judged(self) -> _Judged:
+        surprises, left = np.zeros((2, len(self.edges)))
+        checked = np.zeros(len(self.edges), dtype=np.intp)
+        for (rows, _, _, e, *_), G in zip(self.parts, self.remaining, strict=True):
+            within, unknown = _within(e, G)
             surprises[rows] = self.factors[rows] * within
-            checked[rows] = self.numbers[rows] - (~known).sum(axis=1)
-        return surprises, np.maximum(checked, 0)
+            checked[rows] = self.numbers[rows] - unknown
+            left[rows] = np.einsum("maa->m", G) - e.shape[1] + self.numbers[rows]
+        left = np.where(self.counts, np.maximum(left, 0.0), self.numbers)
+        return _Judged(surprises, np.maximum(checked, 0), left)
+
+    def under(
+        self, factors: FloatArray | None = None, weights: Sequence[FloatArray] | None = None
+    ) -> Study | None:
+        """The fit to other weights near this one, to first order; None where they leave nodes free.
+
+        Parameters
+        ----------
+        factors : (m,) of the stated weights, by default those here
+        weights : of each part (k, r, r), by default those stated
+        """
+        (n, p), m = (len(self.layout.sizes), self.parts[0].slopes.shape[2] // 2), len(self.edges)
+        f, parts = self.factors if factors is None else factors, self.parts
+        if weights is not None:
+            both = zip(parts, weights, strict=True)
+            parts = tuple(StudiedTerm.of(*part[:3], W) for part, W in both)
+        roots = np.sqrt(np.where(self.counts, f, IDLE * f))
+        diagonal, gradient, upper = np.zeros((n, p, p)), np.zeros((n, p)), np.empty((m, p, p))
+        for rows, *_, e, A, _ in parts:
+            A, right = roots[rows, None, None] * A, (roots[rows, None] * e)[:, :, None]
+            halves = A[:, :, :p], A[:, :, p:]
+            for end, half in zip(self.edges[rows].T, halves, strict=True):
+                back = np.swapaxes(half, 1, 2)
+                diagonal += scatter_sum(end, back @ half, n)
+                gradient += scatter_sum(end, (back @ right)[:, :, 0], n)
+            upper[rows] = np.swapaxes(halves[0], 1, 2) @ halves[1]
+        chordal = self.problem.chordal
+        H = chordal.pattern.assemble(diagonal, upper, self.problem.d)
+        H = pinned(H, np.flatnonzero(self._free == 0.0))
+        factor = chordal.symbolic(H).factor(H)
+        if factor is None or not _is_determined(factor, H.diagonal(), self._free):
+            return None
+        moves = -self.layout.unpack(factor.solve(self._free * self.layout.pack(gradient)))
+        moved = [
+            part.moved(moves[self.edges[part.rows]].reshape(len(part.rows), -1)) for part in parts
+        ]
+        return replace(self, parts=tuple(moved), factor=factor, diagonal=H.diagonal(), factors=f)
 
     def coupling(self, kinds: Sequence[BoolArray]) -> Coupling:
-        """How kinds of measurements, given by flags (m,), see one another's noise.
+        """How kinds of measurements that count, given by flags (m,), see one another's noise.
 
         Expectations over signs z, as those of |((I - P) z)_k|^2 are B_kl for signs of kind l.
+        I - P is a projection, so that a row of B adds up to the numbers of that kind that are left:
+        no signs are drawn for the kind of which most are.
         """
-        m, n, (_, e, A, _) = len(self.edges), len(self.layout.sizes), self.parts[0]
-        count = int(np.clip(SIGNS / m, FEWEST, MOST_SIGNS))
-        rng, p = np.random.default_rng(0), A.shape[2] // 2
-        free = np.ones((n, p, 1))
-        free[self.anchor] = 0.0
-        roots = [np.sqrt(self.factors[rows])[:, None, None] * A for rows, _, A, _ in self.parts]
-        B, left = np.zeros((len(kinds), len(kinds))), np.zeros(m)
-        for k, kind in enumerate(kinds):
-            signs, pulled = [], np.zeros((n, p, count))
-            for (rows, e, _, _), A in zip(self.parts, roots, strict=True):
-                counts = kind[rows, None] & A.any(axis=2)
-                z = np.where(counts[:, :, None], rng.choice([-1.0, 1.0], (*e.shape, count)), 0.0)
-                at = np.swapaxes(A, 1, 2) @ z
-                for end, own in enumerate((at[:, :p], at[:, p:])):
-                    pulled += scatter_sum(self.edges[rows, end], own, n)
-                signs.append(z)
-            moved = self.layout.unpack(self.factor.solve(self.layout.pack(free * pulled))) * free
-            for (rows, *_), A, z in zip(self.parts, roots, signs, strict=True):
-                by_nodes = np.concatenate([moved[end] for end in self.edges[rows].T], axis=1)
-                of_rows = ((z - A @ by_nodes) ** 2).sum(axis=(1, 2)) / count
-                B[:, k] += [of_rows[one[rows]].sum() for one in kinds]
-                left[rows] += of_rows
+        left = np.array([self.left[one].sum() for one in kinds])
+        most = int(np.argmax(left))
+        others = [k for k in range(len(kinds)) if k != most]
+        B = np.zeros((len(kinds), len(kinds)))
+        rng = np.random.default_rng(0)
+        for k in others:
+            B[others, k] = self._seen(kinds[k], [kinds[other] for other in others], rng)
+        B = 0.5 * (B + B.T)
+        B[others, most] = B[most, others] = np.maximum(left - B.sum(axis=1), 0.0)[others]
+        B[most, most] = max(left[most] - B[most].sum(), 0.0)
         squares = self.factors * self.squares
-        return Coupling(0.5 * (B + B.T), np.array([squares[one].sum() for one in kinds]), left)
+        return Coupling(B, np.array([squares[one].sum() for one in kinds]))
+
+    def _seen(
+        self, kind: BoolArray, by: Sequence[BoolArray], rng: np.random.Generator
+    ) -> FloatArray:
+        """(k,) squared entries of I - P between a kind and those by which it is seen."""
+        n, p = len(self.layout.sizes), self.parts[0].slopes.shape[2] // 2
+        free = self._free[:, None]
+        count = int(np.clip(SIGNS // len(self.edges), FEWEST, MOST_SIGNS))
+        pulled, signs = np.zeros((n, p, count)), []
+        for rows, _, _, e, A, _ in self.parts:
+            own = np.flatnonzero(kind[rows])
+            z = rng.choice([-1.0, 1.0], (len(own), e.shape[1], count))
+            z = np.where(np.any(A[own], axis=2, keepdims=True), z, 0.0)
+            at = np.swapaxes(np.sqrt(self.factors[rows[own]])[:, None, None] * A[own], 1, 2) @ z
+            signs.append((own, z))
+            if not len(own):
+                continue
+            for end, half in enumerate((at[:, :p], at[:, p:])):
+                pulled += scatter_sum(self.edges[rows[own], end], half, n)
+        moved = self.layout.unpack(self.factor.solve(free * self.layout.pack(pulled)))
+        moved *= self.layout.unpack(free)
+        found = np.zeros(len(by))
+        seen = np.zeros(len(self.edges), dtype=bool)
+        for one in by:
+            seen |= one
+        for (rows, *_, A, _), (own, z) in zip(self.parts, signs, strict=True):
+            chosen = np.flatnonzero(seen[rows])
+            by_nodes = np.concatenate([moved[end] for end in self.edges[rows[chosen]].T], axis=1)
+            off = -np.sqrt(self.factors[rows[chosen]])[:, None, None] * (A[chosen] @ by_nodes)
+            off[np.searchsorted(chosen, own)] += z
+            of_rows = (off**2).sum(axis=(1, 2)) / count
+            found += [of_rows[one[rows[chosen]]].sum() for one in by]
+        return found
+
+
+def _within(e: FloatArray, G: FloatArray) -> tuple[FloatArray, IntArray]:
+    """(k,) squares e^T G^-1 e of the directions that a fit checks, and (k,) how many it does not.
+
+    Eigenvalues of G are at most one where they may be small, so that none is below its determinant.
+    """
+    unknown = np.zeros(len(e), dtype=np.intp)
+    with np.errstate(all="ignore"):
+        doubtful = ~(np.linalg.det(G) > CHECKED)
+    found = np.zeros(len(e))
+    sure = ~doubtful
+    found[sure] = (e[sure] * np.linalg.solve(G[sure], e[sure][:, :, None])[:, :, 0]).sum(axis=1)
+    if doubtful.any():
+        left, U = np.linalg.eigh(G[doubtful])
+        along = np.einsum("mab,ma->mb", U, e[doubtful]) ** 2
+        known = left > CHECKED
+        found[doubtful] = np.where(known, along / np.where(known, left, 1.0), 0.0).sum(axis=1)
+        unknown[doubtful] = (~known).sum(axis=1)
+    return found, unknown
 
 
 def studied_problem(problem: Certifiable) -> Sum | None:
@@ -225,7 +318,8 @@ def study(
     m = problem.graph.num_edges
     f = np.ones(m) if factors is None else factors
     kept = np.ones(m, dtype=bool) if counts is None else counts
-    weighed = problem.reweighted(np.where(kept, f, IDLE * f))
+    weights = np.where(kept, f, IDLE * f)
+    weighed = problem if (weights == 1.0).all() else problem.reweighted(weights)
     layout = weighed.tangent_layout
     still = layout.first_row(anchor) + np.arange(layout.sizes[anchor])
     free = np.ones(layout.size)
@@ -245,31 +339,16 @@ def study(
     parts = []
     for rows, term in problem.terms:
         e, at_i, at_j = linearized(term, model.point)
-        root, logs = _roots(term.weights)
-        slopes = root @ np.concatenate([at_i, at_j], axis=2)
-        parts.append(StudiedTerm(rows, (root @ e[:, :, None])[:, :, 0], slopes, logs))
+        motions = np.concatenate([at_i, at_j], axis=2)
+        parts.append(StudiedTerm.of(rows, e, motions, term.weights))
     numbers = gathered(problem.terms, lambda term: term.numbers[0] + term.numbers[1])
     of_nodes = weighed.graph.edges, anchor, layout
-    return Study(model.point, numbers, tuple(parts), *of_nodes, factor, H.diagonal(), f, kept)
+    return Study(
+        problem, model.point, numbers, tuple(parts), *of_nodes, factor, H.diagonal(), f, kept
+    )
 
 
 def _is_determined(factor: Factor, diagonal: FloatArray, free: FloatArray) -> bool:
     """Whether a random motion is what it is without rounding: nodes that are left free are not."""
     x = free * np.random.default_rng(0).standard_normal(len(free))
     return bool((np.abs(factor.solve(x)) * diagonal < LARGEST).all())
-
-
-def _roots(W: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(k, r, r) symmetric roots of semidefinite matrices, and (k,) logarithms of determinants.
-
-    Of what they state: zeros do not count.
-    """
-    diagonal, unit = np.einsum("maa->ma", W), np.eye(W.shape[1])
-    if np.count_nonzero(W) == np.count_nonzero(diagonal):
-        values, U = diagonal, np.broadcast_to(unit, W.shape)
-    else:
-        values, U = np.linalg.eigh(W)
-    values = np.maximum(values, 0.0)
-    stated = values > NONE * values.max(axis=1, keepdims=True)
-    log = np.log(np.where(stated, values, 1.0)).sum(axis=1)
-    return (U * np.sqrt(values)[:, None]) @ np.swapaxes(U, 1, 2), log

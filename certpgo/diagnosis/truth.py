@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from certpgo.diagnosis import estimates
+from certpgo.diagnosis import conventions, estimates
 from certpgo.diagnosis.examined import Clock, Examined, KnownTruth
 from certpgo.diagnosis.finding import Finding
 from certpgo.graph import Estimate
@@ -113,19 +113,19 @@ class _Trial:
 # --- Conventions and frames -----------------------------------------------------------------------
 
 
-def _conventions(d: int) -> Iterator[estimates.Convention]:
+def _conventions(d: int) -> Iterator[conventions.Convention]:
     """Those of positions and of whole poses; turns of the body are fitted."""
     if d == 3:
-        yield estimates.W_FIRST
-    yield from estimates.FORMS
-    yield from estimates.of_axes(d)  # turns of the bodies are fitted
+        yield conventions.W_FIRST
+    yield from conventions.FORMS
+    yield from conventions.of_axes(d)  # turns of the bodies are fitted
 
 
 def _read(
-    examined: Examined, estimate: Estimate, truth: Estimate, convention: estimates.Convention
+    examined: Examined, estimate: Estimate, truth: Estimate, convention: conventions.Convention
 ) -> _Trial:
     examined.trying(f"truth {convention.kind}")
-    read = estimates.read_by(truth, (convention,)).keyed(truth.keys)
+    read = conventions.read_by(truth, (convention,)).keyed(truth.keys)
     errors = _Errors.of(estimate, read)
     return _Trial(convention.kind, convention.said, convention.next, errors)
 
@@ -152,12 +152,12 @@ def _of_frames(
     C, a = mounting(estimate, truth)
     R = truth.rotations @ C.T
     angle = math.degrees(float(so.angle(C[None])[0]))
-    near = max(estimates.quarter_turns(estimate.d), key=lambda Q: float(np.trace(Q.T @ C)))
+    near = max(conventions.quarter_turns(estimate.d), key=lambda Q: float(np.trace(Q.T @ C)))
     off = math.degrees(float(so.angle((near.T @ C)[None])[0]))
     t = truth.translations
     turned = Estimate(R, t)
     if off < QUARTER:
-        axes = estimates.axes_of(near)
+        axes = conventions.axes_of(near)
         said = f"{{its}} bodies have other axes, {angle:.4g} degrees everywhere: {axes}"
         kind, next = "permuted-axes", "multiply each of its rotations by that permutation"
     else:

@@ -17,6 +17,8 @@ from certpgo.graph import Estimate, Graph
 from certpgo.graph.information import Information, RotationAbout
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.objective.choose_cost import Certifiable, objective_of
+from certpgo.objective.edge_cost import EdgeCost
+from certpgo.objective.residuals import NONE
 from certpgo.objective.sum import Sum
 from certpgo.solve.fit import Fit, squares
 
@@ -198,17 +200,17 @@ def other_meaning(examined: Examined) -> tuple[float, Finding] | None:
     if not fit.is_unusual and fit.freedom > PLENTY and uneven < EVENLY:
         return None
     best: tuple[float, Meaning, Fit] | None = None
-    given: Study | None = None
-    for meaning in meanings(examined):
-        examined.trying(meaning.kind)
+    given = examined.first
+    if given is None:
+        return None
+    for meaning in _likeliest(examined, given):
         with suppress(CertPGOError, np.linalg.LinAlgError):
             instance = replace(examined.instance, graph=meant(examined, meaning))
             posed = objective_of(instance, examined.problem.cost_name)
             here = posed.cost(examined.answer.estimate) / fit.freedom
             if not TOO_SMALL < here < TOO_LARGE:
                 continue  # a fit to it costs less
-            given = given or _studied(examined, examined.problem)
-            if given is None or (found := _studied(examined, posed)) is None:
+            if (found := _studied(examined, posed)) is None:
                 continue
             gain, after = given.surprise - found.surprise, found.fit
             # Levers may make ordinary squares uneven, whatever the meaning.
@@ -225,6 +227,50 @@ def other_meaning(examined: Examined) -> tuple[float, Finding] | None:
         strength = WEAK
     said = f"its information matrices {meaning.said}: {costs}"
     return gain, Finding(meaning.kind, said, meaning.next, after.chi2, fit.chi2, strength)
+
+
+def _likeliest(examined: Examined, given: Study) -> Iterator[Meaning]:
+    """The likeliest meaning near the given fit, and those of which that is not known."""
+    best: tuple[float, Meaning] | None = None
+    for meaning in meanings(examined):
+        examined.trying(meaning.kind)
+        weights = _edge_weights(examined, given, meaning)
+        if weights is None:
+            yield meaning
+        elif (found := _under(given, weights)) is not None:
+            gain = given.surprise - found.surprise
+            if gain > (0.0 if best is None else best[0]):
+                best = gain, meaning
+    if best is not None:
+        yield best[1]
+
+
+def _under(given: Study, weights: FloatArray) -> Study | None:
+    """The study with other weights of edges, where these are weights."""
+    least = np.linalg.eigvalsh(weights)
+    if (least[:, 0] < -NONE * least[:, -1]).any():
+        return None
+    return given.under(weights=[weights])
+
+
+def _edge_weights(examined: Examined, given: Study, meaning: Meaning) -> FloatArray | None:
+    """(m, p, p) weights with another meaning, if edges are all that is measured and have some."""
+    graph = examined.instance.graph
+    information, problem = graph.information, examined.problem
+    if information is None or examined.studied is not problem or len(given.parts) > 1:
+        return None
+    [(_, term)] = examined.studied.terms
+    if not isinstance(term, EdgeCost):
+        return None
+    read = meaning.read(information.distinct)
+    found = 0.5 * (read + np.swapaxes(read, 1, 2))[information.index]
+    rows = _read(examined, meaning)
+    return np.where(rows[:, None, None], found, term.weights)
+
+
+def _read(examined: Examined, meaning: Meaning) -> BoolArray:
+    """(m,) whose matrices are read so: those of positions alone have no other order."""
+    return examined.instance.graph.is_measured & (examined.whole | (meaning in OTHERS))
 
 
 def meanings(examined: Examined) -> Iterator[Meaning]:
@@ -256,13 +302,10 @@ def _unevenness(problem: Certifiable, estimate: Estimate) -> float:
 
 
 def meant(examined: Examined, meaning: Meaning) -> Graph:
-    """The measurements with matrices of another meaning.
-
-    Those of positions alone have no other order.
-    """
+    """The measurements with matrices of another meaning."""
     graph = examined.instance.graph
     given = graph.information or Information.isotropic(graph.kappa, graph.tau, graph.d)
-    rows = graph.is_measured & (examined.whole | (meaning in OTHERS))
+    rows = _read(examined, meaning)
     M = given.matrices.copy()
     M[rows] = meaning.read(M[rows])
     M = 0.5 * (M + np.swapaxes(M, 1, 2))

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from certpgo.diagnosis.estimates import with_w_first
+from certpgo.diagnosis.conventions import with_w_first
 from certpgo.diagnosis.examined import Examined
 from certpgo.diagnosis.finding import Finding
 from certpgo.diagnosis.noise import kinds_of
-from certpgo.diagnosis.study import Coupling, Study, studied_problem, study
+from certpgo.diagnosis.study import Study, study
 from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate, Graph
 from certpgo.graph.phrases import cost_shown, counted
@@ -31,9 +31,6 @@ LEVEL = 1e-4
 #: Multiple of the noise's variance from which a measurement is wrong, where noise is as stated, and
 #: where it is estimated: real residuals have heavier tails than normal ones.
 WIDE, WIDER = 1.5, 4.0
-#: Share of that from which exact surprises are computed, and share of a measurement's numbers that
-#: a fit must leave to know it roughly.
-DOUBTFUL, UNKNOWN = 0.6, 1e-3
 #: Nodes up to which a robust fit is tried at the least suspicion, and rounds until it settles.
 FEW, SETTLING = 1000, 3
 #: Measurements that are left out one by one, before a robust fit is tried; and surprise of two, one
@@ -61,13 +58,11 @@ class Judged:
     ----------
     wrong : (m,) flags
     fit : of all others
-    seen : how kinds of these see one another's noise
     scales : (m,) variance of the noise over that stated, at least 1
     """
 
     wrong: BoolArray
     fit: Study
-    seen: Coupling
     scales: FloatArray
 
     @property
@@ -92,10 +87,9 @@ def judged(examined: Examined) -> Judged | None:
 
     None where nothing is known of residuals.
     """
-    problem, fit = studied_problem(examined.problem), examined.answer.estimate
-    if problem is None or (first := study(problem, fit, examined.anchor)) is None:
+    if examined.first is None:
         return None
-    best = _judged(examined, first)
+    best = _judged(examined, examined.first)
     if not _is_suspicious(examined, best):
         return best
     with suppress(CertPGOError, np.linalg.LinAlgError):
@@ -137,10 +131,9 @@ def _robustly(examined: Examined) -> Judged | None:
 
 def _kept(examined: Examined, estimate: Estimate, kept: BoolArray) -> Judged | None:
     """The measurements at the fit to some of them; None where these leave nodes free."""
-    problem = studied_problem(examined.problem)
-    if problem is None:
+    if examined.studied is None:
         return None
-    fit = study(problem, estimate, examined.anchor, counts=kept)
+    fit = study(examined.studied, estimate, examined.anchor, counts=kept)
     return None if fit is None else _judged(examined, fit)
 
 
@@ -148,35 +141,22 @@ def _is_suspicious(examined: Examined, first: Judged) -> bool:
     """Whether a robust fit may find wrong measurements, which a fit to all may spread and hide."""
     if first.wrong.any():
         return True
-    rough, _ = _roughly(first.fit, first.seen)
-    few = examined.instance.graph.num_nodes <= FEW
-    return few and bool((rough > _limit(first.fit.numbers)).any())
+    fit, few = first.fit, examined.instance.graph.num_nodes <= FEW
+    return few and bool((fit.surprises > _limit(fit.numbers)).any())
 
 
 def _judged(examined: Examined, fit: Study) -> Judged:
     """Which measurements are too far from what the others say, and noise by their medians."""
-    kinds = kinds_of(examined)
-    seen = fit.coupling([rows & fit.counts for rows in kinds.values()])
-    rough, known = _roughly(fit, seen)
-    usual = 2.0 * special.gammaincinv(0.5 * np.maximum(fit.numbers, 1), 0.5)
-    scales, nothing = np.ones(len(rough)), np.zeros(len(rough), dtype=bool)
-    for rows in kinds.values():
+    known = fit.checked > 0
+    usual = 2.0 * special.gammaincinv(0.5 * np.maximum(fit.checked, 1), 0.5)
+    scales = np.ones(len(known))
+    for rows in kinds_of(examined).values():
         own = rows & known
         if own.any():
-            scales[rows] = max(float(np.median(rough[own] / usual[own])), 1.0)
+            scales[rows] = max(float(np.median(fit.surprises[own] / usual[own])), 1.0)
     wide = np.where(scales < STATED, WIDE, WIDER) * scales
-    doubtful = rough > DOUBTFUL * wide * _limit(fit.numbers)
-    if not (doubtful & known).any():
-        return Judged(nothing, fit, seen, scales)
-    wrong = (fit.checked > 0) & (fit.surprises > wide * _limit(fit.checked))
-    return Judged(wrong, fit, seen, scales)
-
-
-def _roughly(fit: Study, seen: Coupling) -> tuple[FloatArray, BoolArray]:
-    """(m,) surprises, roughly, and which are known."""
-    left = np.where(fit.counts, seen.left, fit.numbers)
-    known = left > UNKNOWN * fit.numbers
-    return np.where(known, fit.squares * fit.numbers / np.where(known, left, 1.0), 0.0), known
+    wrong = known & (fit.surprises > wide * _limit(fit.checked))
+    return Judged(wrong, fit, scales)
 
 
 def _limit(numbers: IntArray) -> FloatArray:
@@ -368,7 +348,7 @@ def _surprises(
 ) -> FloatArray:
     """(r, k) surprises of readings, infinite where they are not known."""
     unknown = np.full((len(readings), len(rows)), np.inf)
-    problem = studied_problem(examined.problem)
+    problem = examined.studied
     if problem is None:
         return unknown
     graph, m = problem.measured, problem.measured.num_edges

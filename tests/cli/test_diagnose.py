@@ -6,7 +6,7 @@ import pytest
 
 import certpgo as package
 from certpgo import Estimate
-from certpgo.diagnosis.estimates import FORMS
+from certpgo.diagnosis.conventions import FORMS
 from reports.studies.diagnosis.mistakes import clean
 
 

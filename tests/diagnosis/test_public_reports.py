@@ -35,7 +35,7 @@ def diagnosed(graph, estimate=None):
         # GTSAM 704: the derivative of positions lacks the rotation
         (("wrong_jacobian.g2o", "wrong_jacobian_result.g2o"), "stopped-early", 3.68336e-5, 21.5559),
         # lidar_graph_slam 17: odometry of 5 cm, stated as 1 mm; chi^2 and its degrees of freedom
-        (("stiff_odometry.g2o",), "noise-too-small", 70.786, 37108.9),
+        (("stiff_odometry.g2o",), "noise-too-small", 70.549, 37463.1),
     ],
 )
 def test_the_cause_of_a_report_is_named_first(files, kind, cost, as_given):
@@ -49,7 +49,7 @@ def test_square_roots_explain_what_noise_explains_as_well():
     """g2o 47: 44.7 is stated where 2000 is meant."""
     noise, roots = diagnosed("square_roots.g2o").findings
     assert noise.kind == "noise-too-large"
-    assert "its information by 56.2" in noise.next  # 44.7 is within its interval
+    assert "its information by 55.9" in noise.next  # 44.7 is within its interval
     assert roots.kind == "square-root"
     assert (roots.cost, roots.cost_as_given) == pytest.approx((95.9706, 2.14597), rel=1e-4)
 
