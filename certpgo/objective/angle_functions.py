@@ -25,6 +25,7 @@ from fractions import Fraction
 from math import factorial
 
 import numpy as np
+from numpy.polynomial.polynomial import polyder, polyval
 
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.ball_arithmetic import Ball, crossed, polynomial, split
@@ -61,7 +62,8 @@ def _of_cotangent(terms: int) -> list[float]:
     return [float(-ratio[n] / 4**n) for n in range(1, terms + 1)]
 
 
-C = _of_cotangent(30)
+C = np.array(_of_cotangent(30))
+C_SLOPES = polyder(C)
 
 
 def series(coefficients: FloatArray, x: Ball) -> Ball:
@@ -132,10 +134,14 @@ def half_cotangent(x: Ball) -> tuple[Ball, Ball]:
     return -0.25 * (d / s), -0.0625 * slope
 
 
-def half_cotangents(x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The same at doubles up to pi^2, with the derivative in x."""
-    polynomial = np.polynomial.Polynomial(C)
-    return np.asarray(polynomial(x)), np.asarray(polynomial.deriv()(x))
+def half_cotangents(x: FloatArray) -> FloatArray:
+    """The same c at doubles up to pi^2."""
+    return np.asarray(polyval(x, C))
+
+
+def half_cotangent_slopes(x: FloatArray) -> FloatArray:
+    """Its derivative in x."""
+    return np.asarray(polyval(x, C_SLOPES))
 
 
 def clipped(omega: FloatArray) -> FloatArray:

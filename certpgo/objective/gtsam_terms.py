@@ -13,7 +13,7 @@ import numpy as np
 from certpgo.graph import Graph
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray
-from certpgo.objective.angle_functions import AngleFunctions, half_cotangents
+from certpgo.objective.angle_functions import AngleFunctions, half_cotangent_slopes, half_cotangents
 from certpgo.objective.marginalized import blocks, is_isotropic
 
 #: Shares of the largest t for which W' is positive semidefinite.
@@ -166,7 +166,8 @@ def _split(
 
 def slopes(k: FloatArray, p: FloatArray, y: FloatArray, omega: FloatArray) -> FloatArray:
     """(m, 3) 2 p + k x y + zeta'(omega0)."""
-    c, slope = half_cotangents(dots(omega, omega))
+    squares = dots(omega, omega)
+    c, slope = half_cotangents(squares), half_cotangent_slopes(squares)
     turned = times(bilinear(k, y), omega)
     bent = (slope * dots(omega, turned))[:, None] * omega + (c - 1.0 / 12.0)[:, None] * turned
     return np.asarray(2.0 * p + np.cross(k, y) + 4.0 * bent)
@@ -180,7 +181,7 @@ def bilinear(k: FloatArray, y: FloatArray) -> FloatArray:
 
 def inverse_jacobians(omega: FloatArray) -> FloatArray:
     """V^-1 (m, 3, 3)."""
-    c, _ = half_cotangents(dots(omega, omega))
+    c = half_cotangents(dots(omega, omega))
     hat = so.hat(omega)
     return np.asarray(np.eye(3) - 0.5 * hat + c[:, None, None] * (hat @ hat))
 

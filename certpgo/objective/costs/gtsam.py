@@ -20,7 +20,12 @@ import numpy as np
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import Ball, crossed, joined, near_rotations
-from certpgo.objective.angle_functions import exponential, half_cotangent, half_cotangents
+from certpgo.objective.angle_functions import (
+    exponential,
+    half_cotangent,
+    half_cotangent_slopes,
+    half_cotangents,
+)
 from certpgo.objective.edge_cost import EdgeCost
 from certpgo.objective.gtsam_plane import minorants_in_the_plane
 from certpgo.objective.gtsam_space import minorants_in_space
@@ -146,13 +151,14 @@ class GtsamCost(EdgeCost):
 
 def _inverse_jacobians(omega: FloatArray, hat: FloatArray) -> FloatArray:
     """V^-1 (m, d, d)."""
-    c, _ = half_cotangents(np.einsum("ma,ma->m", omega, omega))
+    c = half_cotangents(np.einsum("ma,ma->m", omega, omega))
     return np.asarray(np.eye(hat.shape[-1]) - 0.5 * hat + c[:, None, None] * (hat @ hat))
 
 
 def _in_omega(omega: FloatArray, hat: FloatArray, y: FloatArray) -> FloatArray:
     """(m, d, q) derivatives of V^-1 y in omega."""
-    c, slope = half_cotangents(np.einsum("ma,ma->m", omega, omega))
+    squares = np.einsum("ma,ma->m", omega, omega)
+    c, slope = half_cotangents(squares), half_cotangent_slopes(squares)
     generators = so.hat(np.eye(omega.shape[1]))
     once, twice = (hat @ y[:, :, None])[:, :, 0], (hat @ hat @ y[:, :, None])[:, :, 0]
     of_y, of_once = (np.einsum("qab,mb->maq", generators, x) for x in (y, once))
