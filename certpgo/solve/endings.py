@@ -82,7 +82,7 @@ def _result(search: Search, found: Certificate) -> CertifiedSolution:
         outliers = None
     solution = Solution(
         estimate=estimate,
-        cost=search.original.cost(estimate),
+        cost=found.cost_computed,
         status=search.status,
         iterations=max(len(stop.trace) - 1, 0),
         lower_bound=found.lower_bound,
