@@ -37,7 +37,7 @@ class Outcome:
     values : the program's own; of g2o and Ceres, until the next run
     status, iterations, counts : as in `certpgo.Solution`
     verdict : the program's own, if any
-    evaluating : seconds of the run that were spent in residuals written in Python
+    evaluating : the share of the run's time that went to residuals written in Python
     """
 
     model: Built
@@ -114,8 +114,8 @@ class Baseline(Settings):
             estimate = outcome.estimate
         seconds = dict(watch.seconds)
         if outcome.evaluating:
-            seconds["solve"] -= outcome.evaluating
-            seconds["evaluate"] = outcome.evaluating
+            seconds["evaluate"] = outcome.evaluating * seconds["solve"]
+            seconds["solve"] -= seconds["evaluate"]
         return Solution(
             estimate=estimate,
             cost=problem.cost(estimate),

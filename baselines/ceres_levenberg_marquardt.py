@@ -120,8 +120,11 @@ class LevenbergMarquardt(ChiSquared):
                 model.poses,
                 Status.CONVERGED if ended else Status.ITERATION_LIMIT,
                 summary.num_successful_steps + summary.num_unsuccessful_steps - 1,
-                evaluating=summary.residual_evaluation_time_in_seconds
-                + summary.jacobian_evaluation_time_in_seconds,
+                evaluating=(
+                    summary.residual_evaluation_time_in_seconds
+                    + summary.jacobian_evaluation_time_in_seconds
+                )
+                / summary.total_time_in_seconds,
             )
 
         return run

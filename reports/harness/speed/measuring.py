@@ -156,7 +156,7 @@ def processor(
     ----------
     say : what a result says; not timed
     calls : how often the step is run each time, for steps of milliseconds
-    spared : seconds of the last run that are not counted in each
+    spared : the share of the last run that is not counted
     cost : what a result costs, where steps that are compared minimise the same; not timed
     """
 
@@ -165,7 +165,7 @@ def processor(
         start = processor_seconds()
         for _ in range(calls):
             result = step()
-        seconds = (processor_seconds() - start) / calls - spared(result)
+        seconds = (1.0 - spared(result)) * (processor_seconds() - start) / calls
         return Lap(seconds, "" if say is None else say(result), cost(result))
 
     return lap
