@@ -198,34 +198,34 @@ class _Multifrontal:
     measurable = True
 
     def __init__(self, fronts: multifrontal.Fronts) -> None:
-        self._fronts = fronts
+        self.fronts = fronts
 
     @cached_property
     def products(self) -> float:
         # Products are bound by memory. Estimated, not timed, so that results can be reproduced.
-        return 1.0 + self._fronts.flops / (FLOPS_PER_ENTRY * self._fronts.entries)
+        return 1.0 + self.fronts.flops / (FLOPS_PER_ENTRY * self.fronts.entries)
 
     def multiply(self, A: CSC, x: FloatArray) -> FloatArray:
-        return self._fronts.multiply(_entries(A), x)
+        return self.fronts.multiply(_entries(A), x)
 
     @cached_property
     def lengths(self) -> FloatArray:
-        return self._fronts.lengths
+        return self.fronts.lengths
 
     @property
     def is_heavy(self) -> bool:
-        return 8 * self._fronts.entries > HEAVY
+        return 8 * self.fronts.entries > HEAVY
 
     def factor(self, A: CSC, precision: Precision = "double") -> Factor | None:
         if precision == "double":
-            return self._fronts.factor(_entries(A))
+            return self.fronts.factor(_entries(A))
         mixed = precision == "mixed"
-        return self._fronts.factor_kept_single(_entries(A), diagonal_of(A), mixed=mixed)
+        return self.fronts.factor_kept_single(_entries(A), diagonal_of(A), mixed=mixed)
 
     def rounding(self, A: CSC, w: FloatArray) -> RoundingBound | None:
         terms = self.lengths + OTHERS
         both = weights_of_both(w, terms)
-        found = self._fronts.row_sums(_entries(A), both)
+        found = self.fronts.row_sums(_entries(A), both)
         if found is None:
             return None
         absolute, squares = found
@@ -235,7 +235,7 @@ class _Multifrontal:
         diagonal = diagonal_of(A)
         if not (diagonal > 0.0).all():
             return None
-        found = self._fronts.residual(_entries(A), diagonal, w)
+        found = self.fronts.residual(_entries(A), diagonal, w)
         return None if found is None else self._bound(*found, A)
 
     def _bound(self, sums: FloatArray, squares: FloatArray, A: CSC) -> RoundingBound | None:

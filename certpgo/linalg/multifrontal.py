@@ -109,7 +109,7 @@ class Fronts:
         known = tree.indptr, tree.indices, tree.order, self.sizes, *fronts
         room = compiled.kernel.measure(*known, place, offset, entry, panel)
         pattern = tree.indptr, tree.indices, entry, tree.order, place, self.sizes, offset
-        self._fronts: Any = *pattern, *fronts, panel, *room
+        self.arrays: Any = *pattern, *fronts, panel, *room
         self.entries, self.size = int(panel[-1]), int(offset[-1])
         self.place, self.offset, self.entry, self._panel = place, offset, entry, panel
 
@@ -217,7 +217,7 @@ class Fronts:
         data = _aligned(data)
         # Threads of BLAS only wait for each other in small fronts.
         with one_thread.lifted() if self.is_parallel else one_thread:
-            done = compiled.kernel.factor(self._fronts, data, *options)
+            done = compiled.kernel.factor(self.arrays, data, *options)
         return Elimination(panels, sums, squares, residual) if done else None
 
     def _scale(self, diagonal: FloatArray) -> FloatArray:
@@ -228,7 +228,7 @@ class Fronts:
     def multiply(self, data: FloatArray, x: FloatArray) -> FloatArray:
         """A x for x (N,)."""
         y = np.zeros(self.size)
-        compiled.kernel.multiply(self._fronts, data, np.ascontiguousarray(x), y)
+        compiled.kernel.multiply(self.arrays, data, np.ascontiguousarray(x), y)
         return y
 
     @cached_property
@@ -252,14 +252,14 @@ class Fronts:
         """A^-1 B for B (N,) or (N, k)."""
         B, X = np.ascontiguousarray(B, dtype=np.float64), np.empty(B.shape)
         single = panels.dtype == np.float32
-        compiled.kernel.solve(self._fronts, _aligned(panels), scale, B, X, single)
+        compiled.kernel.solve(self.arrays, _aligned(panels), scale, B, X, single)
         return X
 
     def lower(self, panels: Kept) -> CSC:
         """L, with the zeros that the merging of supernodes stores."""
         heights, rows = np.empty(self.size, dtype=np.int64), np.empty(self.entries, dtype=np.int64)
         values = np.empty(self.entries)
-        used = compiled.kernel.lower(self._fronts, panels, heights, rows, values)
+        used = compiled.kernel.lower(self.arrays, panels, heights, rows, values)
         return CSC((values[:used], rows[:used], _running(heights)), shape=(self.size,) * 2)
 
 

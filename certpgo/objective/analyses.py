@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
+
+import numpy as np
 
 from certpgo.linalg import factor
 from certpgo.linalg.arrays import CSC, IntArray
@@ -35,7 +38,15 @@ class Analyses:
 
     def symbolic(self, A: CSC) -> Symbolic:
         """The symbolic analysis of a matrix of the pattern; computed once per size."""
-        known, size = self._by_size, A.shape[0]
+        return self._of(A.shape[0], lambda: self.pattern.layout_of(A).sizes)
+
+    def of_rows(self, b: int) -> Symbolic:
+        """That of matrices whose nodes have b rows each."""
+        n = self.pattern.num_nodes
+        return self._of(n * b, lambda: np.full(n, b))
+
+    def _of(self, size: int, sizes: Callable[[], IntArray]) -> Symbolic:
+        known = self._by_size
         if size not in known:
-            known[size] = self._analysis.blocks(self.pattern.layout_of(A).sizes)
+            known[size] = self._analysis.blocks(sizes())
         return known[size]

@@ -54,7 +54,7 @@ class EdgeSums:
             measured, K, _ = graph.polar
         moved = (None, None, None) if poses is None else (poses.tau, poses.translations, poses.arms)
         arrays = graph.edges, measured, K, graph.kappa, *moved
-        self._edges = tuple(None if x is None else np.ascontiguousarray(x) for x in arrays)
+        self.edges = tuple(None if x is None else np.ascontiguousarray(x) for x in arrays)
         # Without matrix weights and arms.
         alone = graph.edges, graph.rotations, None, graph.kappa
         self._measured = *alone, *moved[:2], None
@@ -85,7 +85,7 @@ class EdgeSums:
             t = np.ascontiguousarray(translations_of(point))
         terms = np.empty(self._graph.num_edges)
         R = np.ascontiguousarray(point.rotations)
-        compiled.kernel.gradient(self._edges, d, r, R, t, G, terms)
+        compiled.kernel.gradient(self.edges, d, r, R, t, G, terms)
         return terms
 
     def first_order(
@@ -101,7 +101,7 @@ class EdgeSums:
         tangent, multipliers = np.empty((n, self._tangent_dim)), np.empty((n, d, d))
         terms = np.empty(self._graph.num_edges)
         stationarity = compiled.kernel.first_order(
-            self._edges, d, R, t, turning, moving, tangent, multipliers, terms
+            self.edges, d, R, t, turning, moving, tangent, multipliers, terms
         )
         return float(terms.sum()), tangent, multipliers, stationarity
 
@@ -114,7 +114,7 @@ class EdgeSums:
         b = self._tangent_dim
         diagonal, upper = np.empty((len(R), b, b)), np.empty((self._graph.num_edges, b, b))
         R, multipliers = np.ascontiguousarray(R), np.ascontiguousarray(multipliers)
-        graph, nodes = (self._edges, self._graph.d), (of.first, of.degree)
+        graph, nodes = (self.edges, self._graph.d), (of.first, of.degree)
         compiled.kernel.hessian(*graph, R, multipliers, of.spread, *nodes, diagonal, upper)
         return diagonal, upper
 

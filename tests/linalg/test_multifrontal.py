@@ -160,12 +160,12 @@ def test_arrays_that_do_not_belong_together_are_refused():
         F.multiply(A.data, np.ones(15))
     sums = np.ones(16), np.ones(15), np.ones(16)
     with pytest.raises(ValueError, match="differ in size"):
-        kernel.factor(F._fronts, A.data, None, None, sums, None, False)
+        kernel.factor(F.arrays, A.data, None, None, sums, None, False)
     for other in (np.float32, np.int64, np.complex128):
         with pytest.raises(TypeError, match="array of float64 expected"):
-            kernel.factor(F._fronts, A.data.astype(other), None, *rest)
+            kernel.factor(F.arrays, A.data.astype(other), None, *rest)
     with pytest.raises(ValueError, match="not C-contiguous"):
-        kernel.factor(F._fronts, np.repeat(A.data, 2)[::2], None, *rest)
+        kernel.factor(F.arrays, np.repeat(A.data, 2)[::2], None, *rest)
     panels, ones = F.factor(A.data).panels, np.ones(16)
     for L, scale, B, X in (
         (panels[:-1], None, ones, ones),
@@ -174,11 +174,11 @@ def test_arrays_that_do_not_belong_together_are_refused():
         (panels, None, np.ones(32), ones),
     ):
         with pytest.raises(ValueError, match="another matrix"):
-            kernel.solve(F._fronts, L, scale, B, X.copy(), False)
+            kernel.solve(F.arrays, L, scale, B, X.copy(), False)
     with pytest.raises(TypeError, match="array of float32 expected"):
-        kernel.solve(F._fronts, panels, None, ones, ones.copy(), True)
+        kernel.solve(F.arrays, panels, None, ones, ones.copy(), True)
     for place in range(12):
-        parts = list(F._fronts)
+        parts = list(F.arrays)
         parts[place] = parts[place][:-1]
         with pytest.raises(ValueError, match="fronts"):
             kernel.multiply(tuple(parts), A.data, np.ones(16), np.zeros(16))
@@ -190,7 +190,7 @@ def test_fronts_that_contradict_themselves_are_refused(place):
     rng = rng_of(0)
     P, sizes = BlockPattern(6, random_edges(rng, 6, 5)), rng.integers(1, 4, 6)
     A, F = definite(rng, P, sizes), fronts(P, sizes)
-    kernel, N, right = compiled.kernel, F.size, F._fronts[place]
+    kernel, N, right = compiled.kernel, F.size, F.arrays[place]
     x = rng.standard_normal(N)
 
     def answers(of):
@@ -210,7 +210,7 @@ def test_fronts_that_contradict_themselves_are_refused(place):
         return [L, y, X, heights, rows, values]
 
     expected = []
-    expected = answers(F._fronts)
+    expected = answers(F.arrays)
     np.testing.assert_allclose(A @ expected[2], x, atol=1e-12)
     for k, value in np.ndenumerate(right):
         for wrong in (value - 1, value + 1, -1, N, 2**40, 2**63 - 1, -(2**63)):
@@ -218,7 +218,7 @@ def test_fronts_that_contradict_themselves_are_refused(place):
             if np.ndim(right):
                 part = right.copy()
                 part[k] = wrong
-            answers((*F._fronts[:place], part, *F._fronts[place + 1 :]))
+            answers((*F.arrays[:place], part, *F.arrays[place + 1 :]))
 
 
 def test_rows_of_other_patterns_are_refused():

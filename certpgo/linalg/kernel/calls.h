@@ -2,7 +2,7 @@
 
 /* What a call holds until it returns: buffers of arrays, and memory. */
 typedef struct {
-    Py_buffer views[24];
+    Py_buffer views[64];
     void *blocks[4];
     int count, many;
 } Held;

@@ -523,6 +523,7 @@ CALL(lower)
 #include "matrices.h"
 #include "graphs.h"
 #include "equations.h"
+#include "refresh.h"
 
 #undef REAL
 #undef IN
@@ -538,6 +539,8 @@ static PyMethodDef methods[] = {
     {"gradient", gradient, METH_VARARGS, "Half the gradient, and the edges' terms."},
     {"first_order", first_order, METH_VARARGS, "Derivatives along the rotations."},
     {"hessian", hessian, METH_VARARGS, "Blocks of the Hessian."},
+    {"settle", settle, METH_VARARGS, "F at the minimum near a point."},
+    {"prove", prove, METH_VARARGS, "Multipliers that prove a bound."},
     {"turn", turn, METH_VARARGS, "Rotations turned by tangents."},
     {"angles", angles, METH_VARARGS, "Angles of residual rotations."},
     {"residuals", residuals, METH_VARARGS, "Norms of residuals."},

@@ -1,0 +1,410 @@
+/* The optimum near a point and its bound, of a graph of poses with isotropic weights: all that a
+ * session does when a measurement closes a loop. `certpgo.solve.compiled_refresh` has the calls.
+ *
+ * The descent is Newton's with one factor, of rotations and translations together; then the
+ * translations are solved for. `certpgo.optimize` and `certpgo.certify.dual` have the general ways.
+ */
+
+/* Unit roundoff. */
+#define UNIT 1.1102230246251565e-16
+/* Of `certpgo.linalg.rounding_bound`: operations besides products, agreement, least diagonal. */
+#define OTHERS 8.0
+#define AGREEMENT 1e-6
+#define LEAST_DIAGONAL 1e-250
+/* Of `certpgo.certify.dual`: the shift in units of rounding, |L| |L|^T over |A|, and what is
+ * compensated of the demand. */
+#define SHIFT 128.0
+#define AMPLE 4.75
+#define COVER 1.05
+/* Steps at most, and actual over predicted decrease at least. */
+#define STEPS 12
+#define GAIN 0.5
+
+/* What all matrices of a graph share. */
+typedef struct {
+    Edges edges;
+    Int n;
+    const Int *indptr, *own, *slots; /* see place_blocks */
+    const double *spread, *first, *degree;
+} Whole;
+
+static int whole_of(Held *held, PyObject *edges, Int d, PyObject *places, PyObject *sums, Whole *w)
+{
+    Array at = {held, INTS}, in = {held, DOUBLES}, p[] = {at, at, at}, s[] = {in, in, in};
+    if (!edges_of(held, edges, d, &w->edges) || !arrays_of(places, p, 3) || !arrays_of(sums, s, 3))
+        return 0;
+    Int n = w->n = p[1].length, m = w->edges.m;
+    w->indptr = p[0].at, w->own = p[1].at, w->slots = p[2].at;
+    w->spread = s[0].at, w->first = s[1].at, w->degree = s[2].at;
+    if (!n || !w->edges.tau || !w->edges.kappa || w->edges.K || w->edges.arms ||
+        p[0].length != n + 1 || !are_pointers(w->indptr, n + 1, w->indptr[n]) ||
+        p[2].length != 2 * m || s[0].length != n * d * d || s[1].length != n * d ||
+        s[2].length != n || !are_places(n, m, w->indptr, w->own, w->slots, w->edges.pairs))
+        return refuse("a graph of poses with isotropic weights expected") != NULL;
+    return 1;
+}
+
+/* Whether fronts are of the graph's matrices with blocks of b rows; else refused. */
+static int are_of(const Whole *w, const Fronts *f, Int b)
+{
+    int fits = f->n == w->n && f->entry[f->n] == b * b * w->indptr[w->n];
+    for (Int i = 0; i < w->n && fits; i++) fits = f->sizes[i] == b && f->indptr[i] == w->indptr[i];
+    return fits || refuse("fronts of another graph") != NULL;
+}
+
+/* A point, and F and its derivatives there. */
+typedef struct {
+    double *R, *t, *tangent, *multipliers, cost;
+} Place;
+
+static void evaluate(const Whole *w, Int d, double *G, double *terms, Place *x)
+{
+    Int n = w->n;
+    double largest;
+    const Stiffness none = {w->degree, NULL};
+    memset(G, 0, (size_t)(n * d * (d + 1)) * sizeof(double));
+    if (d == 2) {
+        differentiate(&w->edges, 2, 2, x->R, x->t, G, terms);
+        largest = project(n, 2, 1, x->R, G, &none, x->tangent, x->multipliers);
+    } else {
+        differentiate(&w->edges, 3, 3, x->R, x->t, G, terms);
+        largest = project(n, 3, 1, x->R, G, &none, x->tangent, x->multipliers);
+    }
+    (void)largest;
+    x->cost = 0.0;
+    for (Int e = 0; e < w->edges.m; e++) x->cost += terms[e];
+}
+
+/* The Hessian of F/2, its gauge fixed at the heaviest node, into zeros. */
+static void assemble_hessian(const Whole *w, Int d, const Place *x, double *diagonal, double *upper,
+                             double *data)
+{
+    Int p = d == 2 ? 1 : 3, b = p + d, heaviest = 0;
+    const Nodes nodes = {w->n, w->spread, x->multipliers, w->first, w->degree};
+    if (d == 2) {
+        couple(&w->edges, 2, x->R, upper);
+        restrict_to_tangents(&nodes, 1, 2, x->R, diagonal);
+    } else {
+        couple(&w->edges, 3, x->R, upper);
+        restrict_to_tangents(&nodes, 1, 3, x->R, diagonal);
+    }
+    for (Int i = 1; i < w->n; i++)
+        if (w->spread[i * d * d] > w->spread[heaviest * d * d]) heaviest = i;
+    double *block = diagonal + heaviest * b * b;
+    for (Int k = 0; k < b; k++) block[k * b + k] *= 2.0;
+    place_blocks(w->n, w->edges.m, b, w->indptr, w->own, w->slots, w->edges.pairs, diagonal, upper,
+                 data);
+}
+
+/* The translations become the best for the rotations: their Laplacian without the first node is
+ * factorized. 1, or as `factor` says. Room: diagonal (n,), upper (m,), data (entries,). */
+static int solve_translations(const Whole *w, Int d, const Fronts *f, double *L, Place *x,
+                              double *diagonal, double *upper, double *data, double *force,
+                              double *correction)
+{
+    Int n = w->n, b = d + (d == 2 ? 1 : 3);
+    const Sums none = {0, NULL, NULL, NULL};
+    memcpy(diagonal, w->degree, (size_t)n * sizeof(double));
+    for (Int e = 0; e < w->edges.m; e++) upper[e] = -w->edges.tau[e];
+    memset(data, 0, (size_t)w->indptr[n] * sizeof(double));
+    place_blocks(n, w->edges.m, 1, w->indptr, w->own, w->slots, w->edges.pairs, diagonal, upper,
+                 data);
+    for (Int i = 0; i < n; i++) /* the first node is the first of each column that has it */
+        if (i && w->indptr[i] < w->own[i] && f->indices[w->indptr[i]] == 0) data[w->indptr[i]] = 0.0;
+    for (Int e = w->indptr[0]; e < w->indptr[1]; e++)
+        if (e != w->own[0]) data[e] = 0.0;
+    int outcome = factor_double(f, data, NULL, L, &none, NULL, NULL);
+    if (outcome != 1) return outcome;
+    for (Int i = 0; i < n; i++)
+        for (Int a = 0; a < d; a++) force[i * d + a] = i ? x->tangent[i * b + a] : 0.0;
+    if (solve_double(f, L, NULL, force, correction, d) < 0) return -1;
+    for (Int k = 0; k < n * d; k++) x->t[k] -= correction[k];
+    return 1;
+}
+
+/* 1 if the descent ended at a minimum near x, which it becomes; 0 if it did not, or as `factor`. */
+static int descend_near(const Whole *w, Int d, const Fronts *f, const Fronts *scalars, double enough,
+                        Place *x)
+{
+    Int n = w->n, m = w->edges.m, p = d == 2 ? 1 : 3, b = p + d, N = n * b, entries = f->entry[n];
+    Int rows = n * d, blocks = n * d * d;
+    Int room = n * d * (d + 1) + m + n * b * b + m * b * b + entries + f->panel[f->many] +
+               scalars->panel[scalars->many] + 3 * N + rows + 2 * blocks;
+    double *G = malloc((size_t)(room + 1) * sizeof(double));
+    if (!G) return -1;
+    double *terms = G + n * d * (d + 1), *diagonal = terms + m, *upper = diagonal + n * b * b;
+    double *data = upper + m * b * b, *L = data + entries, *L1 = L + f->panel[f->many];
+    double *step = L1 + scalars->panel[scalars->many], *turn = step + N;
+    Place there = {turn + N + N + rows, turn + N + N, turn + N, NULL, 0.0};
+    there.multipliers = there.R + blocks;
+    const Sums none = {0, NULL, NULL, NULL};
+    int outcome;
+    evaluate(w, d, G, terms, x);
+    memset(data, 0, (size_t)entries * sizeof(double));
+    assemble_hessian(w, d, x, diagonal, upper, data);
+    outcome = factor_double(f, data, NULL, L, &none, NULL, NULL);
+    for (int k = 0; outcome == 1; k++) {
+        double predicted = 0.0;
+        if (k == STEPS || solve_double(f, L, NULL, x->tangent, step, 1) < 0) {
+            outcome = k == STEPS ? 0 : -1;
+            break;
+        }
+        for (Int r = 0; r < N; r++) predicted += step[r] * x->tangent[r];
+        for (Int i = 0; i < n; i++) {
+            for (Int a = 0; a < d; a++) there.t[i * d + a] = x->t[i * d + a] - step[i * b + a];
+            for (Int a = 0; a < p; a++) turn[i * p + a] = -step[i * b + d + a];
+        }
+        turn_by(n, d, x->R, turn, 0, there.R);
+        evaluate(w, d, G, terms, &there);
+        if (!(there.cost <= x->cost - GAIN * predicted + 1e-12 * x->cost)) {
+            outcome = 0;
+            break;
+        }
+        int ends = predicted <= enough * x->cost;
+        memcpy(x->R, there.R, (size_t)blocks * sizeof(double));
+        memcpy(x->t, there.t, (size_t)rows * sizeof(double));
+        memcpy(x->tangent, there.tangent, (size_t)N * sizeof(double));
+        x->cost = there.cost;
+        if (ends) break;
+    }
+    if (outcome == 1)
+        outcome = solve_translations(w, d, scalars, L1, x, diagonal, upper, data, there.t, step);
+    if (outcome == 1) evaluate(w, d, G, terms, x);
+    free(G);
+    return outcome;
+}
+
+/* settle(edges, d, (indptr, own, slots), (spread, first, degree), fronts of tangents, fronts of
+ * scalars, enough, R, t, multipliers) -> F at the minimum near (R, t), which are changed, where a step
+ * has just promised to lower F by a share of at most `enough`; None if there is none near */
+static PyObject *settle_of(Held *held, PyObject *args)
+{
+    PyObject *edges, *places, *sums, *tangents, *scalars;
+    Array R = {held, DOUBLES, WRITTEN}, t = R, multipliers = R;
+    Whole w;
+    Fronts of_tangents, of_scalars;
+    double enough;
+    int d, outcome;
+    if (!PyArg_ParseTuple(args, "OiOOOOdO&O&O&", &edges, &d, &places, &sums, &tangents, &scalars,
+                          &enough, array, &R, array, &t, array, &multipliers) ||
+        !whole_of(held, edges, d, places, sums, &w) ||
+        !fronts_of(held, tangents, ASSEMBLY, &of_tangents) ||
+        !fronts_of(held, scalars, ASSEMBLY, &of_scalars) ||
+        !are_of(&w, &of_tangents, d + (d == 2 ? 1 : 3)) || !are_of(&w, &of_scalars, 1))
+        return NULL;
+    if (R.length != w.n * d * d || t.length != w.n * d || multipliers.length != R.length)
+        return refuse("poses of another graph");
+    double *tangent = memory(held, of_tangents.offset[w.n], sizeof(double));
+    if (!tangent) return NULL;
+    Place x = {R.at, t.at, tangent, multipliers.at, 0.0};
+    Py_BEGIN_ALLOW_THREADS
+    outcome = descend_near(&w, d, &of_tangents, &of_scalars, enough, &x);
+    Py_END_ALLOW_THREADS
+    if (outcome == -1) return PyErr_NoMemory();
+    if (outcome < 0) return NULL;
+    return outcome ? PyFloat_FromDouble(x.cost) : Py_NewRef(Py_None);
+}
+CALL(settle)
+
+/* The pose nearest to the centroid, at which positions are pinned; arms (n, d) from it, and the power
+ * of two nearest to their root mean square. */
+static Int pin_centre(Int n, Int d, const double *t, double *arms, double *weight)
+{
+    double mean[3] = {0.0, 0.0, 0.0}, nearest = INFINITY, square = 0.0;
+    Int pin = 0;
+    for (Int k = 0; k < n * d; k++) mean[k % d] += t[k] / (double)n;
+    for (Int i = 0; i < n; i++) {
+        double off = 0.0;
+        for (Int a = 0; a < d; a++) off += (t[i * d + a] - mean[a]) * (t[i * d + a] - mean[a]);
+        if (off < nearest) nearest = off, pin = i;
+    }
+    for (Int k = 0; k < n * d; k++) {
+        arms[k] = t[k] - t[pin * d + k % d];
+        square += arms[k] * arms[k];
+    }
+    double rms = sqrt(square / (double)n);
+    *weight = rms > 0.0 && rms < INFINITY ? ldexp(1.0, (int)nearbyint(log2(rms))) : 1.0;
+    return pin;
+}
+
+/* M's blocks of the nodes, (n, d + 1, d + 1), and of the edges: `objective.operators.data_matrix`. */
+static void fill_form(const Whole *w, Int d, double *diagonal, double *upper)
+{
+    Int c = d + 1;
+    const Edges *g = &w->edges;
+    for (Int i = 0; i < w->n; i++) {
+        double *out = diagonal + i * c * c;
+        out[0] = w->degree[i];
+        for (Int a = 0; a < d; a++) out[1 + a] = out[(1 + a) * c] = w->first[i * d + a];
+        for (Int a = 0; a < d; a++)
+            for (Int b = 0; b < d; b++) out[(1 + a) * c + 1 + b] = w->spread[(i * d + a) * d + b];
+    }
+    memset(upper, 0, (size_t)(g->m * c * c) * sizeof(double));
+    for (Int e = 0; e < g->m; e++) {
+        double *out = upper + e * c * c;
+        out[0] = -g->tau[e];
+        for (Int a = 0; a < d; a++) {
+            out[(1 + a) * c] = -g->tau[e] * g->moved[e * d + a];
+            for (Int b = 0; b < d; b++)
+                out[(1 + a) * c + 1 + b] = -g->kappa[e] * g->P[(e * d + a) * d + b];
+        }
+    }
+}
+
+/* Sums at a node by which rounding of its rows is bounded: its edges, kappa, and with 1-norms of the
+ * levers b tau |b| and tau |b|^2 where they begin, and tau |b| where they end. */
+typedef struct {
+    double edges, kappa, out, square, across;
+} AtNode;
+
+static void sum_at_nodes(const Whole *w, Int d, AtNode *at)
+{
+    const Edges *g = &w->edges;
+    memset(at, 0, (size_t)w->n * sizeof(AtNode));
+    for (Int e = 0; e < g->m; e++) {
+        AtNode *i = at + g->pairs[2 * e], *j = at + g->pairs[2 * e + 1];
+        double lever = 0.0;
+        for (Int a = 0; a < d; a++) lever += fabs(g->moved[e * d + a]);
+        i->edges += 1.0, j->edges += 1.0;
+        i->kappa += g->kappa[e], j->kappa += g->kappa[e];
+        i->out += g->tau[e] * lever, i->square += g->tau[e] * lever * lever;
+        j->across += g->tau[e] * lever;
+    }
+}
+
+/* Row sums of the rounding in a node's entries of the certificate matrix, with `weight` on
+ * translations: see `certpgo.certify.assembly_errors`. */
+static void entry_errors(const AtNode *at, Int d, double degree, const double *multipliers,
+                         double weight, double defect, double *move, double *turn)
+{
+    double sums = (at->edges + 4.0) * UNIT, size = 0.0;
+    for (Int a = 0; a < d; a++) {
+        double row = 0.0;
+        for (Int b = 0; b < d; b++) row += fabs(multipliers[a * d + b]);
+        if (row > size) size = row;
+    }
+    *turn = (sums + defect) * at->kappa * (1.0 + sqrt((double)d)) +
+            sums * (size + at->square + 2.0 * at->out * weight);
+    *move = sums * (2.0 * degree * weight + 2.0 * at->out + at->across);
+}
+
+/* The certificate matrix of multipliers, without the row of the pinned position, and with `demand`
+ * (n,) off the diagonal of positions; its diagonal (N,) in A's order. */
+static void certificate_matrix(const Whole *w, Int d, const double *multipliers, Int pin,
+                               const double *demand, double *diagonals, double *upper, double *data,
+                               double *diagonal)
+{
+    Int n = w->n, c = d + 1, m = w->edges.m;
+    fill_form(w, d, diagonals, upper);
+    for (Int i = 0; i < n; i++) {
+        double *block = diagonals + i * c * c;
+        for (Int a = 0; a < d; a++)
+            for (Int b = 0; b < d; b++)
+                block[(1 + a) * c + 1 + b] -= multipliers[(i * d + a) * d + b];
+        block[0] -= demand[i];
+        for (Int a = 0; a < c; a++) diagonal[i * c + a] = block[a * c + a];
+        for (Int a = 1; a < c && i == pin; a++) block[a] = block[a * c] = 0.0;
+    }
+    for (Int e = 0; e < m; e++) {
+        double *block = upper + e * c * c;
+        for (Int a = 0; a < c; a++) {
+            if (w->edges.pairs[2 * e] == pin) block[a] = 0.0;
+            if (w->edges.pairs[2 * e + 1] == pin) block[a * c] = 0.0;
+        }
+    }
+    memset(data, 0, (size_t)(c * c * w->indptr[n]) * sizeof(double));
+    place_blocks(n, m, c, w->indptr, w->own, w->slots, w->edges.pairs, diagonals, upper, data);
+}
+
+/* Multipliers (n, d, d) become those of a bound: less a shift and the rounding of a factorization,
+ * with S positive semidefinite. 1; 0 if this shift does not suffice; or as `factor` says. */
+static int lower_multipliers(const Whole *w, Int d, const Fronts *f, const double *lengths,
+                             double defect, const double *R, const double *t, double *multipliers)
+{
+    Int n = w->n, c = d + 1, N = n * c, m = w->edges.m, entries = f->entry[n];
+    Int room = n * d + n + n * c * c + m * c * c + entries + 9 * N;
+    double *arms = malloc((size_t)(room + 1) * sizeof(double));
+    AtNode *at = malloc((size_t)(n + 1) * sizeof(AtNode));
+    Int *nodes = malloc((size_t)(n + 1) * sizeof(Int));
+    int outcome = -1;
+    if (!arms || !at || !nodes) goto done;
+    double *demand = arms + n * d, *diagonals = demand + n, *upper = diagonals + n * c * c;
+    double *data = upper + m * c * c, *diagonal = data + entries, *weights = diagonal + N;
+    double *sums = weights + 2 * N, *squares = sums + 2 * N, *bound = squares + N;
+    double weight, unit = 0.0, gauge[9] = {0.0};
+    Int pin = pin_centre(n, d, t, arms, &weight);
+    sum_at_nodes(w, d, at);
+    for (Int i = 0; i < n; i++) {
+        double size = 2.0 * w->degree[i] * weight + at[i].across;
+        for (Int a = 0; a < d; a++) {
+            size += fabs(w->first[i * d + a]);
+            unit += fabs(w->spread[(i * d + a) * d + a]) * UNIT / (double)(n * d);
+        }
+        demand[i] = i == pin ? 0.0 : AMPLE * UNIT * (lengths[i * c] + OTHERS) * size / weight;
+        nodes[i] = i;
+        for (Int a = 0; a < d * d; a++)
+            gauge[a] += COVER * demand[i] * arms[i * d + a / d] * arms[i * d + a % d] / (double)n;
+    }
+    take_off(n, nodes, d, d, R, gauge, SHIFT * unit, multipliers);
+    certificate_matrix(w, d, multipliers, pin, demand, diagonals, upper, data, diagonal);
+    for (Int k = 0; k < n; k++)
+        for (Int r = 0; r < c; r++) {
+            Int of = f->order[k] * c + r, to = f->offset[k] + r;
+            weights[to] = of % c ? 1.0 : weight;
+            weights[N + to] = sqrt(lengths[of] + OTHERS) * weights[to];
+        }
+    memset(sums, 0, (size_t)(3 * N) * sizeof(double));
+    const Sums wanted = {2, weights, sums, squares};
+    outcome = factor_double(f, data, NULL, NULL, &wanted, NULL, NULL);
+    for (Int k = 0; k < n && outcome == 1; k++)
+        for (Int r = 0; r < c; r++) {
+            Int of = f->order[k] * c + r, to = f->offset[k] + r;
+            double terms = lengths[of] + OTHERS, by_row = terms * sums[to];
+            double by_mean = sqrt(terms) * sums[N + to], entry = diagonal[of];
+            bound[of] = UNIT * (by_row < by_mean ? by_row : by_mean);
+            if (!(fabs(squares[to] - entry) <= AGREEMENT * entry && entry >= LEAST_DIAGONAL &&
+                  entry < INFINITY && bound[of] < INFINITY))
+                outcome = 0;
+        }
+    for (Int i = 0; i < n && outcome == 1; i++) {
+        double move, turn;
+        entry_errors(at + i, d, w->degree[i], multipliers + i * d * d, weight, defect, &move, &turn);
+        move = 1.001 * (bound[i * c] + move) / weight;
+        if (i != pin && !(move <= demand[i])) outcome = 0;
+        for (Int a = 0; a < d; a++) {
+            double *entry = multipliers + (i * d + a) * d + a;
+            *entry = nextafter(*entry - 1.001 * (bound[i * c + 1 + a] + turn), -INFINITY);
+        }
+    }
+done:
+    free(arms);
+    free(at);
+    free(nodes);
+    return outcome;
+}
+
+/* prove(edges, d, (indptr, own, slots), (spread, first, degree), fronts of M, lengths, defect, R, t,
+ * multipliers) -> whether the multipliers, which are lowered, have S positive semidefinite */
+static PyObject *prove_of(Held *held, PyObject *args)
+{
+    PyObject *edges, *places, *sums, *fronts;
+    Array R = {held, DOUBLES}, t = R, lengths = R, multipliers = {held, DOUBLES, WRITTEN};
+    Whole w;
+    Fronts f;
+    double defect;
+    int d, outcome;
+    if (!PyArg_ParseTuple(args, "OiOOOO&dO&O&O&", &edges, &d, &places, &sums, &fronts, array,
+                          &lengths, &defect, array, &R, array, &t, array, &multipliers) ||
+        !whole_of(held, edges, d, places, sums, &w) || !fronts_of(held, fronts, ASSEMBLY, &f) ||
+        !are_of(&w, &f, d + 1))
+        return NULL;
+    if (R.length != w.n * d * d || t.length != w.n * d || multipliers.length != R.length ||
+        lengths.length != w.n * (d + 1))
+        return refuse("poses of another graph");
+    Py_BEGIN_ALLOW_THREADS
+    outcome = lower_multipliers(&w, d, &f, lengths.at, defect, R.at, t.at, multipliers.at);
+    Py_END_ALLOW_THREADS
+    if (outcome == -1) return PyErr_NoMemory();
+    return outcome >= 0 ? PyBool_FromLong(outcome) : NULL;
+}
+CALL(prove)
