@@ -1350,6 +1350,75 @@ class Panel(NamedTuple):
     children: list[int]
 
 
+class Stack(NamedTuple):
+    """Fronts of about one size, none below another, that are eliminated at once.
+
+    All have K pivots and M boundary nodes: where one has fewer, node n, which does not exist.
+    """
+
+    nodes: Ints  # (s, K + M) pivots, then the boundary
+    pivots: int  # K
+    members: Ints  # (s,) numbers of the fronts
+    parents: list[tuple[int, slice]]  # stacks that fronts pass on to, and which ones do
+    slots: Ints  # (s,) where their parents are in these
+    into: Ints  # (s, M) places of the boundary in parents
+
+
+def stacks(tree: list[Front], n: int, p: Ints, q: Ints) -> tuple[list[Stack], list[Ints]]:
+    """All fronts, children before parents; and for each stack what to assemble of A.
+
+    That is the numbers of its blocks, those at p[k] and q[k] of which the earlier is a pivot, and
+    (4, ...) their places: slot, row, column. Fronts are put together if that takes little more
+    work.
+    """
+    count, wide = len(tree), np.array([(len(x.pivots), len(x.boundary)) for x in tree])
+    parent, height = np.full(count, count), [0] * count
+    for number, front in enumerate(tree):
+        parent[front.children] = number
+        height[number] = 1 + max((height[child] for child in front.children), default=-1)
+    stack, shapes = np.zeros(count + 1, dtype=np.intp), list[tuple[int, int]]()
+    K = M = size = work = level = 0
+    for number in np.lexsort((wide[:, 0], wide.sum(axis=1), height)).tolist():
+        k, m = wide[number].tolist()
+        K, M, size, work = max(K, k), max(M, m), size + 1, work + k * (k + m) ** 2
+        if not shapes or height[number] != level or size * K * (K + M) ** 2 > work + 16384:
+            K, M, size, work, level = k, m, 1, k * (k + m) ** 2, height[number]
+            shapes.append((K, M))
+        shapes[-1], stack[number] = (K, M), len(shapes) - 1
+    stack[count], each = len(shapes), np.arange(len(shapes) + 1)
+    numbers = np.lexsort((stack[parent], stack[:count]))
+    slot, ends = np.zeros(count + 1, dtype=np.intp), np.searchsorted(stack[numbers], each)
+    slot[numbers] = np.arange(count) - ends[stack[numbers]]
+
+    front = np.repeat(np.arange(count), wide.sum(axis=1))
+    node = np.array([k for x in tree for k in (*x.pivots, *x.boundary)])
+    place = np.arange(len(front)) - np.searchsorted(front, front)
+    own, known = place < wide[front, 0], front * n + node  # ascending
+    place += np.where(own, 0, np.array(shapes)[stack[front], 0] - wide[front, 0])
+
+    def placed(front: Ints, node: Ints) -> Ints:
+        return place[np.searchsorted(known, front * n + node)]
+
+    into, home = np.zeros(len(front), dtype=np.intp), np.zeros(n, dtype=np.intp)
+    into[~own], home[node[own]] = placed(parent[front[~own]], node[~own]), front[own]
+    at = home[np.minimum(p, q)]
+    blocks = np.stack([np.arange(len(p)), slot[at], placed(at, p), placed(at, q)])
+    of_stack, of_block = (np.argsort(stack[x], kind="stable") for x in (front, at))
+    parts = np.split(of_stack, np.searchsorted(stack[front][of_stack], each[1:]))
+    found = []
+    for (K, M), some, first, last in zip(shapes, parts, ends, ends[1:], strict=False):
+        members = numbers[first:last]
+        nodes, to = np.full((len(members), K + M), n), np.zeros((2, len(members), K + M), np.intp)
+        nodes[slot[front[some]], place[some]] = node[some]
+        to[:, slot[front[some]], place[some]] = into[some]
+        above = stack[parent[members]]
+        cuts = [0, *(1 + np.flatnonzero(np.diff(above))).tolist(), len(members)]
+        passing = [(int(above[c]), slice(c, d)) for c, d in zip(cuts, cuts[1:], strict=False) if M]
+        found.append(Stack(nodes, K, members, passing, slot[parent[members]], to[0, :, K:]))
+    chosen = np.split(blocks[:, of_block], np.searchsorted(stack[at][of_block], each[1:-1]), axis=1)
+    return found, chosen
+
+
 def residual(
     blocks: Blocks, order: Ints, delta: Array, panels: list[Panel] | None = None
 ) -> Residual | None:
@@ -1360,133 +1429,163 @@ def residual(
     remainder.
     """
     n, b = blocks.weights.shape
-    p, q, diagonal, between = _in_order(blocks, order)
-    starts = np.searchsorted(p, np.arange(n + 1)).tolist()
-    v, delta = blocks.weights[order].ravel(), delta.reshape(n, b)[order].ravel()
-    own, others, reached, sizes, columns, norms = np.zeros((6, n * b))
-    passed: dict[int, tuple[Ints, Array]] = {}
-    for number, front in enumerate(fronts(n, np.stack([p, q], axis=1))):
-        nodes, k = np.array(front.pivots + front.boundary), len(front.pivots) * b
-        mine = [e for pivot in front.pivots for e in range(starts[pivot], starts[pivot + 1])]
-        places = np.searchsorted(nodes, p[mine]), np.searchsorted(nodes, q[mine])
-        parts = _assembled(len(nodes), diagonal[:, front.pivots], between[:, mine], *places)
-        for child in front.children:
-            boundary, left = passed.pop(child)
-            into = _rows(np.searchsorted(nodes, boundary), b)
-            for part, passed_on in zip(parts, left, strict=True):
-                part[into[:, None], into] += passed_on
-        rows, (H, G) = _rows(nodes, b), parts
-        w = v[rows]
-        factor = _factor(H[:, :k] + G[:, :k], delta[rows[:k]])
+    p, q, A = _in_order(blocks, order)
+    tree = fronts(n, np.stack([p, q], axis=1)[p < q])
+    found, chosen = stacks(tree, n, p, q)
+    v, delta = (np.append(x[order], np.zeros(b)) for x in (blocks.weights, delta.reshape(n, b)))
+    passed: list[list[tuple[Ints, Ints, Ints, Array]]] = [[] for _ in found]
+    sums, kept = list[tuple[npt.NDArray[Any], ...]](), dict[int, Panel]()
+    for stack, received, (which, slot, *at) in zip(found, passed, chosen, strict=True):
+        rows, k = _rows(stack.nodes, b), stack.pivots * b
+        received.insert(0, (slot, *(_rows(place[:, None], b) for place in at), A[:, which]))
+        H, G = _assembled(received, *rows.shape)
+        received.clear()
+        none = rows >= n * b
+        np.einsum("saa->sa", H)[:, :k][none[:, :k]] = 1.0
+        w, less = v[rows], delta[rows[:, :k]]
+        factor = _factor(H[:, :, :k] + G[:, :, :k], less)
         if factor is None:
             return None
         L, inverse = factor
         L1 = np.rint(L * 2.0**BITS) * 2.0**-BITS
-        H -= L1 @ L1.T
-        L2 = _refined(H[:, :k], G[:, :k], delta[rows[:k]], L, L1, inverse)
+        L1[none] = 0.0
+        H -= L1 @ _T(L1)
+        L2 = _refined(H[:, :, :k], G[:, :, :k], less, L, L1, inverse)
+        L2[none] = 0.0
         if panels is not None:
-            panels.append(Panel(rows, L1 + L2, front.children))
+            for number, at, its, real in zip(stack.members, rows, L1 + L2, ~none, strict=True):
+                its = its[np.ix_(real, real[:k])]
+                kept[number] = Panel(at[real], its, tree[number].children)
         M = L1 + 0.5 * L2
-        cross = M @ L2.T
-        G -= cross + cross.T
+        cross = M @ _T(L2)
+        G -= cross + _T(cross)
+        for parent, some in stack.parents:
+            into, left = _rows(stack.into[some], b), np.stack([H[some, k:, k:], G[some, k:, k:]])
+            passed[parent].append((stack.slots[some], into, into, left))
         # The pivots' rows and columns are now complete.
-        E = H[:, :k] + G[:, :k]
-        own[rows[:k]] = np.diagonal(E)
+        E = H[:, :, :k] + G[:, :, :k]
+        own, reached = np.zeros(rows.shape), w[:, :k].sum(axis=1, keepdims=True) + 0.0 * w
+        own[:, :k] = np.einsum("saa->sa", E[:, :k])
         E = np.abs(E)
-        np.fill_diagonal(E, 0.0)
-        others[rows] += E @ w[:k]
-        others[rows[:k]] += E[k:].T @ w[k:]
-        reached[rows] += w[:k].sum()
-        reached[rows[:k]] += w[k:].sum()
+        np.einsum("saa->sa", E[:, :k])[...] = 0.0
+        others = _times(E, w[:, :k])
+        others[:, :k] += _times(_T(E[:, k:]), w[:, k:])
+        reached[:, :k] += w[:, k:].sum(axis=1, keepdims=True)
         M, L2 = np.abs(M), np.abs(L2)
         if not L2.max() < 1.0:
             return None
-        sizes[rows] += M @ (w @ L2) + L2 @ (w @ M)
-        norms[rows] += np.einsum("rk,rk->r", L1, L1)
-        columns[rows] += k
-        if front.boundary:
-            passed[number] = nodes[len(front.pivots) :], parts[:, k:, k:].copy()
+        sizes = _times(M, _times(_T(L2), w)) + _times(L2, _times(_T(M), w))
+        norms = np.einsum("srk,srk->sr", L1, L1)
+        sums.append((rows, own, others, reached, sizes, k * sizes, norms))
+    if panels is not None:
+        panels.extend(kept[number] for number in range(len(tree)))
+    index, *parts = (np.concatenate([x.ravel() for x in part]) for part in zip(*sums, strict=True))
+    own, others, reached, sizes, rounded, norms = (
+        np.bincount(index, part, n * b)[: n * b] for part in parts
+    )
+    count = np.bincount(index, minlength=n * b)[: n * b]
     largest = max(np.abs(high).max(initial=0.0) for high in blocks.high)
     if not largest + norms.max() < 2.0 ** (52 - 2 * BITS):
         return None
-    # Summands of an entry of G are rounded at most columns + 3 times, for either of its rows.
+    # Summands of an entry of G are rounded 2 count + 1 times more than their fronts have columns.
     sizes += reached * 2.0 ** (-2 * BITS - 1)
-    errors = (columns + 8.0) * U * sizes + reached * 2.0**-100
-    needed = (others + errors) * SPARE / v
+    errors = U * (rounded + (2.0 * count + 4.0) * sizes) + reached * 2.0**-100
+    needed = (others + errors) * SPARE / v[: n * b]
     back = np.argsort(_rows(order, b))
     return Residual((own - abs(own) * 2.0**-40)[back], needed[back])
 
 
-def _in_order(blocks: Blocks, order: Ints) -> tuple[Ints, Ints, Array, Array]:
-    """Pairs p < q of positions in the order, ascending in p, and both parts in that order."""
-    place = np.argsort(order)
-    p, q = place[blocks.pairs].T
-    turned = (p > q)[:, None, None]
-    by_first = np.argsort(np.minimum(p, q), kind="stable")
-    diagonal, between = (np.stack(parts) for parts in zip(blocks.high, blocks.low, strict=True))
-    between = np.where(turned, np.swapaxes(between, 2, 3), between)
-    p, q = np.minimum(p, q)[by_first], np.maximum(p, q)[by_first]
-    return p, q, diagonal[:, order], between[:, by_first]
+def _in_order(blocks: Blocks, order: Ints) -> tuple[Ints, Ints, Array]:
+    """Positions p and q of all blocks in the order, mirrored ones too; and both parts there."""
+    places = np.argsort(order)[blocks.pairs].T
+    p, q = np.concatenate([[np.arange(len(order))] * 2, places, places[::-1]], axis=1)
+    parts = [
+        np.concatenate([diagonal[order], between, np.swapaxes(between, 1, 2)])
+        for diagonal, between in (blocks.high, blocks.low)
+    ]
+    return p, q, np.stack(parts)
 
 
 def _rows(nodes: Ints, b: int) -> Ints:
-    return (nodes[:, None] * b + np.arange(b)).ravel()
+    return (nodes[..., None] * b + np.arange(b)).reshape(*nodes.shape[:-1], -1)
 
 
-def _assembled(count: int, diagonal: Array, between: Array, p: Ints, q: Ints) -> Array:
-    """Two symmetric matrices of ``count`` blocks: the first diagonal ones and those at (p, q)."""
-    b = between.shape[2]
-    A = np.zeros((2, count, b, count, b))
-    places = np.arange(diagonal.shape[1])
-    A[:, places, :, places, :] = np.swapaxes(diagonal, 0, 1)
-    A[:, p, :, q, :] = np.swapaxes(between, 0, 1)
-    A[:, q, :, p, :] = between.transpose(1, 0, 3, 2)
-    return A.reshape(2, count * b, count * b)
+def _T(A: Array) -> Array:  # noqa: N802
+    return np.swapaxes(A, 1, 2)
+
+
+def _times(A: Array, x: Array) -> Array:
+    return (A @ x[:, :, None])[:, :, 0]
+
+
+def _assembled(parts: list[tuple[Ints, Ints, Ints, Array]], s: int, f: int) -> list[Array]:
+    """Two sums (s, f, f) of blocks (2, ...) with their places: slots, rows and columns."""
+    index = [
+        ((slot[:, None] * f + rows)[:, :, None] * f + columns[:, None, :]).ravel()
+        for slot, rows, columns, _ in parts
+    ]
+    values = np.concatenate([blocks.reshape(2, -1) for *_, blocks in parts], axis=1)
+    added = (np.bincount(np.concatenate(index), part, s * f * f) for part in values)
+    return [part.reshape(s, f, f) for part in added]
 
 
 def _factor(F: Array, delta: Array) -> tuple[Array, Array] | None:
-    """Columns (f, k) of a Cholesky factor, and the inverse of their pivot rows."""
-    k = len(delta)
-    pivots = np.einsum("aa->a", F[:k])
+    """Columns (s, f, k) of Cholesky factors, and the inverses of their pivot rows."""
+    k = delta.shape[1]
+    pivots = np.einsum("saa->sa", F[:, :k])
     # Rounding can make a tiny pivot negative: then a larger diagonal, which `_refined` corrects.
-    for less in delta, -16.0 * U * len(F) * np.abs(pivots).max():
+    for less in delta, -16.0 * U * F.shape[1] * np.abs(pivots).max(axis=1, keepdims=True):
         pivots -= less
         try:
-            C = np.linalg.cholesky(F[:k])
-            inverse = np.linalg.inv(C)
+            C = np.linalg.cholesky(F[:, :k])
+            inverse = _inverse(C)
         except np.linalg.LinAlgError:
-            continue
-        return np.concatenate([C, F[k:] @ inverse.T]), inverse
+            if len(F) == 1:
+                continue
+            pivots += less
+            found = [_factor(F[[slot]], delta[[slot]]) for slot in range(len(F))]
+            L, inverses = zip(*(one or (None, None) for one in found), strict=True)
+            return None if None in found else (np.concatenate(L), np.concatenate(inverses))
+        return np.concatenate([C, F[:, k:] @ _T(inverse)], axis=1), inverse
     return None
+
+
+def _inverse(C: Array) -> Array:
+    """Those of lower triangular matrices (s, k, k)."""
+    if (k := C.shape[1]) <= 24:
+        return np.linalg.inv(C)
+    X, h = np.zeros_like(C), k // 2
+    X[:, :h, :h], X[:, h:, h:] = _inverse(C[:, :h, :h]), _inverse(C[:, h:, h:])
+    X[:, h:, :h] = -X[:, h:, h:] @ (C[:, h:, :h] @ X[:, :h, :h])
+    return X
 
 
 def _refined(H: Array, G: Array, delta: Array, L: Array, L1: Array, inverse: Array) -> Array:
     """L - L1, corrected for the rounding of L, from columns of H (minus L1 L1^T) and of G.
 
     Their remainder is (C W C^T, ...) with C the pivot rows of L. C (I + step) is the factor of
-    C (I + W) C^T.
+    C (I + W) C^T, and step is nearly the lower half of W if that is small.
     """
-    k, L2 = len(delta), L - L1
-    left = H + ((G - L1 @ L2[:k].T) - L2 @ L[:k].T)
-    np.einsum("aa->a", left[:k])[:] -= delta
-    left = left @ inverse.T
-    W, one = inverse @ left[:k], np.eye(k)
-    half = np.tri(k) - 0.5 * one
-    step = half * W
-    if np.linalg.norm(step) < 2.0**-26:
-        left[k:] -= L[k:] @ step.T
-    else:
-        try:
-            step = np.linalg.cholesky(one + W) - one
-            for _ in range(2):  # Newton steps
-                back = np.linalg.inv(one + step)
-                missed = back @ (W - step - step.T - step @ step.T) @ back.T
-                step = step + (one + step) @ (half * missed)
-            left[k:] = (left[k:] - L[k:] @ step.T) @ np.linalg.inv(one + step).T
-        except np.linalg.LinAlgError:
-            return L2
-    L2[:k] += L[:k] @ step
-    L2[k:] += left[k:]
+    k, L2 = delta.shape[1], L - L1
+    one = np.eye(k)
+    for _ in range(5):
+        L = L1 + L2
+        left = H + ((G - L1 @ _T(L2[:, :k])) - L2 @ _T(L[:, :k]))
+        np.einsum("saa->sa", left[:, :k])[...] -= delta
+        left = left @ _T(inverse)
+        W = inverse @ left[:, :k]
+        step, sizes = (np.tri(k) - 0.5 * one) * W, np.abs(W).max(axis=(1, 2))
+        for slot in np.flatnonzero(~(sizes < 2.0**-8)):
+            try:
+                root = np.linalg.cholesky(one + W[slot])
+                step[slot], inverse[slot] = root - one, _inverse(root[None])[0] @ inverse[slot]
+            except np.linalg.LinAlgError:
+                step[slot], left[slot] = 0.0, 0.0
+        below = left[:, k:] - L[:, k:] @ _T(step)
+        L2[:, :k] += L[:, :k] @ step
+        L2[:, k:] += below - below @ _T(step)
+        if not sizes.max() > 2.0**-32:
+            break
     return L2
 
 

@@ -377,11 +377,11 @@ def test_a_rigged_factorization_proves_nothing_false(tmp_path, monkeypatch, rig)
     sha = proofs.claim_of(proofs.arrays_of(_reproved(path, tmp_path)))["graph_sha256"]
     arrays = proofs.with_claim(arrays, graph_sha256=sha)
     made_up = {
-        "identity": lambda A: np.eye(len(A)),
+        "identity": lambda A: np.eye(A.shape[-1]) + 0.0 * A,
         "garbage": lambda A: np.tril(np.random.default_rng(0).standard_normal(A.shape)),
         "nan": lambda A: np.full(A.shape, np.nan),
-        "huge": lambda A: 1e200 * np.eye(len(A)),
-        "true root": lambda A: np.diag(np.sqrt(np.abs(np.diag(A)))),
+        "huge": lambda A: 1e200 * np.eye(A.shape[-1]) + 0.0 * A,
+        "true root": lambda A: np.eye(A.shape[-1]) * np.sqrt(np.abs(A)),
     }[rig]
     monkeypatch.setattr(np.linalg, "cholesky", made_up)
     assert tried(path, arrays) is None

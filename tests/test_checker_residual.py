@@ -24,40 +24,47 @@ def factored(blocks, order, delta, columns=None):
 
     ``columns`` are a function of the number of a front and the shape of its columns: another L.
     """
-    fronts, parts = [], []
-    own_fronts, own_factor, own_refined = checker.fronts, checker._factor, checker._refined
+    stacks, parts = [], []
+    own_stacks, own_factor, own_refined = checker.stacks, checker._factor, checker._refined
 
     def listed(*arguments):
-        fronts.extend(own_fronts(*arguments))
-        return fronts
+        found, entries = own_stacks(*arguments)
+        stacks.extend(found)
+        return found, entries
 
     def factor(F, delta):
         if columns is None:
             return own_factor(F, delta)
-        return columns(len(parts), F.shape), np.eye(len(delta))
+        k, numbers = delta.shape[1], range(len(F))
+        L = np.array([columns(len(parts) + number, F.shape[1:]) for number in numbers])
+        return L, np.tile(np.eye(k), (len(F), 1, 1))
 
     def refined(H, G, delta, L, L1, inverse):
         L2 = L - L1 if columns else own_refined(H, G, delta, L, L1, inverse)
         parts.append((L1.copy(), L2.copy()))
         return L2
 
+    n, b = blocks.weights.shape
     with pytest.MonkeyPatch.context() as patch, np.errstate(all="ignore"):
-        patch.setattr(checker, "fronts", listed)
+        patch.setattr(checker, "stacks", listed)
         patch.setattr(checker, "_factor", factor)
         patch.setattr(checker, "_refined", refined)
         found = checker.residual(blocks, order, delta)
-    n, b = blocks.weights.shape
     wide = []
-    for front, part in zip(fronts, parts, strict=False):
-        wide.append(np.zeros((2, n * b, len(front.pivots) * b)))
-        wide[-1][:, checker._rows(np.array(front.pivots + front.boundary), b)] = part
-    return found, np.concatenate(wide, axis=2)
+    for stack, part in zip(stacks, parts, strict=False):
+        rows = checker._rows(stack.nodes, b)
+        for slot, own in enumerate(rows):
+            wide.append(np.zeros((2, n * b + b, part[0].shape[2])))
+            wide[-1][:, own] = np.stack(part)[:, slot]
+    return found, np.concatenate(wide, axis=2)[:, : n * b]
 
 
 def dense(blocks, order):
     """The high and the low part (2, N, N), in the order of elimination."""
-    p, q, diagonal, between = checker._in_order(blocks, order)
-    return checker._assembled(len(order), diagonal, between, p, q)
+    p, q, A = checker._in_order(blocks, order)
+    places = (checker._rows(x[:, None], A.shape[2]) for x in (p, q))
+    parts = checker._assembled([(np.zeros_like(p), *places, A)], 1, len(order) * A.shape[2])
+    return np.concatenate(parts)
 
 
 def margins(blocks, order, found, L):
@@ -203,10 +210,8 @@ def test_needed_by_zeros():
         blocks, np.arange(m + 1), np.zeros(b * m + b), lambda _, shape: np.zeros(shape)
     )
     reached = b * np.array([2] * m + [m + 1])
-    columns = b * np.array([1] * m + [m + 1])
-    columns[np.flatnonzero(found.needed[:-b:b] > found.needed[:-b:b].min())] = 2 * b
-    assert np.sum(columns == 2 * b) == 1
-    expected = np.repeat((2.0**-100 + (columns + 8) * 2.0**-104) * reached, b)
+    count = np.array([1] * m + [m])  # fronts with a row
+    expected = np.repeat((2.0**-100 + (2 * count + 4) * 2.0**-104) * reached, b)
     np.testing.assert_allclose(found.needed, expected, rtol=2e-6)
     assert (found.needed >= expected).all()
     assert not found.diagonal.any()
@@ -254,16 +259,17 @@ def test_a_step_of_any_size_ends_at_the_factor(size):
     L = target.copy()
     L[:, -1] /= math.sqrt(1.0 + size)  # the last pivot is far off
     left = target @ target[:k].T - L @ L[:k].T
-    L2 = checker._refined(left, np.zeros_like(left), np.zeros(k), L, L, np.linalg.inv(L[:k]))
+    stacked = left[None], 0.0 * left[None], np.zeros((1, k)), L[None], L[None]
+    L2 = checker._refined(*stacked, np.linalg.inv(L[:k])[None])[0]
     missed = target @ target[:k].T - (L + L2) @ (L + L2)[:k].T
     assert np.abs(missed).max() < 1e-13 * (1.0 + size)
 
 
 def test_no_step_where_there_is_no_factor():
-    L, zeros = np.eye(3), np.zeros((3, 3))
-    for left in (-np.ones((3, 3)), -1e200 * np.eye(3), np.full((3, 3), np.nan)):
+    L, zeros = np.eye(3)[None], np.zeros((1, 3, 3))
+    for left in (-np.ones((1, 3, 3)), -1e200 * L, np.full((1, 3, 3), np.nan)):
         with np.errstate(all="ignore"):
-            L2 = checker._refined(left, zeros, np.zeros(3), L, L, L)
+            L2 = checker._refined(left, zeros, zeros[0, :1], L, L, L.copy())
         assert not np.nan_to_num(L2).any()
 
 
@@ -296,7 +302,7 @@ def test_second_parts_are_small_or_refused():
     blocks = by_hand(1, 2, [], np.eye(2)[None] / 2.0)
     for size, expected in ((0.999, True), (1.0, False), (np.inf, False), (np.nan, False)):
         with pytest.MonkeyPatch.context() as patch, np.errstate(all="ignore"):
-            patch.setattr(checker, "_refined", lambda *_, x=size: np.full((2, 2), x))
+            patch.setattr(checker, "_refined", lambda *_, x=size: np.full((1, 2, 2), x))
             found = checker.residual(blocks, np.arange(1), np.zeros(2))
         assert (found is not None) == expected
 
