@@ -33,6 +33,7 @@ from collections.abc import Callable, Iterator, Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from fractions import Fraction
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -1378,7 +1379,7 @@ def stacks(tree: list[Front], n: int, p: Ints, q: Ints) -> tuple[list[Stack], li
         height[number] = 1 + max((height[child] for child in front.children), default=-1)
     stack, shapes = np.zeros(count + 1, dtype=np.intp), list[tuple[int, int]]()
     K = M = size = work = level = 0
-    for number in np.lexsort((wide[:, 0], wide.sum(axis=1), height)).tolist():
+    for number in np.lexsort((wide[:, 0], wide.sum(axis=1), np.array(height))).tolist():
         k, m = wide[number].tolist()
         K, M, size, work = max(K, k), max(M, m), size + 1, work + k * (k + m) ** 2
         if not shapes or height[number] != level or size * K * (K + M) ** 2 > work + 16384:
@@ -1390,31 +1391,31 @@ def stacks(tree: list[Front], n: int, p: Ints, q: Ints) -> tuple[list[Stack], li
     slot, ends = np.zeros(count + 1, dtype=np.intp), np.searchsorted(stack[numbers], each)
     slot[numbers] = np.arange(count) - ends[stack[numbers]]
 
-    front = np.repeat(np.arange(count), wide.sum(axis=1))
+    home = np.repeat(np.arange(count), wide.sum(axis=1))
     node = np.array([k for x in tree for k in (*x.pivots, *x.boundary)])
-    place = np.arange(len(front)) - np.searchsorted(front, front)
-    own, known = place < wide[front, 0], front * n + node  # ascending
-    place += np.where(own, 0, np.array(shapes)[stack[front], 0] - wide[front, 0])
+    place = np.arange(len(home)) - np.searchsorted(home, home)
+    own, known = place < wide[home, 0], home * n + node  # ascending
+    place += np.where(own, 0, np.array(shapes)[stack[home], 0] - wide[home, 0])
 
     def placed(front: Ints, node: Ints) -> Ints:
         return place[np.searchsorted(known, front * n + node)]
 
-    into, home = np.zeros(len(front), dtype=np.intp), np.zeros(n, dtype=np.intp)
-    into[~own], home[node[own]] = placed(parent[front[~own]], node[~own]), front[own]
-    at = home[np.minimum(p, q)]
+    into, pivot_of = np.zeros(len(home), dtype=np.intp), np.zeros(n, dtype=np.intp)
+    into[~own], pivot_of[node[own]] = placed(parent[home[~own]], node[~own]), home[own]
+    at = pivot_of[np.minimum(p, q)]
     blocks = np.stack([np.arange(len(p)), slot[at], placed(at, p), placed(at, q)])
-    of_stack, of_block = (np.argsort(stack[x], kind="stable") for x in (front, at))
-    parts = np.split(of_stack, np.searchsorted(stack[front][of_stack], each[1:]))
+    of_stack, of_block = (np.argsort(stack[x], kind="stable") for x in (home, at))
+    parts = np.split(of_stack, np.searchsorted(stack[home][of_stack], each[1:-1]))
     found = []
-    for (K, M), some, first, last in zip(shapes, parts, ends, ends[1:], strict=False):
+    for (K, M), some, (first, last) in zip(shapes, parts, pairwise(ends), strict=True):
         members = numbers[first:last]
-        nodes, to = np.full((len(members), K + M), n), np.zeros((2, len(members), K + M), np.intp)
-        nodes[slot[front[some]], place[some]] = node[some]
-        to[:, slot[front[some]], place[some]] = into[some]
+        nodes, to = np.full((len(members), K + M), n), np.zeros((len(members), K + M), np.intp)
+        nodes[slot[home[some]], place[some]] = node[some]
+        to[slot[home[some]], place[some]] = into[some]
         above = stack[parent[members]]
         cuts = [0, *(1 + np.flatnonzero(np.diff(above))).tolist(), len(members)]
-        passing = [(int(above[c]), slice(c, d)) for c, d in zip(cuts, cuts[1:], strict=False) if M]
-        found.append(Stack(nodes, K, members, passing, slot[parent[members]], to[0, :, K:]))
+        passing = [(int(above[c]), slice(c, d)) for c, d in pairwise(cuts) if M]
+        found.append(Stack(nodes, K, members, passing, slot[parent[members]], to[:, K:]))
     chosen = np.split(blocks[:, of_block], np.searchsorted(stack[at][of_block], each[1:-1]), axis=1)
     return found, chosen
 
@@ -1479,17 +1480,18 @@ def residual(
         sums.append((rows, own, others, reached, sizes, k * sizes, norms))
     if panels is not None:
         panels.extend(kept[number] for number in range(len(tree)))
-    index, *parts = (np.concatenate([x.ravel() for x in part]) for part in zip(*sums, strict=True))
+    index = np.concatenate([rows.ravel() for rows, *_ in sums])
     own, others, reached, sizes, rounded, norms = (
-        np.bincount(index, part, n * b)[: n * b] for part in parts
+        np.bincount(index, np.concatenate([x.ravel() for x in part]))[: n * b].astype(np.float64)
+        for part in list(zip(*sums, strict=True))[1:]
     )
-    count = np.bincount(index, minlength=n * b)[: n * b]
+    holding = np.bincount(index, minlength=n * b)[: n * b]  # fronts with a row
     largest = max(np.abs(high).max(initial=0.0) for high in blocks.high)
     if not largest + norms.max() < 2.0 ** (52 - 2 * BITS):
         return None
-    # Summands of an entry of G are rounded 2 count + 1 times more than their fronts have columns.
+    # Summands of an entry of G are rounded 2 holding + 1 times more than their fronts have columns.
     sizes += reached * 2.0 ** (-2 * BITS - 1)
-    errors = U * (rounded + (2.0 * count + 4.0) * sizes) + reached * 2.0**-100
+    errors = U * (rounded + (2.0 * holding + 4.0) * sizes) + reached * 2.0**-100
     needed = (others + errors) * SPARE / v[: n * b]
     back = np.argsort(_rows(order, b))
     return Residual((own - abs(own) * 2.0**-40)[back], needed[back])
@@ -1525,8 +1527,8 @@ def _assembled(parts: list[tuple[Ints, Ints, Ints, Array]], s: int, f: int) -> l
         for slot, rows, columns, _ in parts
     ]
     values = np.concatenate([blocks.reshape(2, -1) for *_, blocks in parts], axis=1)
-    added = (np.bincount(np.concatenate(index), part, s * f * f) for part in values)
-    return [part.reshape(s, f, f) for part in added]
+    added = [np.bincount(np.concatenate(index), part, s * f * f) for part in values]
+    return [part.reshape(s, f, f).view(np.float64) for part in added]
 
 
 def _factor(F: Array, delta: Array) -> tuple[Array, Array] | None:
@@ -1550,7 +1552,7 @@ def _factor(F: Array, delta: Array) -> tuple[Array, Array] | None:
     return None
 
 
-def _inverse(C: Array) -> Array:
+def _inverse(C: npt.NDArray[Any]) -> Array:
     """Those of lower triangular matrices (s, k, k)."""
     if (k := C.shape[1]) <= 24:
         return np.linalg.inv(C)
@@ -1840,16 +1842,25 @@ def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
         text = path.read_bytes()
     except OSError as error:
         raise Unreadable(f"{path}: {error.strerror}") from None
+
+    def measured(claim: dict[str, Any]) -> Graph:
+        component = _component(path, text, claim)
+        try:
+            return read_graph(text, claim, component)
+        except Unreadable as error:
+            raise Unreadable(f"{path}: {error}") from None
+
+    return checked(proof_path, measured)
+
+
+def checked(proof_path: str | Path, measured: Callable[[dict[str, Any]], Graph]) -> Answer:
+    """Check a proof about what was measured, as its header says that a graph file is read."""
     try:
         with open(proof_path, "rb") as file, np.load(file, allow_pickle=False) as archive:
             if any(member.compress_type for member in archive.zip.infolist()):
                 raise Unreadable(f"{proof_path}: its arrays must not be compressed")
             claim = read_claim(archive)
-            component = _component(path, text, claim)
-            try:
-                graph = read_graph(text, claim, component)
-            except Unreadable as error:
-                raise Unreadable(f"{path}: {error}") from None
+            graph = measured(claim)
             proof = read_proof(archive, claim, graph.n, len(graph.i))
             given = claim.get("within", [])
             claims = tuple(Within(**one, reference=graph.ids[proof.pin]) for one in given)

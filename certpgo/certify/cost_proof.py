@@ -19,8 +19,8 @@ LOWER = tuple(4.0**k for k in range(-27, -11))
 NOTHING = -(2.0**-140)
 
 
-def claimed(graph: checker.Graph, below: Surrogate) -> checker.EdgeBounds:
-    """The minorants of a surrogate with constants that the checker accepts.
+def claimed(graph: checker.Graph, below: Surrogate, tested: bool = True) -> checker.EdgeBounds:
+    """The minorants of a surrogate with constants that the checker accepts, or might, if untested.
 
     Raises
     ------
@@ -49,6 +49,8 @@ def claimed(graph: checker.Graph, below: Surrogate) -> checker.EdgeBounds:
         touching=of_all(touching),
         constants=constants,
     )
+    if not tested:
+        return given
     weights = np.abs(constants) + of_all(centre)
     held = checker.minorants_hold(graph, given)
     for share in LOWER:

@@ -89,7 +89,7 @@ def prove(
     """
     point = problem.with_optimal_translations(point)
     prover = _Prover(problem, graph, point, spare, reference)
-    shift = FIRST_SHIFT * prover.shifted.unit * (1.0 if prover.shifted.pin is None else GROWTH)
+    shift = prover.first_shift
     for _ in range(SHIFTS):
         found = prover.settle(partial(prover.shifted.less, shift))
         if found is not None:
@@ -99,6 +99,19 @@ def prove(
         return None
     other = recentred(problem, graph, fallback)
     return prover.settle(lambda _: other)
+
+
+def proposed(
+    problem: Quadratic,
+    graph: checker.Graph,
+    point: Point,
+    fallback: FloatArray | None = None,
+    *,
+    reference: int | None = None,
+) -> tuple[FloatArray, Witness]:
+    """What `prove` tries first, untested, without a fallback."""
+    point = problem.with_optimal_translations(point)
+    return _Prover(problem, graph, point, reference=reference).proposal()
 
 
 def proven_bound(
@@ -223,10 +236,13 @@ class _Prover:
         self.pin, order = shifted.pin or reference or 0, problem.order.astype(np.intp)
         self.order = order if reference is None else np.append(order[order != reference], reference)
         self.shifted = replace(shifted, multipliers=recentred(problem, graph, shifted.multipliers))
+        self.first_shift = FIRST_SHIFT * shifted.unit * (1.0 if shifted.pin is None else GROWTH)
         self.layout = problem.pattern.layout_of(problem.matrix)
         self.diagonal = self.layout.unpack(problem.matrix.diagonal())
         if graph.points is not None:
             self.diagonal[graph.points, -d:] = 2.0 ** checker.magnitude(graph)
+        self.left = self.diagonal.copy()  # of the certificate matrix
+        self.left[:, -d:] -= np.einsum("naa->na", shifted.multipliers)
         moving = self.shifted.weights[~problem.rotation_rows]
         self.exponent = int(math.log2(moving[0])) if len(moving) else 0
         self.loose = np.setdiff1d(problem.poses, problem.held)
@@ -241,10 +257,9 @@ class _Prover:
 
         ``multipliers`` are a function of the translations' amounts, in the problem's rows (N,).
         """
-        asked = UNITS * checker.U * self.diagonal.ravel()
+        asked = self.first_amounts
         for _ in range(ROUNDS):
-            amounts = SAFETY * asked + self.spare.ravel()
-            less = self.without(multipliers(self.packed(amounts)), asked)
+            less = self.without(multipliers(self.demand(asked)), asked)
             found = self.residual(less, asked)
             if found is None:
                 return None
@@ -252,6 +267,24 @@ class _Prover:
                 return less, found.witness
             asked = np.maximum(np.where(found.enough, 1.0, 2.0) * asked, found.wanted)
         return None
+
+    @property
+    def first_amounts(self) -> FloatArray:
+        """What is asked for first."""
+        return UNITS * checker.U * self.diagonal.ravel()
+
+    def proposal(self) -> tuple[FloatArray, Witness]:
+        """The multipliers and the witness with the first shift and the first amounts, untested."""
+        asked = self.first_amounts
+        less = self.without(self.shifted.less(self.first_shift, self.demand(asked)), asked)
+        exponents, normal = np.frexp(self.left.ravel())[1], checker.magnitude(self.graph)
+        # As the checker equilibrates it.
+        delta = np.ldexp(asked, 2 * ((normal - exponents) >> 1) - normal)
+        return less, Witness(self.order, delta, self.pin, self.exponent)
+
+    def demand(self, asked: FloatArray) -> FloatArray:
+        """The translations' amounts where rows ask for some."""
+        return self.packed(SAFETY * asked + self.spare.ravel())
 
     def packed(self, amounts: FloatArray) -> FloatArray:
         """Amounts of the problem's rows (N,)."""

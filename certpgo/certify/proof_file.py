@@ -168,13 +168,14 @@ def claim_and_graph(
     file = source / "EGs.txt" if source.is_dir() else source
     component = file.with_name("cc.txt")
     restricted = file.name == "EGs.txt" and component.is_file()
+    text, members = readable(file).read_bytes(), component.read_bytes() if restricted else None
     kappa, tau = _overridden(options.get("weights", "file"))
     posed = "similarities" if similar else "poses"
     claim = {
         "format": "certpgo proof",
         "version": 4 if similar else 1,
-        "graph_sha256": _sha256(file),
-        "component_sha256": _sha256(component) if restricted else None,
+        "graph_sha256": hashlib.sha256(text).hexdigest(),
+        "component_sha256": None if members is None else hashlib.sha256(members).hexdigest(),
         "kind": posed if instance.graph.has_positions else "rotations",
         "d": instance.graph.d,
         "keep": options.get("keep", "all"),
@@ -186,9 +187,8 @@ def claim_and_graph(
     if cost is not None:
         meant = costs.COSTS[cost].rotation_information if instance.graph.d == 3 else "tangent"
         claim |= {"version": 2, "cost": cost, "rotation_information": meant}
-    members = component.read_bytes() if restricted else None
     try:
-        graph = checker.read_graph(readable(file).read_bytes(), claim, members)
+        graph = checker.read_graph(text, claim, members)
     except checker.Unreadable as error:
         raise FormatError(file, None, f"the checker cannot read it: {error}") from None
     if graph.n != instance.graph.num_nodes:
@@ -223,10 +223,6 @@ def _map_of(instance: Instance) -> dict[str, Any]:
         origin = instance.origin
         said |= {"priors": True, "origin": None if origin is None else origin.tolist()}
     return said
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(readable(path).read_bytes()).hexdigest()
 
 
 def _overridden(weights: str) -> tuple[float | None, float | None]:

@@ -7,6 +7,7 @@ layout of the files; nothing here is trusted, since the checker decides.
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from numbers import Integral
 from pathlib import Path
@@ -19,7 +20,7 @@ from certpgo.certify.certificate import CHORDAL, Certificate, Tier
 from certpgo.certify.cost_proof import claimed, scaled
 from certpgo.certify.dual import dual_bound
 from certpgo.certify.normalized import NormalizedProblem
-from certpgo.certify.proof import Witness, proof_of, prove
+from certpgo.certify.proof import Witness, proof_of, proposed, prove
 from certpgo.certify.proof_file import arrays_of, claim_and_graph, provable
 from certpgo.certify.rejection_proof import claimed_rejections
 from certpgo.certify.resistances import packed
@@ -33,9 +34,9 @@ from certpgo.errors import (
     require_path,
 )
 from certpgo.graph import Estimate, Instance
-from certpgo.io.pipes import readable
 from certpgo.io.writing import atomically
 from certpgo.linalg.arrays import FloatArray
+from certpgo.linalg.threads import one_thread
 from certpgo.objective import choose_cost as costs
 from certpgo.objective.choose_cost import Sum
 from certpgo.objective.objective import Objective
@@ -107,24 +108,43 @@ def write_proof(
     require(certificate, Certificate, "a Certificate")
     source = provable(source, instance)
     seen = None if within is None else seen_from(instance, within, reference)
-    claim, proof = _proof(source, instance, estimate, certificate, prices, seen)
+    problem = None
+    if prices is None and not instance.graph.has_scales and certificate.objective != CHORDAL:
+        problem = problem_of_certificate(instance, certificate)
+    claim, graph = claim_and_graph(source, instance, None if problem is None else problem.cost_name)
+    claim |= {} if prices is None else {"version": 3}
     if within is not None:
         claim["within"] = [{"node": None, "metres": within[0], "degrees": within[1]}]
-    found: list[checker.Answer] = []
+    answers: list[checker.Answer] = []
+
+    def evidence(find: Finder) -> BoundEvidence:
+        if prices is not None:
+            cut = TruncatedCost(Quadratic(instance.graph), prices)
+            return _of_rejections(cut, graph, certificate, seen)
+        if problem is None:
+            return _of_f(instance, graph, certificate, seen, find)
+        return of_cost(problem, graph, certificate, seen, find)
 
     def accepted(beside: Path) -> None:
-        header = np.frombuffer(json.dumps(claim).encode(), dtype=np.uint8)
-        with beside.open("wb") as file:
-            np.savez(file, claim=header, **arrays_of(proof))
-        try:
-            found.append(checker.check(readable(source), beside))
-        except checker.Farther as reason:
-            raise NumericalError(str(reason)) from None
-        except (checker.Refused, checker.Unreadable) as reason:
-            raise NumericalError(f"the checker does not accept the proof: {reason}") from None
+        # What is proposed untested is nearly always accepted.
+        for find in (proposed, prove) if prices is None else (prove,):
+            found = evidence(find)
+            pinned = {"pin": found.witness.pin, "exponent": found.witness.exponent}
+            header = np.frombuffer(json.dumps(claim | pinned).encode(), dtype=np.uint8)
+            with beside.open("wb") as file:
+                np.savez(file, claim=header, **arrays_of(_proof(instance, estimate, found)))
+            try:
+                answers.append(checker.checked(beside, lambda _: graph))
+                return
+            except checker.Farther as reason:
+                raise NumericalError(str(reason)) from None
+            except (checker.Refused, checker.Unreadable) as reason:
+                said = str(reason)
+        raise NumericalError(f"the checker does not accept the proof: {said}")
 
-    atomically(Path(path), accepted)
-    return found[0]
+    with one_thread:
+        atomically(Path(path), accepted)
+    return answers[0]
 
 
 def seen_from(
@@ -154,36 +174,6 @@ def seen_from(
     return int(reference)
 
 
-def _proof(
-    source: Path,
-    instance: Instance,
-    estimate: Estimate,
-    certificate: Certificate,
-    prices: FloatArray | None,
-    reference: int | None,
-) -> tuple[dict[str, Any], checker.Proof]:
-    """What the proof is about, and its content; distances from the reference can be claimed."""
-    if prices is not None:
-        claim, graph = claim_and_graph(source, instance)
-        claim |= {"version": 3}
-        cut = TruncatedCost(Quadratic(instance.graph), prices)
-        evidence = _of_rejections(cut, graph, certificate, reference)
-    elif instance.graph.has_scales or certificate.objective == CHORDAL:
-        claim, graph = claim_and_graph(source, instance)
-        evidence = _of_f(instance, graph, certificate, reference)
-    else:
-        problem = problem_of_certificate(instance, certificate)
-        claim, graph = claim_and_graph(source, instance, problem.cost_name)
-        evidence = of_cost(problem, graph, certificate, reference)
-    witness = evidence.witness
-    claim |= {"pin": witness.pin, "exponent": witness.exponent}
-    proof = proof_of(estimate, evidence.multipliers, witness, evidence.minorants)
-    if instance.graph.has_scales:
-        similar = cast("Quadratic", costs.objective_of(instance))
-        proof = proof._replace(s=similar.scales.of(estimate))
-    return claim, proof._replace(rejections=evidence.rejections)
-
-
 @dataclass(frozen=True, eq=False)
 class BoundEvidence:
     """What proves a lower bound for a file's exact numbers, in their units; nothing is trusted."""
@@ -210,8 +200,25 @@ class BoundEvidence:
         return cls(unit * found[0], found[1], **claims)
 
 
+def _proof(instance: Instance, estimate: Estimate, found: BoundEvidence) -> checker.Proof:
+    """The content of a proof."""
+    proof = proof_of(estimate, found.multipliers, found.witness, found.minorants)
+    if instance.graph.has_scales:
+        similar = cast("Quadratic", costs.objective_of(instance))
+        proof = proof._replace(s=similar.scales.of(estimate))
+    return proof._replace(rejections=found.rejections)
+
+
+#: `prove`, or `proposed`.
+Finder = Callable[..., tuple[FloatArray, Witness] | None]
+
+
 def _of_f(
-    instance: Instance, graph: checker.Graph, certificate: Certificate, reference: int | None
+    instance: Instance,
+    graph: checker.Graph,
+    certificate: Certificate,
+    reference: int | None,
+    find: Finder,
 ) -> BoundEvidence:
     """The evidence of a bound on F, of poses or of similarities."""
     if certificate.multipliers is None:
@@ -221,7 +228,7 @@ def _of_f(
     graph = graph._replace(kappa=graph.kappa / unit, tau=graph.tau / unit)
     point = rested(problem, certificate.refined)
     fallback = certificate.multipliers / unit
-    return BoundEvidence.of(prove(problem, graph, point, fallback, reference=reference), unit)
+    return BoundEvidence.of(find(problem, graph, point, fallback, reference=reference), unit)
 
 
 def problem_of_certificate(instance: Instance, certificate: Certificate) -> Sum:
@@ -243,7 +250,11 @@ def problem_of_certificate(instance: Instance, certificate: Certificate) -> Sum:
 
 
 def of_cost(
-    problem: Sum, graph: checker.Graph, certificate: Certificate, reference: int | None = None
+    problem: Sum,
+    graph: checker.Graph,
+    certificate: Certificate,
+    reference: int | None = None,
+    find: Finder = prove,
 ) -> BoundEvidence:
     """The evidence of a bound on the cost of another program.
 
@@ -251,6 +262,7 @@ def of_cost(
     ----------
     graph : the measurements of the file, to the last bit
     reference : a pose, as of `certpgo.certify.proof.prove`
+    find : that, or `proposed` for what is left to be tested
 
     Raises
     ------
@@ -267,11 +279,11 @@ def of_cost(
     unit, fallback = normalized.unit, certificate.multipliers / normalized.unit
     graph = graph._replace(information=graph.information / unit)
     below, point = normalized.problem.surrogate_of(support.minorants), support.point
-    given = claimed(graph, below)
+    given = claimed(graph, below, tested=find is prove)
     if isinstance(point, Estimate):
         point = rested(below.problem, point)
     measured = checker.surrogate(graph, given)
-    found = prove(below.problem, measured, point, fallback, reference=reference)
+    found = find(below.problem, measured, point, fallback, reference=reference)
     return BoundEvidence.of(found, unit, minorants=scaled(unit, given))
 
 
