@@ -137,7 +137,7 @@ def fitted(
             return None
         at, gain = again, first.surprise - again.surprise
         if number < ROUNDS - 1:
-            B, squares = at.coupling(kinds)
+            B, squares = at.coupling(kinds, roughly=True)
     return Model(variances, freedoms, gain)
 
 

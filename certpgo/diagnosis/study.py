@@ -124,8 +124,8 @@ class Study:
 
         With the weights W of the measurements |e|^2 - log det W + log det H.
         """
-        log = 2.0 * np.log(self.factor.lower()[0].diagonal()).sum()
-        total = float(log - np.log(self.diagonal[self._free == 0.0]).sum()) + self.fit.chi2
+        anchored = float(np.log(self.diagonal[self._free == 0.0]).sum())
+        total = self.factor.log_det - anchored + self.fit.chi2
         for rows, *_, logs in self.parts:
             of_rows = logs + self.numbers[rows] * np.log(self.factors[rows])
             total -= float(of_rows[self.counts[rows]].sum())
@@ -210,23 +210,31 @@ class Study:
         ]
         return replace(self, parts=tuple(moved), factor=factor, diagonal=H.diagonal(), factors=f)
 
-    def coupling(self, kinds: Sequence[BoolArray]) -> Coupling:
+    def coupling(self, kinds: Sequence[BoolArray], *, roughly: bool = False) -> Coupling:
         """How kinds of measurements that count, given by flags (m,), see one another's noise.
 
         Expectations over signs z, as those of |((I - P) z)_k|^2 are B_kl for signs of kind l.
         I - P is a projection, so that a row of B adds up to the numbers of that kind that are left:
-        no signs are drawn for the kind of which most are.
+        no signs are drawn for the kind of which most are, unless they are not known yet.
+
+        Parameters
+        ----------
+        roughly : by signs alone
         """
-        left = np.array([self.left[one].sum() for one in kinds])
-        most = int(np.argmax(left))
-        others = [k for k in range(len(kinds)) if k != most]
-        B = np.zeros((len(kinds), len(kinds)))
-        rng = np.random.default_rng(0)
-        for k in others:
-            B[others, k] = self._seen(kinds[k], [kinds[other] for other in others], rng)
-        B = 0.5 * (B + B.T)
-        B[others, most] = B[most, others] = np.maximum(left - B.sum(axis=1), 0.0)[others]
-        B[most, most] = max(left[most] - B[most].sum(), 0.0)
+        rng, count = np.random.default_rng(0), len(kinds)
+        if roughly:
+            B = np.stack([self._seen(kind, kinds, rng) for kind in kinds], axis=1)
+            B = 0.5 * (B + B.T)
+        else:
+            left = np.array([self.left[one].sum() for one in kinds])
+            most = int(np.argmax(left))
+            others = [k for k in range(count) if k != most]
+            B = np.zeros((count, count))
+            for k in others:
+                B[others, k] = self._seen(kinds[k], [kinds[other] for other in others], rng)
+            B = 0.5 * (B + B.T)
+            B[others, most] = B[most, others] = np.maximum(left - B.sum(axis=1), 0.0)[others]
+            B[most, most] = max(left[most] - B[most].sum(), 0.0)
         squares = self.factors * self.squares
         return Coupling(B, np.array([squares[one].sum() for one in kinds]))
 

@@ -14,7 +14,7 @@ from certpgo.diagnosis.finding import Finding
 from certpgo.diagnosis.study import Study, studied_problem, study
 from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate, Graph
-from certpgo.graph.information import Information, RotationAbout
+from certpgo.graph.information import Information
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.objective.choose_cost import Certifiable, objective_of
 from certpgo.objective.edge_cost import EdgeCost
@@ -234,10 +234,12 @@ def _likeliest(examined: Examined, given: Study) -> Iterator[Meaning]:
     best: tuple[float, Meaning] | None = None
     for meaning in meanings(examined):
         examined.trying(meaning.kind)
-        weights = _edge_weights(examined, given, meaning)
-        if weights is None:
+        if len(given.parts) > 1 or not isinstance(given.problem.terms[0].term, EdgeCost):
             yield meaning
-        elif (found := _under(given, weights)) is not None:
+        elif (weights := _edge_weights(examined, given, meaning)) is not None:
+            found = given.under(weights=[weights])
+            if found is None or (found.fit.is_unusual and not 0.5 < found.fit.ratio**2 < 2.0):
+                continue
             gain = given.surprise - found.surprise
             if gain > (0.0 if best is None else best[0]):
                 best = gain, meaning
@@ -245,32 +247,21 @@ def _likeliest(examined: Examined, given: Study) -> Iterator[Meaning]:
         yield best[1]
 
 
-def _under(given: Study, weights: FloatArray) -> Study | None:
-    """The study with other weights of edges, where these are weights."""
-    least = np.linalg.eigvalsh(weights)
-    if (least[:, 0] < -NONE * least[:, -1]).any():
-        return None
-    return given.under(weights=[weights])
-
-
 def _edge_weights(examined: Examined, given: Study, meaning: Meaning) -> FloatArray | None:
-    """(m, p, p) weights with another meaning, if edges are all that is measured and have some."""
-    graph = examined.instance.graph
-    information, problem = graph.information, examined.problem
-    if information is None or examined.studied is not problem or len(given.parts) > 1:
+    """(m, p, p) weights with another meaning; None if these are none, or far from the given fit."""
+    graph, (part,) = examined.instance.graph, given.parts
+    information = _meant(examined, meaning)
+    values = np.linalg.eigvalsh(information.distinct)
+    if (values[:, 0] < -NONE * values[:, -1]).any():
         return None
-    [(_, term)] = examined.studied.terms
-    if not isinstance(term, EdgeCost):
-        return None
-    read = meaning.read(information.distinct)
-    found = 0.5 * (read + np.swapaxes(read, 1, 2))[information.index]
-    rows = _read(examined, meaning)
-    return np.where(rows[:, None, None], found, term.weights)
-
-
-def _read(examined: Examined, meaning: Meaning) -> BoolArray:
-    """(m,) whose matrices are read so: those of positions alone have no other order."""
-    return examined.instance.graph.is_measured & (examined.whole | (meaning in OTHERS))
+    if given.problem is examined.problem:
+        weights = information.matrices
+    else:
+        kappa, tau = _weights(examined, meaning, information)
+        weights = Information.isotropic(kappa, tau, graph.d, about="quaternion").matrices
+    e = part.errors
+    chi2 = float((e * (weights @ e[:, :, None])[:, :, 0]).sum())
+    return weights if TOO_SMALL < chi2 / given.fit.freedom < TOO_LARGE else None
 
 
 def meanings(examined: Examined) -> Iterator[Meaning]:
@@ -303,27 +294,49 @@ def _unevenness(problem: Certifiable, estimate: Estimate) -> float:
 
 def meant(examined: Examined, meaning: Meaning) -> Graph:
     """The measurements with matrices of another meaning."""
-    graph = examined.instance.graph
-    given = graph.information or Information.isotropic(graph.kappa, graph.tau, graph.d)
-    rows = _read(examined, meaning)
-    M = given.matrices.copy()
-    M[rows] = meaning.read(M[rows])
-    M = 0.5 * (M + np.swapaxes(M, 1, 2))
-    turned, moved = _weights(M, graph.d, given.about)
-    kappa = np.where(rows & graph.measures_rotation, turned, graph.kappa)
-    tau = np.where(rows & graph.measures_translation, moved, graph.tau)
-    information = Information.of(M, given.residual, given.about)
+    graph, information = examined.instance.graph, _meant(examined, meaning)
+    kappa, tau = _weights(examined, meaning, information)
     kept = information if graph.information is not None else None
     return replace(graph, kappa=kappa, tau=tau, information=kept)
 
 
-def _weights(M: FloatArray, d: int, about: RotationAbout) -> tuple[FloatArray, FloatArray]:
-    """(k,) kappa and tau of information matrices, as files are read."""
-    means = []
+def _meant(examined: Examined, meaning: Meaning) -> Information:
+    """The matrices with another meaning; those of positions alone have no other order."""
+    graph = examined.instance.graph
+    if (given := graph.information) is None:
+        both = np.stack([graph.kappa, graph.tau], axis=1)
+        pairs, index = np.unique(both, axis=0, return_inverse=True)
+        kappa, tau = pairs.T
+        given = Information.isotropic(kappa, tau, graph.d)[index.reshape(-1)]
+    read = meaning.read(given.distinct)
+    read = 0.5 * (read + np.swapaxes(read, 1, 2))
+    rows = _is_read(examined, meaning)
+    if rows.all():
+        return replace(given, distinct=read)
+    index = np.where(rows, len(read) + given.index, given.index)
+    return replace(given, distinct=np.concatenate([given.distinct, read]), index=index)
+
+
+def _is_read(examined: Examined, meaning: Meaning) -> BoolArray:
+    """(m,) whose matrices have another meaning."""
+    return examined.instance.graph.is_measured & (examined.whole | (meaning in OTHERS))
+
+
+def _weights(
+    examined: Examined, meaning: Meaning, information: Information
+) -> tuple[FloatArray, FloatArray]:
+    """(m,) kappa and tau of information matrices, as files are read."""
+    graph, d, means = examined.instance.graph, examined.instance.graph.d, []
+    M = information.distinct
     for block in (M[:, d:, d:], M[:, :d, :d]):
         stated = np.einsum("kaa->ka", block) != 0.0
         variances = np.einsum("kaa->k", np.linalg.pinv(block, hermitian=True))
         known = variances > 0.0
-        means.append(np.where(known, stated.sum(axis=1) / np.where(known, variances, 1.0), 0.0))
-    unit = 1.0 if d == 2 else 0.5 if about == "tangent" else 0.125
-    return unit * means[0], means[1]
+        mean = np.where(known, stated.sum(axis=1) / np.where(known, variances, 1.0), 0.0)
+        means.append(mean[information.index])
+    unit = 1.0 if d == 2 else 0.5 if information.about == "tangent" else 0.125
+    rows = _is_read(examined, meaning)
+    return (
+        np.where(rows & graph.measures_rotation, unit * means[0], graph.kappa),
+        np.where(rows & graph.measures_translation, means[1], graph.tau),
+    )

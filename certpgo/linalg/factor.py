@@ -49,6 +49,11 @@ class LinearSolver(Protocol):
 class Factor(LinearSolver, Protocol):
     """A Cholesky factorization A[p][:, p] = L L^T."""
 
+    @property
+    def log_det(self) -> float:
+        """The logarithm of the determinant of A."""
+        ...
+
     def lower(self) -> tuple[CSC, IntArray]:
         """L with positive diagonal, and the permutation p."""
         ...

@@ -238,6 +238,16 @@ class Fronts:
         return np.asarray(entries * (entries / widths))
 
     @cached_property
+    def diagonal(self) -> IntArray:
+        """(N,) where the diagonal of L is among its entries, in the order of L."""
+        widths = np.diff(self.offset[self.tree.start])
+        heights = np.diff(self._panel) // widths
+        within = np.arange(self.size) - np.repeat(_running(widths)[:-1], widths)
+        return np.asarray(
+            np.repeat(self._panel[:-1], widths) + within * np.repeat(heights + 1, widths)
+        )
+
+    @cached_property
     def is_parallel(self) -> bool:
         """Whether threads of BLAS share a factorization."""
         # No supernode is higher than the matrix.
@@ -274,6 +284,12 @@ class Panels:
     def solve(self, B: FloatArray) -> FloatArray:
         """A^-1 B for B (N,) or (N, k)."""
         return self.fronts.solve(self.panels, self.scale, B)
+
+    @property
+    def log_det(self) -> float:
+        """The logarithm of the determinant of A."""
+        log = float(np.log(self.panels[self.fronts.diagonal]).sum())
+        return 2.0 * (log if self.scale is None else log - float(np.log(self.scale).sum()))
 
     def lower(self) -> tuple[CSC, IntArray]:
         """L and the rows p of A with A[p][:, p] = L L^T, in double precision only."""

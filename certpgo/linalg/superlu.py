@@ -153,6 +153,11 @@ class SuperLUFactor:
         X[self._order] = 0.5 * (self._lu.solve(permuted) + self._lu.solve(permuted, "T"))
         return X
 
+    @property
+    def log_det(self) -> float:
+        """The logarithm of the determinant of A."""
+        return float(np.log(self._pivots).sum())
+
     def excess(self, w: FloatArray) -> FloatArray:
         """(N,) row sums that bound the rounding beyond that of a Cholesky factorization.
 

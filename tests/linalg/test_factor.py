@@ -50,6 +50,7 @@ def test_solve_lower_and_permutation(engine, seed):
     B = rng_of(seed).standard_normal((A.shape[0], 4))
     np.testing.assert_allclose(A @ F.solve(B), B, rtol=0, atol=1e-11)
     np.testing.assert_allclose(A @ F.solve(B[:, 0]), B[:, 0], rtol=0, atol=1e-11)
+    assert F.log_det == pytest.approx(np.linalg.slogdet(A.toarray())[1], rel=1e-12)
     for _ in range(2):  # the second time from what was kept
         L, p = F.lower()
         np.testing.assert_array_equal(np.sort(p), np.arange(A.shape[0]))
