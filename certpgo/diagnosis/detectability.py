@@ -110,7 +110,7 @@ def detectable(examined: Examined) -> Detectable | None:
     if graph.has_scales or answer.undetermined is not None:
         return None
     loops = np.flatnonzero(examined.whole & ~examined.steps)
-    loops = loops[~_are_bridges(graph, loops)]
+    loops = loops[~_are_bridges(graph, loops)]  # nothing checks these
     if not len(loops):
         checks = bool(graph.blocks) or graph.num_measurements >= graph.num_nodes
         return None if checks else Detectable(loops, None, np.zeros(0), 1.0)

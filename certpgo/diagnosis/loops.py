@@ -21,20 +21,22 @@ NEGLIGIBLE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Loops:
-    """Nodes that measured poses join, and how well loops close along a tree of them.
+    """Measured poses that join nodes, and how well loops close along a tree of them.
 
     Attributes
     ----------
-    whole : (m,) which measurements are of poses
-    nodes : (k,) the nodes of their largest component
-    parents : (k,) of its tree
-    closing : (l,) which of their measurements are in no tree
+    rows : (k,) which measurements, between the nodes of their largest component
+    nodes : (l,) these
+    part : the measurements, with the nodes so numbered
+    parents : (l,) of its tree
+    closing : (k,) which of them are in no tree
     floor : what noise costs
     given : mean logarithm of costs, as it stands
     """
 
-    whole: BoolArray
+    rows: IntArray
     nodes: IntArray
+    part: Graph
     parents: IntArray
     closing: BoolArray
     floor: float = 0.0
@@ -46,34 +48,31 @@ class Loops:
         graph, whole = examined.instance.graph, examined.whole
         labels = components_of(graph.num_nodes, graph.edges[whole])
         nodes = np.flatnonzero(labels == np.argmax(np.bincount(labels)))
-        part = _part(graph, whole, nodes)
+        rows = np.flatnonzero(whole & np.isin(graph.edges[:, 0], nodes))
+        few = graph.with_blocks().with_information(None).with_edges(rows)
+        part = few.subgraph(nodes)
         parents = spanning_tree(part, root="center")
         i, j = part.edges.T
-        found = cls(whole, nodes, parents, (parents[i] != j) & (parents[j] != i))
+        found = cls(rows, nodes, part, parents, (parents[i] != j) & (parents[j] != i))
         if not found.closing.any():
             return found
         numbers = graph.d * (graph.d + 1) / 2
-        median = float(np.median(found._costs(graph)))
+        median = float(np.median(found._costs(part)))
         stated = examined.instance.states_noise
         found = replace(found, floor=numbers if stated else NEGLIGIBLE * median or 1.0)
-        return replace(found, given=found._mean(graph))
+        return replace(found, given=found._mean(part))
 
-    def share(self, graph: Graph) -> float:
+    def share(self, part: Graph) -> float:
         """What other measurements leave of the costs, their geometric mean; 1 without loops."""
-        return math.exp(self._mean(graph) - self.given) if self.closing.any() else 1.0
+        return math.exp(self._mean(part) - self.given) if self.closing.any() else 1.0
 
-    def composed(self, graph: Graph) -> Estimate:
+    @property
+    def composed(self) -> Estimate:
         """Poses of the nodes along the tree."""
-        return compose(_part(graph, self.whole, self.nodes), self.parents)
+        return compose(self.part, self.parents)
 
-    def _costs(self, graph: Graph) -> FloatArray:
-        part = _part(graph, self.whole, self.nodes)
+    def _costs(self, part: Graph) -> FloatArray:
         return EdgeSums(part).terms(compose(part, self.parents))[self.closing]
 
-    def _mean(self, graph: Graph) -> float:
-        return float(np.log(self._costs(graph) + self.floor).mean())
-
-
-def _part(graph: Graph, whole: BoolArray, nodes: IntArray) -> Graph:
-    """The measured poses among some nodes."""
-    return graph.with_blocks().with_information(None).with_edges(whole).subgraph(nodes)
+    def _mean(self, part: Graph) -> float:
+        return float(np.log(self._costs(part) + self.floor).mean())

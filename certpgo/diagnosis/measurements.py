@@ -17,10 +17,11 @@ import numpy as np
 
 from certpgo.diagnosis import noise, weights, wrong
 from certpgo.diagnosis.conventions import with_w_first
-from certpgo.diagnosis.estimates import HARDLY, SHARE, UNITS
+from certpgo.diagnosis.estimates import HARDLY, LIKELY, SHARE, UNITS
 from certpgo.diagnosis.examined import Examined
 from certpgo.diagnosis.finding import Finding
 from certpgo.diagnosis.loops import Loops
+from certpgo.diagnosis.screening import SAMPLED
 from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.kinds import Kind
@@ -89,12 +90,29 @@ class _Trial:
     Attributes
     ----------
     scope : which, a key of `SCOPES`
-    graph : the measurements so read
+    rows : (m,) these
+    in_degrees : (m, 2, 2) rotations of all edges by angles in degrees, if they are to be read so
     """
 
     reading: EdgeReading
     scope: str
-    graph: Graph
+    rows: BoolArray
+    in_degrees: FloatArray | None = None
+
+    def of(self, graph: Graph, among: IntArray | slice = slice(None)) -> Graph:
+        """Measurements so read, of which the graph may have some alone: those ``among`` all."""
+        rows = self.rows[among]
+        columns = [getattr(graph, name).copy() for name in ("edges", "rotations", "translations")]
+        given = [column[rows] for column in columns]
+        if self.in_degrees is not None:
+            given[1] = self.in_degrees[among][rows]
+        for column, values in zip(columns, self.reading.read(*given), strict=True):
+            column[rows] = values
+        # Rotations remain rotations, and checks would take longer than trials.
+        E, R, t = columns
+        return graph._with(
+            edges=frozen_indices(E), rotations=frozen_floats(R), translations=frozen_floats(t)
+        )
 
 
 # --- Readings -------------------------------------------------------------------------------------
@@ -219,31 +237,16 @@ def _convention(examined: Examined) -> Finding | None:
 
 def _trials(examined: Examined) -> Iterator[_Trial]:
     """All readings of all scopes."""
-    graph, steps, whole = examined.instance.graph, examined.steps, examined.whole
-    scopes = {"all": whole}
+    instance, steps, whole = examined.instance, examined.steps, examined.whole
+    d, scopes = instance.graph.d, {"all": whole}
     if (whole & steps).any() and (whole & ~steps).any():
         scopes |= {"closures": whole & ~steps, "odometry": whole & steps}
+    in_degrees = _by_degrees(instance) if d in IN_DEGREES.dimensions else None
     for scope, rows in scopes.items():
         for reading in READINGS:
-            if graph.d in reading.dimensions:
+            if d in reading.dimensions:
                 examined.trying(reading.kind)
-                yield _Trial(reading, scope, _read(examined.instance, rows, reading))
-
-
-def _read(instance: Instance, rows: BoolArray, reading: EdgeReading) -> Graph:
-    """The measurements where some rows are read so."""
-    graph, names = instance.graph, ("edges", "rotations", "translations")
-    columns = [getattr(graph, name).copy() for name in names]
-    given = [column[rows] for column in columns]
-    if reading is IN_DEGREES:
-        given[1] = _by_degrees(instance)[rows]
-    for column, values in zip(columns, reading.read(*given), strict=True):
-        column[rows] = values
-    # Rotations remain rotations, and checks would take longer than trials.
-    E, R, t = columns
-    return graph._with(
-        edges=frozen_indices(E), rotations=frozen_floats(R), translations=frozen_floats(t)
-    )
+                yield _Trial(reading, scope, rows, in_degrees if reading is IN_DEGREES else None)
 
 
 def _posed(examined: Examined, graph: Graph) -> Certifiable:
@@ -262,15 +265,18 @@ def _finding(trial: _Trial, costs: str, cost: float, given: float) -> Finding:
 
 def _by_nodes(examined: Examined, nodes: Estimate, given: float) -> Finding | None:
     """The reading that explains the poses of the file."""
-    trials, whole = [*_trials(examined), *_in_unit_of(examined, nodes)], examined.whole
-    as_given = float(EdgeSums(examined.instance.graph).terms(nodes)[whole].sum())
-    costs = [float(EdgeSums(one.graph).terms(nodes)[whole].sum()) for one in trials]
+    trials, graph = [*_trials(examined), *_in_unit_of(examined, nodes)], examined.instance.graph
+    rows = np.flatnonzero(examined.whole)
+    some = rows[np.linspace(0, len(rows) - 1, min(SAMPLED, len(rows))).astype(np.intp)]
+    few = graph.with_blocks().with_information(None).with_edges(some)
+    as_given = float(EdgeSums(few).terms(nodes).sum())
+    costs = [float(EdgeSums(one.of(few, some)).terms(nodes).sum()) for one in trials]
     least = min(costs)
-    if not least < SHARE * as_given:
+    if not least < LIKELY * as_given:
         return None
     trial = next(one for one, cost in zip(trials, costs, strict=True) if cost <= HARDLY * least)
     with suppress(CertPGOError, np.linalg.LinAlgError):
-        problem = _posed(examined, trial.graph)
+        problem = _posed(examined, trial.of(graph))
         cost = problem.cost(nodes)
         fitted = descend(problem, nodes, monitor=examined.monitor).cost
         agrees = trial.reading.is_scale or fitted < CONTRADICTED * examined.best
@@ -309,7 +315,7 @@ def _in_unit(examined: Examined, factor: float, others: str) -> Iterator[_Trial]
         is_scale=True,
     )
     examined.trying(reading.kind)
-    yield _Trial(reading, "all", _read(examined.instance, examined.whole, reading))
+    yield _Trial(reading, "all", examined.whole)
 
 
 # --- By the best fit ------------------------------------------------------------------------------
@@ -318,12 +324,12 @@ def _in_unit(examined: Examined, factor: float, others: str) -> Iterator[_Trial]
 def _by_fit(examined: Examined) -> Finding | None:
     """The reading that fits far better, among those under which loops close better."""
     loops = Loops.of(examined)
-    shares = [(loops.share(trial.graph), trial) for trial in _trials(examined)]
+    shares = [(loops.share(trial.of(loops.part, loops.rows)), trial) for trial in _trials(examined)]
     closing = sorted((one for one in shares if one[0] < BETTER), key=lambda one: one[0])
     given, best = examined.best, None
     for trial in (*_by_others(examined, loops), *(trial for _, trial in closing[:FITTED])):
         with suppress(CertPGOError, np.linalg.LinAlgError):
-            cost, is_usual = _fitted(examined, trial.graph)
+            cost, is_usual = _fitted(examined, trial.of(examined.instance.graph))
             explains = cost < (ORDINARY if is_usual else SHARE) * given
             if explains and (best is None or HARDLY * cost < best[1]):
                 best = trial, cost
@@ -345,7 +351,7 @@ def _fitted(examined: Examined, graph: Graph) -> tuple[float, bool]:
 def _by_others(examined: Examined, loops: Loops) -> Iterator[_Trial]:
     """Translations in another unit than positions or distances that were measured otherwise."""
     instance, graph = examined.instance, examined.instance.graph
-    t, place = loops.composed(graph).translations, np.full(graph.num_nodes, -1)
+    t, place = loops.composed.translations, np.full(graph.num_nodes, -1)
     place[loops.nodes] = np.arange(len(loops.nodes))
     if t is None:
         return

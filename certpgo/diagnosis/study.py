@@ -42,7 +42,7 @@ STEPS, SMALL = 3, 1e-4
 CHECKED = 1e-3
 #: Random signs that squared entries are averaged over: so many numbers in all, within limits. Their
 #: error is then a fifth of the noise's own at most.
-SIGNS, FEWEST, MOST_SIGNS = 100_000, 6, 24
+SIGNS, FEWEST, MOST_SIGNS = 20_000, 4, 24
 
 
 class Coupling(NamedTuple):
