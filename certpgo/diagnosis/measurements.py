@@ -202,11 +202,14 @@ def found(examined: Examined) -> Iterator[Finding]:
         return
     if examined.instance.graph.has_scales:
         return
-    if (convention := _convention(examined)) is not None:
+    single = wrong.single(examined)
+    if (convention := _convention(examined, single is None)) is not None:
         yield convention
         return
     yield from noise.stiff(examined)
-    judged, meaning = wrong.judged(examined), weights.other_meaning(examined)
+    # Where all but one are ordinary there is nothing else to explain.
+    judged = wrong.judged(examined) if single is None else single
+    meaning = weights.other_meaning(examined) if single is None else None
     if judged is None:
         return
     gain, unusual = noise.found(examined, judged.fit)
@@ -222,7 +225,7 @@ def found(examined: Examined) -> Iterator[Finding]:
         yield replace(meaning[1], strength=0.9 * min(one.strength for one in unusual))
 
 
-def _convention(examined: Examined) -> Finding | None:
+def _convention(examined: Examined, by_fit: bool) -> Finding | None:
     """The reading of measured poses that explains the file's poses, or fits far better."""
     graph = examined.instance.graph
     if not graph.has_positions or graph.has_couplings or examined.whole.sum() < FEWEST:
@@ -232,7 +235,9 @@ def _convention(examined: Examined) -> Finding | None:
         given = examined.problem.cost(nodes)
         if given > WELL * examined.best and (told := _by_nodes(examined, nodes, given)) is not None:
             return told
-    return _by_fit(examined) if fit is None or fit.is_unusually_large else None
+    if by_fit and (fit is None or fit.is_unusually_large):
+        return _by_fit(examined)
+    return None
 
 
 def _trials(examined: Examined) -> Iterator[_Trial]:

@@ -29,8 +29,9 @@ SHARE = 0.25
 QUARTER = 10.0
 #: Alternations between a motion and what is fitted with it.
 ROUNDS = 20
-#: Offsets of times that are tried, in median steps to either side, and refinements of the best.
-OFFSETS, REFINED = 200, 40
+#: Offsets of times that are tried, in median steps to either side, refinements of the best, and
+#: offsets that each tries.
+OFFSETS, REFINED, TRIED = 200, 10, 9
 #: Nodes by which offsets are found.
 SOME = 100
 
@@ -274,9 +275,10 @@ def best_offset(t: FloatArray, at: FloatArray, clock: Clock) -> tuple[float, flo
     offset = float(tried[int(np.argmin(_left(t[some], at[some], clock, tried)))])
     width = step
     for _ in range(REFINED):
-        around = offset + width * np.array([-1.0, 0.0, 1.0])
+        around = offset + width * np.linspace(-1.0, 1.0, TRIED)
         best = int(np.argmin(_left(t[some], at[some], clock, around)))
-        offset, width = float(around[best]), width * (0.5 if best == 1 else 1.0)
+        is_inside = 0 < best < TRIED - 1
+        offset, width = float(around[best]), width * (2.0 / (TRIED - 1) if is_inside else 1.0)
     return offset, float(_left(t, at, clock, np.array([offset]))[0])
 
 

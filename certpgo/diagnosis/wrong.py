@@ -36,8 +36,8 @@ FEW, SETTLING = 1000, 3
 #: Measurements that are left out one by one, before a robust fit is tried; and surprise of two, one
 #: over the other, that may both be the wrong one.
 LEFT_OUT, AS_LIKELY = 3, 0.98
-#: Ratio of variances up to which noise is as stated.
-STATED = 1.5
+#: Ratio of variances up to which noise is as stated, and from which it is seldom misstated.
+STATED, HUGE = 1.5, 50.0
 #: A right reading is within what is exceeded with this chance, and has this share of the cost.
 FITS, SHARE = 1e-3, 0.05
 #: The same share where all nodes were tried.
@@ -82,6 +82,16 @@ class Judged:
         return rows[np.argsort(-self.fit.surprises[rows], kind="stable")] if len(rows) else rows
 
 
+def single(examined: Examined) -> Judged | None:
+    """The one measurement without which all others are ordinary; None if there is none."""
+    if examined.first is None or not (best := _judged(examined, examined.first)).wrong.any():
+        return None
+    with suppress(CertPGOError, np.linalg.LinAlgError):
+        found = _without_few(examined, best, 1)
+        return None if found is None or found.fit.fit.is_unusual else found
+    return None
+
+
 def judged(examined: Examined) -> Judged | None:
     """The wrong measurements: by their surprise at the fit to all, then at a robust one.
 
@@ -93,7 +103,7 @@ def judged(examined: Examined) -> Judged | None:
     if not _is_suspicious(examined, best):
         return best
     with suppress(CertPGOError, np.linalg.LinAlgError):
-        few = _without_few(examined, best)
+        few = _without_few(examined, best, LEFT_OUT)
         if few is not None and few.wrong.sum() == 1 and not few.fit.fit.is_unusually_large:
             return few
         found = [one for one in (_robustly(examined), few) if one is not None]
@@ -101,10 +111,10 @@ def judged(examined: Examined) -> Judged | None:
     return best
 
 
-def _without_few(examined: Examined, at: Judged) -> Judged | None:
+def _without_few(examined: Examined, at: Judged, most: int) -> Judged | None:
     """One after another left out, each the most surprising one; None if more are wrong then."""
     problem, kept = examined.problem, np.ones(len(at.wrong), dtype=bool)
-    for _ in range(LEFT_OUT):
+    for _ in range(most):
         surprises = np.where(kept, at.fit.surprises, 0.0)
         # Of two that are as likely, such as all that a node has, odometry is right.
         surprises[: len(examined.steps)][examined.steps] *= AS_LIKELY
@@ -141,8 +151,11 @@ def _is_suspicious(examined: Examined, first: Judged) -> bool:
     """Whether a robust fit may find wrong measurements, which a fit to all may spread and hide."""
     if first.wrong.any():
         return True
-    fit, few = first.fit, examined.instance.graph.num_nodes <= FEW
-    return few and bool((fit.surprises > _limit(fit.numbers)).any())
+    if examined.instance.graph.num_nodes > FEW:
+        return False
+    # Residuals that are larger by one factor throughout are misstated noise, unless that is huge.
+    fit, usual = first.fit, np.where(first.scales < HUGE, first.scales, 1.0)
+    return bool((fit.surprises > usual * _limit(fit.numbers)).any())
 
 
 def _judged(examined: Examined, fit: Study) -> Judged:
