@@ -8,6 +8,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from certpgo import _start  # noqa: F401 - first: Ctrl-C during the imports below
+from certpgo._lazy import attributes
 from certpgo.errors import (
     CertPGOError,
     FormatError,
@@ -188,12 +189,13 @@ __all__ = [
 ]
 
 
+_found = attributes(__name__, _HOME)
+
+
 def __getattr__(name: str) -> Any:
     if name in _ROOMS:
         return importlib.import_module(f"certpgo.{name}")
-    if name not in _HOME:
-        raise AttributeError(f"module 'certpgo' has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"certpgo.{_HOME[name]}"), name)
+    value = _found(name)
     setattr(sys.modules[__name__], name, value)
     return value
 

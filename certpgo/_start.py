@@ -6,6 +6,7 @@ never a program that imports the library.
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -16,20 +17,28 @@ from types import FrameType
 
 #: Exit codes after Ctrl-C, and after SIGTERM.
 INTERRUPTED, TERMINATED = 130, 143
+#: New objects after which cycles among them are looked for: imports make many, and none.
+OBJECTS = 10_000
 
 #: Whether SIGTERM came.
 _terminated = False
 
 
-def usual_interrupts() -> None:
+def begin() -> None:
     """Let Ctrl-C raise KeyboardInterrupt again, and SIGTERM do what Ctrl-C does."""
     for number, usual in _USUAL.items():
         if signal.getsignal(number) is _end:
             signal.signal(number, usual)
+    if _RUNS_THE_COMMAND:
+        gc.freeze()
+        gc.set_threshold(OBJECTS)
+        gc.enable()
 
 
 def end_code(code: int) -> int:
     """The exit code of the process, for one that says that it was interrupted."""
+    if _RUNS_THE_COMMAND:
+        gc.freeze()  # Python looks for cycles once more when it ends
     return TERMINATED if _terminated and code == INTERRUPTED else code
 
 
@@ -84,6 +93,8 @@ def _open_streams() -> None:
             stream.reconfigure(errors="surrogateescape")
 
 
-if _runs_the_command():
+_RUNS_THE_COMMAND = _runs_the_command()
+if _RUNS_THE_COMMAND:
+    gc.disable()
     _take_signals()
     _open_streams()

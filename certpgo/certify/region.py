@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from certpgo.errors import InputError, require
 from certpgo.graph import Estimate
@@ -174,6 +173,8 @@ def _is_inside(shape: FloatArray, columns: FloatArray, off: FloatArray) -> bool:
     More than the rounding of the factorization and of the solution is put on the diagonal of the
     shape, scaled to one.
     """
+    from scipy.linalg import solve_triangular
+
     size, b = np.sqrt(np.maximum(np.diagonal(shape), np.finfo(float).tiny)), len(shape)
     L = np.linalg.cholesky(shape / np.outer(size, size) + 32.0 * b * b * UNIT * np.eye(b))
     found = np.abs(solve_triangular(L, (columns / size).T, lower=True))

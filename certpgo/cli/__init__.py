@@ -65,7 +65,8 @@ def _dispatched(argv: Sequence[str]) -> int:
     known = arguments and arguments[0] in command_names()
     if not known and arguments and arguments[0] in BENCHMARKS:
         return _fail(f"{arguments[0]} is a command of the benchmarks; {registry.NO_CHECKOUT}")
-    names = arguments[:1] if known else command_names()
+    no_command = arguments[:1] == ["--version"]
+    names = arguments[:1] if known else () if no_command else command_names()
     try:
         with heard_late():
             application(names)(arguments, prog_name="certpgo")
@@ -157,7 +158,7 @@ def _guarded(function: Command) -> Callable[..., None]:
             if module.get("NUMERICS", True):
                 # Not earlier: the help needs none. Until they are here, Ctrl-C ends at once.
                 importlib.import_module("certpgo.graph")
-            _start.usual_interrupts()
+            _start.begin()
             from certpgo.io.pipes import pipes_kept
 
             # What --no-x gives is False.

@@ -10,6 +10,8 @@ from typing import Any
 
 import typer.core
 
+from certpgo.cli._values import plainly
+
 #: The sections of options that come after a command's common ones, which have none.
 SEARCH = "How it is solved"
 JUDGING = "How it is judged"
@@ -54,6 +56,10 @@ def _write(formatter: Any, sections: dict[str, list[tuple[str, str]]]) -> None:
 class HelpfulCommand(typer.core.TyperCommand):
     """A command whose help has its options in sections, common ones first."""
 
+    def get_params(self, ctx: Any) -> list[Any]:
+        """The parameters, whose plain values are taken without Pydantic."""
+        return plainly(super().get_params(ctx))
+
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         """The words of the usage line: no braces of required arguments, dots once."""
         return [
@@ -75,6 +81,10 @@ class HelpfulCommand(typer.core.TyperCommand):
 
 class HelpfulGroup(typer.core.TyperGroup):
     """The program: its help lists the commands in groups."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """The parameters, as those of commands."""
+        return plainly(super().get_params(ctx))
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the commands, each with the first sentence of its help."""

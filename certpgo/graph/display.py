@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import html
 import textwrap
 from abc import abstractmethod
 from collections.abc import Iterable
@@ -75,12 +74,14 @@ class Speaking:
         return "\n".join([head, *aligned(self._facts(), WIDTH)])
 
     def _repr_html_(self) -> str:
+        from html import escape
+
         rows = "".join(
-            f'<tr><th style="{_CELL};white-space:nowrap">{html.escape(name)}</th>'
-            f'<td style="{_CELL}">{html.escape(value)}</td></tr>'
+            f'<tr><th style="{_CELL};white-space:nowrap">{escape(name)}</th>'
+            f'<td style="{_CELL}">{escape(value)}</td></tr>'
             for name, value in self._facts()
         )
-        said = f"<strong>{html.escape(self._headline)}</strong><table>{rows}</table>"
+        said = f"<strong>{escape(self._headline)}</strong><table>{rows}</table>"
         return (
             '<div style="display:flex;flex-wrap:wrap;gap:1.5em;align-items:flex-start">'
             f'<div style="max-width:36em">{said}</div>{self._picture()}</div>'

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from certpgo.checker import FAR
 from certpgo.errors import GraphError, InputError
 from certpgo.linalg import compiled
 from certpgo.linalg import rotations as so
@@ -25,6 +24,9 @@ if TYPE_CHECKING:
     from scipy import sparse
 
 Keep = Literal["all", "first", "last"]
+
+#: Products of numbers beyond might underflow or overflow. The checker has its own, the same.
+FAR = 2.0**400
 
 
 class Pairs:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from certpgo._lazy import attributes
 
 if TYPE_CHECKING:
     from certpgo.io.estimates import read_estimate, read_truth
@@ -12,16 +13,11 @@ if TYPE_CHECKING:
 
 __all__ = ["read", "read_estimate", "read_truth", "write"]
 
-#: Where each name is; it is imported on first use: finding a file needs no numerics.
-_HOME = {
+# Finding a file needs no numerics.
+_HOMES = {
     "read": "reading",
     "read_estimate": "estimates",
     "read_truth": "estimates",
     "write": "writing",
 }
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+__getattr__ = attributes(__name__, _HOMES)

@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.linalg.lapack import dtrtri
 
 from certpgo.errors import NumericalError
 from certpgo.linalg import compiled
@@ -103,6 +102,8 @@ def fronts_of_inverse(L: CSC, *, above: bool = False) -> Iterator[tuple[IntArray
     Z_rr, of which the difference is >= 0, gives one on the block, to which the rounding of this
     step is added: it does not grow, as differences are carried on by J alone.
     """
+    from scipy.linalg.lapack import dtrtri
+
     starts, rows, above_of = _supernodes(L)
     waiting = np.bincount(above_of[above_of >= 0], minlength=len(above_of))  # children that need Z
     known: dict[int, FloatArray] = {}

@@ -13,9 +13,9 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from certpgo.checker import FAR
 from certpgo.errors import GraphError
 from certpgo.graph import Graph
+from certpgo.graph.edges import FAR
 from certpgo.graph.information import RotationAbout, unmeasured
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import Ball

@@ -8,7 +8,6 @@ from numbers import Integral
 from typing import Protocol
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from certpgo.errors import InputError, NumericalError, kind_of, require
 from certpgo.graph import Estimate
@@ -121,6 +120,8 @@ class Marginals:
 
     def joint(self, *nodes: int) -> FloatArray:
         """Joint covariance of k nodes, (k b, k b) if none is a point."""
+        from scipy.linalg import block_diag
+
         for node in nodes:
             self._require(node)
         layout = self._layout

@@ -13,7 +13,6 @@ diag(tau, 2 kappa) Omega^-1; what the nodes take up of it, a projection, is no l
 from __future__ import annotations
 
 import numpy as np
-from scipy import special
 
 from certpgo.errors import InputError, NumericalError, require_numbers
 from certpgo.graph.kinds import Node
@@ -139,4 +138,6 @@ def _require(problem: Certifiable, level: float) -> None:
 
 def _quantile(degrees: FloatArray | int, rest: float) -> FloatArray:
     """What chi^2 exceeds with probability ``rest``."""
+    from scipy import special
+
     return np.asarray(2.0 * special.gammainccinv(0.5 * np.asarray(degrees), rest))

@@ -14,13 +14,14 @@ from hypothesis import strategies as st
 from strategies import dimensions, general_graph, point_graph, pose_graph, rng_of, seeds
 
 import certpgo
-from certpgo.certify import cost_upper, dual, dual_bound
+from certpgo.certify import dual, dual_bound
 from certpgo.certify.anchored import Anchored, EdgeForces
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.constructors import of_couplings
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import factor
 from certpgo.linalg import rotations as so
+from certpgo.objective.objective import cost_upper
 from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.riemannian_newton import newton
 

@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import dimensions, rng_of, rotation_graph, seeds
 
-from certpgo.certify import bounds as bounds_of
 from certpgo.certify.bounds import (
     alpha_max,
     cycle_bound,
@@ -15,6 +14,7 @@ from certpgo.certify.bounds import (
     normalized_fiedler_value,
     row_bound,
 )
+from certpgo.certify.bounds import bounds as bounds_of
 from certpgo.graph import Estimate, RotationGraph
 from certpgo.io import read
 from certpgo.io.datasets.synthetic import winding_cycle

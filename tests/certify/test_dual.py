@@ -13,12 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import dimensions, pose_graph, rng_of, seeds
 
-from certpgo.certify import cost_upper, dual, dual_bound
+from certpgo.certify import dual, dual_bound
 from certpgo.graph import Estimate, PoseGraph
 from certpgo.graph.relaxed_point import Lift, lifted
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import factor, superlu
 from certpgo.linalg import rotations as so
+from certpgo.objective.objective import cost_upper
 from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.methods.low_rank import LowRank, descend
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton

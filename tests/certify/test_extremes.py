@@ -10,12 +10,13 @@ from hypothesis import strategies as st
 
 import certpgo
 from certpgo import certify
-from certpgo.certify import Tier, Verdict, cost_upper
+from certpgo.certify import Tier, Verdict
 from certpgo.certify.units import in_units, scaled_blocks, scaled_down, scaled_up
 from certpgo.errors import FormatError, GraphError, InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import rotations as so
+from certpgo.objective.objective import cost_upper
 from certpgo.objective.quadratic import Quadratic
 
 TIERS = [Tier.STANDARD, Tier.PROOF]
