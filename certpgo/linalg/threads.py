@@ -12,6 +12,8 @@ from functools import cached_property
 from threading import Lock
 from typing import Any
 
+from certpgo.linalg import compiled
+
 #: Multiplications from which work uses all threads: some ten seconds of one.
 PARALLEL = 3e11
 
@@ -59,8 +61,11 @@ class _OneThread(ContextDecorator):
 
     @cached_property
     def _libraries(self) -> list[Any]:
-        import scipy.linalg  # noqa: F401  (its BLAS is another library than NumPy's)
         from threadpoolctl import ThreadpoolController
+
+        # SciPy's BLAS is another library than NumPy's, which the kernel has loaded.
+        if not compiled.AVAILABLE:
+            import scipy.linalg  # noqa: F401
 
         found = ThreadpoolController().lib_controllers
         return [library for library in found if library.user_api == "blas"]
