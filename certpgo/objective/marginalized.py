@@ -70,16 +70,14 @@ def set_aside(
     scalar = is_isotropic(T) & ~P.any(axis=(1, 2))
     largest = np.where(scalar, T[:, 0, 0], 0.0)
     tried = np.flatnonzero(definite & ~scalar)
-    covariance = np.linalg.inv(graph.information_matrices[tried])
-    largest[tried] = 1.0 / np.linalg.eigvalsh(covariance[:, :d, :d])[:, -1]
+    largest[tried] = _largest(graph.information_matrices[tried], d)
     lam = np.where(scalar & definite, WHOLE * largest, np.nan)
     schur = np.where(scalar[:, None, None], W, np.nan)
     if len(tried):
         # All shares of an edge in turn, in one call.
         every, shares = np.repeat(tried, len(SHARES)), np.tile(SHARES, len(tried))
         weight = shares * largest[every]
-        rest = T[every] - weight[:, None, None] * np.eye(d)
-        left = W[every] - np.swapaxes(P[every], 1, 2) @ np.linalg.solve(rest, P[every])
+        left = W[every] - _eliminated(T[every], P[every], weight)
         worth = curvature(left, x[every], slope[every, d:])
         worth = np.where(worth > 0.0, weight**d, 1.0) * worth
         worth = np.where(worth > -np.inf, worth, -np.inf).reshape(-1, len(SHARES))
@@ -89,6 +87,31 @@ def set_aside(
     target = e[:, :d] - slope[:, :d] / (2.0 * lam[:, None])
     b = graph.translations + (graph.rotations @ target[:, :, None])[:, :, 0]
     return SetAside(lam, schur, slope[:, d:], b)
+
+
+def _largest(information: FloatArray, d: int) -> FloatArray:
+    """(k,) the largest weights that leave definite matrices (k, p, p) semidefinite."""
+    T, P, W = blocks(information, d)
+    if d == 3:
+        return np.asarray(1.0 / np.linalg.eigvalsh(np.linalg.inv(information)[:, :d, :d])[:, -1])
+    a, b, c = _entries(T - P @ np.swapaxes(P, 1, 2) / W)
+    return np.asarray((a * c - b * b) / (0.5 * (a + c) + np.hypot(0.5 * (a - c), b)))
+
+
+def _eliminated(T: FloatArray, P: FloatArray, weight: FloatArray) -> FloatArray:
+    """(k, q, q) P^T (T - weight I)^-1 P."""
+    rest = T - weight[:, None, None] * np.eye(T.shape[1])
+    if T.shape[1] == 3:
+        return np.asarray(np.swapaxes(P, 1, 2) @ np.linalg.solve(rest, P))
+    # Cramer's rule: LAPACK takes some ten times as long for matrices of two rows.
+    a, b, c = _entries(rest)
+    p, q = P[:, 0, 0], P[:, 1, 0]
+    return np.asarray(((c * p * p - 2.0 * b * p * q + a * q * q) / (a * c - b * b))[:, None, None])
+
+
+def _entries(A: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(k,) entries 11, 12 and 22 of symmetric matrices (k, 2, 2)."""
+    return A[:, 0, 0], A[:, 0, 1], A[:, 1, 1]
 
 
 def remainder(
