@@ -146,7 +146,7 @@ def test_large_ranks_are_left_to_numpy():
     for rank in (40, 2**30):
         with pytest.raises(ValueError, match="rank above 32"):
             compiled.kernel.gradient(
-                EdgeSums(graph)._edges, 3, rank, np.zeros((5, 40, 3)), None, None, np.zeros(15)
+                EdgeSums(graph).edges, 3, rank, np.zeros((5, 40, 3)), None, None, np.zeros(15)
             )
 
 
