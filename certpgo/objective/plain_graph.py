@@ -1,76 +1,109 @@
-"""Graphs of poses with isotropic weights, whose optimum and bound compiled code finds at once."""
+"""Graphs of poses with isotropic weights that grow: optima and bounds by compiled code."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from certpgo.graph import Estimate
+from certpgo.graph import Estimate, Graph
+from certpgo.graph.kinds import Node
 from certpgo.linalg import compiled
-from certpgo.linalg.arrays import FloatArray
+from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.linalg.blocks import BlockPattern
+from certpgo.linalg.factor import default_engine
 from certpgo.linalg.rotations import rotation_defect
 from certpgo.linalg.threads import one_thread
-from certpgo.objective.edge_sums import EdgeSums
-from certpgo.objective.quadratic import Quadratic
+from certpgo.objective.analyses import Analyses
 
-#: Sums of weights whose squares, over their number, are within the range of doubles.
-RANGE = 2.0**-100, 2.0**100
+#: Edges that there is room for at first.
+FIRST = 64
+
+
+class Settled(NamedTuple):
+    """A minimum of F, and what is proven of it.
+
+    Attributes
+    ----------
+    estimate : with the best translations for its rotations
+    cost : F there, rounded up
+    multipliers, proven : (n, d, d) those of the estimate, and smaller ones with a certificate
+        matrix that is proven to be positive semidefinite
+    """
+
+    estimate: Estimate
+    cost: float
+    multipliers: FloatArray
+    proven: FloatArray
 
 
 class PlainGraph:
-    """The problem of such a graph, see `is_plain`."""
+    """The edges of such a graph, see `is_plain`: more are added in time that does not grow."""
 
-    def __init__(self, problem: Quadratic) -> None:
-        self._problem = problem
-        of = EdgeSums(problem.graph)
-        sums = of.node_sums
-        places = problem.pattern.places[:3]
-        of_nodes = sums.spread, sums.first, sums.degree
-        self._graph: tuple[Any, ...] = of.edges, problem.d, places, of_nodes
+    def __init__(self, d: int) -> None:
+        self.d, self._count, self._defect = d, 0, 0.0
+        self._arrays: list[Any] = [
+            np.empty((FIRST, 2), dtype=np.int64),
+            np.empty((FIRST, d, d)),
+            np.empty(FIRST),
+            np.empty(FIRST),
+            np.empty((FIRST, d)),
+        ]
 
     @staticmethod
-    def is_plain(problem: Any) -> bool:
-        """Whether there is compiled code for a problem."""
-        if not (isinstance(problem, Quadratic) and compiled.AVAILABLE):
+    def is_plain(graph: Graph) -> bool:
+        """Whether there is compiled code for a graph."""
+        if not compiled.AVAILABLE or default_engine() != "multifrontal":
             return False
-        graph = problem.graph
-        plain = graph.has_positions and not (graph.is_general or graph.is_signed)
-        plain = plain and bool((graph.nodes == 0).all()) and problem.engine == "multifrontal"
-        return plain and not graph.has_scales and RANGE[0] <= problem.scale <= RANGE[1]
+        poses = bool((graph.nodes == Node.POSE).all()) and not graph.blocks
+        return poses and not (graph.is_general or graph.is_signed or graph.has_scales)
+
+    def extended(self, graph: Graph, nodes: IntArray) -> PlainGraph | None:
+        """With the edges of a graph whose nodes have these numbers (n,), unless it is not plain."""
+        if not self.is_plain(graph):
+            return None
+        before, after = self._count, self._count + graph.num_edges
+        room = len(self._arrays[0])
+        if after > room:
+            more = max(room, after)
+            self._arrays = [
+                np.concatenate([of, np.empty((more, *of.shape[1:]), of.dtype)])
+                for of in self._arrays
+            ]
+        added = nodes[graph.edges], graph.rotations, graph.kappa, graph.tau, graph.translations
+        for to, new in zip(self._arrays, added, strict=True):
+            to[before:after] = new
+        self._count = after
+        self._defect = max(self._defect, rotation_defect(graph.rotations))
+        return self
 
     @one_thread
-    def settled(self, start: Estimate, enough: float) -> tuple[Estimate, FloatArray] | None:
-        """The minimum near an estimate, and its multipliers (n, d, d); None if there is none near.
+    def settled(self, start: Estimate, enough: float) -> Settled | None:
+        """The minimum near an estimate; None if there is none near, or no bound by it.
 
-        By Newton's method with one factor, which ends where a step promised at most the share
-        ``enough`` of F; then with the best translations.
+        By Newton's method with one factor, whose last step promised to lower F by at most the share
+        ``enough``; then with the best translations. The bound is that of
+        `certpgo.certify.dual.dual_bound` by its first shift.
         """
-        problem, d = self._problem, self._problem.d
+        d, n = self.d, start.num_nodes
+        pairs, P, kappa, tau, moved = (of[: self._count] for of in self._arrays)
+        pattern = BlockPattern(n, pairs)
+        analyses: Any = Analyses(pattern, "multifrontal")
+        rows = d + d * (d - 1) // 2, 1, d + 1
+        fronts = [analyses.of_rows(b).fronts for b in rows]
         R, t = np.array(start.rotations), np.array(start.translations)
-        multipliers = np.empty_like(R)
-        of_tangents, of_scalars = (self._fronts(b) for b in (d + d * (d - 1) // 2, 1))
-        fronts = of_tangents.arrays, of_scalars.arrays
-        found = compiled.kernel.settle(*self._graph, *fronts, enough, R, t, multipliers)
-        return None if found is None else (problem.as_estimate(R, t), multipliers)
-
-    @one_thread
-    def proven(self, point: Estimate, multipliers: FloatArray) -> FloatArray | None:
-        """(n, d, d) multipliers of `certpgo.certify.dual.dual_bound` by its first shift.
-
-        None if that does not suffice.
-
-        Parameters
-        ----------
-        point : with the best translations for its rotations
-        multipliers : (n, d, d) those of the point
-        """
-        form, lowered = self._fronts(self._problem.d + 1), multipliers.copy()
-        defect = rotation_defect(self._problem.graph.rotations)
-        poses = point.rotations, point.translations
-        known: tuple[Any, ...] = form.arrays, form.lengths, defect, *poses
-        return lowered if compiled.kernel.prove(*self._graph, *known, lowered) else None
-
-    def _fronts(self, rows: int) -> Any:
-        symbolic: Any = self._problem.analyses.of_rows(rows)
-        return symbolic.fronts
+        multipliers, proven = np.empty_like(R), np.empty_like(R)
+        cost = compiled.kernel.settle(
+            (pairs, P, None, kappa, tau, moved, None),
+            d,
+            pattern.places[:3],
+            *(of.arrays for of in fronts),
+            fronts[-1].lengths,
+            self._defect,
+            enough,
+            R,
+            t,
+            multipliers,
+            proven,
+        )
+        return None if cost is None else Settled(Estimate(R, t), cost, multipliers, proven)

@@ -10,6 +10,8 @@ from certpgo.graph import Graph
 from certpgo.graph.concatenate import joined
 from certpgo.graph.scale import Scale
 from certpgo.linalg.arrays import IntArray
+from certpgo.objective.choose_cost import CHORDAL
+from certpgo.objective.plain_graph import PlainGraph
 from certpgo.solve.odometry import Track
 from certpgo.solve.terms import Terms
 
@@ -33,6 +35,7 @@ class GrowingGraph:
         self._parts: list[Part] = []  # after those, in order
         self._new: list[Part] = []  # after these, which were not collected yet
         self._title: str | None = None  # None if not known
+        self._plain: PlainGraph | None = None  # of those that were collected, if all are
 
     @property
     def has_new(self) -> bool:
@@ -55,7 +58,7 @@ class GrowingGraph:
     def replace(self, graph: Graph, terms: Terms) -> None:
         """Go on with other measurements of all nodes."""
         self._whole, self._parts, self._new = graph, [], []
-        self.scale, self._title = terms.scale(graph), None
+        self.scale, self._title, self._plain = terms.scale(graph), None, None
 
     def collect(self, track: Track, terms: Terms) -> Part:
         """The measurements that are new, of which there are some; from now on they are not."""
@@ -69,6 +72,8 @@ class GrowingGraph:
         if graph.blocks or track.num_scaled or not graph.kappa.all() or not self._parts:
             self._title = None
         self.scale += terms.scale(graph)
+        if self._plain is not None:
+            self._plain = self._plain.extended(*added)
         self._parts.append(added)
         if len(self._parts) > MANY:
             self.joint(track)
@@ -82,6 +87,13 @@ class GrowingGraph:
             whole = _joined([*before, *parts], track)
             self._whole, self._parts = whole, []
         return whole
+
+    def plain(self, track: Track, terms: Terms) -> PlainGraph | None:
+        """The same for compiled code, if it takes them all, and their cost."""
+        if self._plain is None and terms.cost == CHORDAL:
+            whole = self.joint(track)
+            self._plain = PlainGraph(whole.d).extended(whole, np.arange(whole.num_nodes))
+        return self._plain
 
     def title(self, terms: Terms) -> str:
         """The cost of those that were collected, in words."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import chain
+from numbers import Integral
 
 import numpy as np
 
+from certpgo.errors import InputError, require
 from certpgo.graph import Graph
 from certpgo.graph.observations import Observations
 from certpgo.linalg.arrays import BoolArray, IntArray
@@ -42,6 +44,23 @@ class RowNumbers:
             self.blocks.setdefault(type(block), []).extend(numbers[m : m + block.num_edges])
             m += block.num_edges
         self.count = max(self.count, max(numbers) + 1)
+
+    def chosen(self, numbers: Iterable[int]) -> list[int]:
+        """Numbers of measurements, each once, ascending.
+
+        Raises
+        ------
+        InputError
+            There is no such measurement.
+        """
+        require(numbers, Iterable, "the numbers of measurements")
+        found = list(numbers)
+        for number in found:
+            require(number, Integral, "the number of a measurement")
+        absent = sorted(set(found) - {*self.rows.tolist()} | {*found} & {ASSUMED})
+        if absent:
+            raise InputError(f"there is no measurement {absent[0]}")
+        return sorted(set(found))
 
     def keep(self, kept: BoolArray) -> None:
         """Keep some of the `rows`."""

@@ -34,12 +34,14 @@ from certpgo.graph.labels import WORLD, Label, called
 from certpgo.graph.origins import Measured, in_frame, in_one_world
 from certpgo.graph.phrases import counted
 from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.objective.quadratic import Quadratic
+from certpgo.objective.sum import Sum
 from certpgo.optimize.initialization import Start
 from certpgo.solve.growing_graph import GrowingGraph
 from certpgo.solve.naming import instance_of, labels_of
 from certpgo.solve.odometry import Track
 from certpgo.solve.result import GIVEN
-from certpgo.solve.row_numbers import ASSUMED, RowNumbers
+from certpgo.solve.row_numbers import RowNumbers
 from certpgo.solve.session_outliers import Suspicion, suspicion
 from certpgo.solve.session_status import Standing
 from certpgo.solve.settings import SolveSettings, settings_from
@@ -223,18 +225,10 @@ class Session(Speaking):
         GraphError
             The others do not determine all nodes; the session is as before.
         """
-        require(edges, Iterable, "the numbers of measurements")
-        removed = list(edges)
-        for edge in removed:
-            require(edge, Integral, "the number of a measurement")
-        removed = sorted(set(removed))
-        numbers = self._numbers.rows
-        absent = sorted(set(removed) - {*numbers.tolist()} | {*removed} & {ASSUMED})
-        if absent:
-            raise InputError(f"there is no measurement {absent[0]}")
+        removed = self._numbers.chosen(edges)
         if not removed:
             return self.standing
-        kept = ~np.isin(numbers, removed)
+        kept = ~np.isin(self._numbers.rows, removed)
         if not kept.any():
             raise InputError("a session keeps at least one measurement")
         part = with_rows(self._all, kept)
@@ -265,22 +259,17 @@ class Session(Speaking):
     @property
     def standing(self) -> Standing:
         """What is proven now, without any factorization."""
-        if self._measured.has_new:
-            self._measure()
+        self._measure()
         if self._standing is not None:
             return self._standing
-        cost, lower = self._cost, self.lower_bound
-        gap = gap_of(cost, lower, rigorous=self._tier is not Tier.SCREEN)
-        tolerance = allowed(
-            cost, self.settings.rtol, self.settings.atol * self._measured.scale.total
-        )
+        cost, lower, rigorous = self._cost, self.lower_bound, self._tier is not Tier.SCREEN
+        gap = gap_of(cost, lower, rigorous=rigorous)
+        absolute = self.settings.atol * self._measured.scale.total
+        tolerance = allowed(cost, self.settings.rtol, absolute)
         tolerance = cost if gap > tolerance and self._fits() else tolerance
-        verdict = Verdict.BOUNDED if lower > 0.0 else Verdict.UNDECIDED
-        if self._tier is not Tier.SCREEN and gap <= tolerance < math.inf:
-            verdict = Verdict.CERTIFIED
-        nodes = 0 if self._track is None else len(self._track)
-        title, count = self._measured.title(self._terms), self._numbers.num_measurements
-        self._standing = Standing(nodes, count, cost, lower, gap, tolerance, verdict, title)
+        counts, title = self._numbers.num_measurements, self._measured.title(self._terms)
+        proven = len(self.nodes), counts, cost, lower, gap, tolerance
+        self._standing = Standing.of(*proven, title, rigorous=rigorous)
         return self._standing
 
     def _fits(self) -> bool:
@@ -303,8 +292,10 @@ class Session(Speaking):
 
         None if all terms of F are as `certpgo.Disagreement` expects, or if scales are unknown.
         """
-        problem, proven = self._terms.problem(self._all, self._called), self.certificate
-        return suspicion(problem, self.estimate, proven, self.edges, self.nodes, self.settings)
+        proven = self.certificate
+        return suspicion(
+            self._problem, self.estimate, proven, self.edges, self.nodes, self.settings
+        )
 
     @property
     def estimate(self) -> Estimate:
@@ -348,12 +339,13 @@ class Session(Speaking):
     @property
     def _all(self) -> Graph:
         """All measurements."""
-        if self._measured.has_new:
-            self._measure()
+        self._measure()
         return self._measured.joint(self._poses)
 
     def _measure(self) -> None:
         """Add the terms of what came since to F of the estimate, which was extended by it."""
+        if not self._measured.has_new:
+            return
         part, nodes = self._measured.collect(self._poses, self._terms)
         if self._poses.num_scaled:  # the unit of all may be another
             self._cost, self._fit = self._terms.upper(self._all, self.estimate), None
@@ -383,13 +375,19 @@ class Session(Speaking):
         stays = standing.cost - self._optimum <= same or (self._optimum >= 0.0 and self._fits())
         return stays and standing.verdict is self._verdict
 
+    @property
+    def _problem(self) -> Quadratic | Sum:
+        return self._terms.problem(self._all, self._called)
+
     def _solve(self) -> Found:
         """A descent from the estimate; a search from scratch where that is not certified."""
-        problem = self._terms.problem(self._all, self._called)
-        is_near = self._settled >= (1.0 - NEW) * problem.graph.num_edges
-        found = descended(problem, self.estimate, self.settings) if is_near else None
-        begin = Start(self.estimate, GIVEN) if self._settled else None
-        found = found or searched(problem, self.settings, begin)
+        self._measure()
+        best, settings, found = self.estimate, self.settings, None
+        if self._settled >= (1.0 - NEW) * len(self._numbers):
+            plain = self._measured.plain(self._poses, self._terms)
+            found = descended(plain, lambda: self._problem, best, settings)
+        begin = Start(best, GIVEN) if self._settled else None
+        found = found or searched(self._problem, settings, begin)
         self._poses.estimate = found.estimate
         self._cost, self._found, self._fit, self._standing = found.cost, found, None, None
         if found.lower_bound > self.lower_bound:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -44,6 +45,25 @@ class Standing(Speaking):
     tolerance: float
     verdict: Verdict
     objective: str
+
+    @classmethod
+    def of(
+        cls,
+        nodes: int,
+        edges: int,
+        cost: float,
+        lower: float,
+        gap: float,
+        tolerance: float,
+        title: str,
+        *,
+        rigorous: bool,
+    ) -> Standing:
+        """With the verdict that a gap stands for; a screened one is never CERTIFIED."""
+        verdict = Verdict.BOUNDED if lower > 0.0 else Verdict.UNDECIDED
+        if rigorous and gap <= tolerance < math.inf:
+            verdict = Verdict.CERTIFIED
+        return cls(nodes, edges, cost, lower, gap, tolerance, verdict, title)
 
     @property
     def _headline(self) -> str:

@@ -51,13 +51,24 @@ class Found:
         return self.judge()
 
 
-def descended(problem: Quadratic | Sum, start: Estimate, settings: SolveSettings) -> Found | None:
-    """The end of descent from an estimate, if that is certified."""
+def descended(
+    plain: PlainGraph | None,
+    problem: Callable[[], Quadratic | Sum],
+    start: Estimate,
+    settings: SolveSettings,
+) -> Found | None:
+    """The end of descent from an estimate, if that is certified.
+
+    Parameters
+    ----------
+    plain : the graph of the ``problem``, if that is F and compiled code takes it
+    """
+    found = None if plain is None else _at_once(plain, problem, start, settings)
+    return found or _by_steps(problem(), start, settings)
+
+
+def _by_steps(problem: Quadratic | Sum, start: Estimate, settings: SolveSettings) -> Found | None:
     tier = settings.tier or Tier.STANDARD
-    if isinstance(problem, Quadratic) and tier is Tier.STANDARD and PlainGraph.is_plain(problem):
-        found = _at_once(problem, start, settings)
-        if found is not None:
-            return found
     normalized = NormalizedProblem.of(problem, tier, settings.rtol, settings.atol)
     newtons = settings.newton
     nearer = replace(newtons, enough=max(ENOUGH, newtons.enough), near=max(NEAR, newtons.near))
@@ -79,25 +90,30 @@ def descended(problem: Quadratic | Sum, start: Estimate, settings: SolveSettings
     )
 
 
-def _at_once(problem: Quadratic, start: Estimate, settings: SolveSettings) -> Found | None:
-    """The same by compiled code, in two calls."""
-    graph = PlainGraph(problem)
-    end = graph.settled(start, max(ENOUGH, settings.newton.enough))
-    proven = None if end is None else graph.proven(*end)
-    if end is None or proven is None:
+def _at_once(
+    graph: PlainGraph,
+    problem: Callable[[], Quadratic | Sum],
+    start: Estimate,
+    settings: SolveSettings,
+) -> Found | None:
+    tier, rtol, atol = settings.tier or Tier.STANDARD, settings.rtol, settings.atol
+    if tier is not Tier.STANDARD:
         return None
-    point, multipliers = end
-    cost, value = problem.enclosure(point)[1], sum_of(_diagonals(proven))
-    if not cost - value <= allowed(cost, settings.rtol, settings.atol * problem.scale):
+    found = graph.settled(start, max(ENOUGH, settings.newton.enough))
+    if found is None:
+        return None
+    point, cost, multipliers, proven = found
+    value = sum_of(_diagonals(proven))
+    if not cost - value <= allowed(cost, rtol, 0.0):
         return None
 
     def judged() -> Certificate:
-        normalized = NormalizedProblem.of(problem, Tier.STANDARD, settings.rtol, settings.atol)
+        normalized = NormalizedProblem.of(problem(), tier, rtol, atol)
         less, form = 1.0 / normalized.unit, normalized.problem
         shift = less * float((_diagonals(multipliers) - _diagonals(proven)).max())
         nonzeros = int(form.symbolic(form.matrix).lengths.sum())
-        attained = form.cost(point)
-        bound = DualBound(less * value, less * proven, form, shift, 1, nonzeros, attained=attained)
+        proof = less * value, less * proven, form, shift, 1, nonzeros
+        bound = DualBound(*proof, attained=form.cost(point))
         return verdict(normalized, point, LocalMinimum(point, less * cost, True, bound))
 
     return Found(point, cost, value, judged)

@@ -3,7 +3,7 @@
 /* What a call holds until it returns: buffers of arrays, and memory. */
 typedef struct {
     Py_buffer views[64];
-    void *blocks[4];
+    void *blocks[8];
     int count, many;
 } Held;
 
@@ -47,7 +47,7 @@ static void *refuse(const char *why)
 /* Memory that `give_back` frees; NULL and an exception if there is none. */
 static void *memory(Held *held, Int count, size_t size)
 {
-    void *block = held->many < 4 ? malloc((size_t)(count + 1) * size) : NULL;
+    void *block = held->many < 8 ? malloc((size_t)(count + 1) * size) : NULL;
     if (block)
         held->blocks[held->many++] = block;
     else

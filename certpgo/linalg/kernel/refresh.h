@@ -28,19 +28,33 @@ typedef struct {
     const double *spread, *first, *degree;
 } Whole;
 
-static int whole_of(Held *held, PyObject *edges, Int d, PyObject *places, PyObject *sums, Whole *w)
+/* The graph, and its sums at nodes: `certpgo.objective.operators.NodeSums`. */
+static int whole_of(Held *held, PyObject *edges, Int d, PyObject *places, Whole *w)
 {
-    Array at = {held, INTS}, in = {held, DOUBLES}, p[] = {at, at, at}, s[] = {in, in, in};
-    if (!edges_of(held, edges, d, &w->edges) || !arrays_of(places, p, 3) || !arrays_of(sums, s, 3))
-        return 0;
-    Int n = w->n = p[1].length, m = w->edges.m;
+    Array at = {held, INTS}, p[] = {at, at, at};
+    const Edges *g = &w->edges;
+    if (!edges_of(held, edges, d, &w->edges) || !arrays_of(places, p, 3)) return 0;
+    Int n = w->n = p[1].length, m = g->m;
     w->indptr = p[0].at, w->own = p[1].at, w->slots = p[2].at;
-    w->spread = s[0].at, w->first = s[1].at, w->degree = s[2].at;
-    if (!n || !w->edges.tau || !w->edges.kappa || w->edges.K || w->edges.arms ||
-        p[0].length != n + 1 || !are_pointers(w->indptr, n + 1, w->indptr[n]) ||
-        p[2].length != 2 * m || s[0].length != n * d * d || s[1].length != n * d ||
-        s[2].length != n || !are_places(n, m, w->indptr, w->own, w->slots, w->edges.pairs))
+    if (!n || !g->tau || !g->kappa || g->K || g->arms || p[0].length != n + 1 ||
+        !are_pointers(w->indptr, n + 1, w->indptr[n]) || p[2].length != 2 * m ||
+        !are_places(n, m, w->indptr, w->own, w->slots, g->pairs))
         return refuse("a graph of poses with isotropic weights expected") != NULL;
+    double *spread = memory(held, n * (d * d + d + 1), sizeof(double));
+    if (!spread) return 0;
+    double *first = spread + n * d * d, *degree = first + n * d;
+    memset(spread, 0, (size_t)(n * (d * d + d + 1)) * sizeof(double));
+    for (Int e = 0; e < m; e++) {
+        Int i = g->pairs[2 * e], j = g->pairs[2 * e + 1];
+        const double *lever = g->moved + e * d;
+        degree[i] += g->tau[e], degree[j] += g->tau[e];
+        for (Int a = 0; a < d; a++) {
+            first[i * d + a] += g->tau[e] * lever[a];
+            spread[(i * d + a) * d + a] += g->kappa[e], spread[(j * d + a) * d + a] += g->kappa[e];
+            for (Int b = 0; b < d; b++) spread[(i * d + a) * d + b] += g->tau[e] * lever[a] * lever[b];
+        }
+    }
+    w->spread = spread, w->first = first, w->degree = degree;
     return 1;
 }
 
@@ -173,38 +187,6 @@ static int descend_near(const Whole *w, Int d, const Fronts *f, const Fronts *sc
     free(G);
     return outcome;
 }
-
-/* settle(edges, d, (indptr, own, slots), (spread, first, degree), fronts of tangents, fronts of
- * scalars, enough, R, t, multipliers) -> F at the minimum near (R, t), which are changed, where a step
- * has just promised to lower F by a share of at most `enough`; None if there is none near */
-static PyObject *settle_of(Held *held, PyObject *args)
-{
-    PyObject *edges, *places, *sums, *tangents, *scalars;
-    Array R = {held, DOUBLES, WRITTEN}, t = R, multipliers = R;
-    Whole w;
-    Fronts of_tangents, of_scalars;
-    double enough;
-    int d, outcome;
-    if (!PyArg_ParseTuple(args, "OiOOOOdO&O&O&", &edges, &d, &places, &sums, &tangents, &scalars,
-                          &enough, array, &R, array, &t, array, &multipliers) ||
-        !whole_of(held, edges, d, places, sums, &w) ||
-        !fronts_of(held, tangents, ASSEMBLY, &of_tangents) ||
-        !fronts_of(held, scalars, ASSEMBLY, &of_scalars) ||
-        !are_of(&w, &of_tangents, d + (d == 2 ? 1 : 3)) || !are_of(&w, &of_scalars, 1))
-        return NULL;
-    if (R.length != w.n * d * d || t.length != w.n * d || multipliers.length != R.length)
-        return refuse("poses of another graph");
-    double *tangent = memory(held, of_tangents.offset[w.n], sizeof(double));
-    if (!tangent) return NULL;
-    Place x = {R.at, t.at, tangent, multipliers.at, 0.0};
-    Py_BEGIN_ALLOW_THREADS
-    outcome = descend_near(&w, d, &of_tangents, &of_scalars, enough, &x);
-    Py_END_ALLOW_THREADS
-    if (outcome == -1) return PyErr_NoMemory();
-    if (outcome < 0) return NULL;
-    return outcome ? PyFloat_FromDouble(x.cost) : Py_NewRef(Py_None);
-}
-CALL(settle)
 
 /* The pose nearest to the centroid, at which positions are pinned; arms (n, d) from it, and the power
  * of two nearest to their root mean square. */
@@ -383,28 +365,67 @@ done:
     return outcome;
 }
 
-/* prove(edges, d, (indptr, own, slots), (spread, first, degree), fronts of M, lengths, defect, R, t,
- * multipliers) -> whether the multipliers, which are lowered, have S positive semidefinite */
-static PyObject *prove_of(Held *held, PyObject *args)
+/* F at a point, rounded up: `certpgo.objective.enclosure`. Room: turned (m,) and moved (m,). */
+static double cost_above(const Whole *w, Int d, double defect, const Place *x, double *turned,
+                         double *moved)
 {
-    PyObject *edges, *places, *sums, *fronts;
-    Array R = {held, DOUBLES}, t = R, lengths = R, multipliers = {held, DOUBLES, WRITTEN};
+    const Edges *g = &w->edges;
+    double own, sum = 0.0;
+    farthest(w->n, d, x->R, &own);
+    own = 0.51 * (double)d * (own + 16.0 * UNIT);
+    measure_residuals(g, d, x->R, x->t, turned, moved);
+    for (Int e = 0; e < g->m; e++) {
+        double square = 0.0, size;
+        for (Int a = 0; a < d; a++) square += g->moved[e * d + a] * g->moved[e * d + a];
+        size = turned[e] * (1.0 + 32.0 * UNIT) + 2.0 * own + defect + 32.0 * UNIT;
+        sum += g->kappa[e] * size * size;
+        size = moved[e] * (1.0 + 32.0 * UNIT) + (own + 32.0 * UNIT) * sqrt(square);
+        sum += g->tau[e] * size * size;
+    }
+    return sum * (1.0 + (2.0 * (double)g->m + 16.0) * 2.0 * UNIT);
+}
+
+/* settle(edges, d, (indptr, own, slots), fronts of tangents, of scalars, of M, lengths, defect, enough,
+ * R, t, multipliers, proven) -> F at the minimum near (R, t), which are changed, rounded up, where a
+ * step has just promised to lower F by a share of at most `enough`; None if there is none near, or no
+ * bound by its multipliers with the first shift */
+static PyObject *settle_of(Held *held, PyObject *args)
+{
+    PyObject *edges, *places, *tangents, *scalars, *form;
+    Array R = {held, DOUBLES, WRITTEN}, t = R, multipliers = R, proven = R;
+    Array lengths = {held, DOUBLES};
     Whole w;
-    Fronts f;
-    double defect;
+    Fronts of_tangents, of_scalars, of_form;
+    double enough, defect;
     int d, outcome;
-    if (!PyArg_ParseTuple(args, "OiOOOO&dO&O&O&", &edges, &d, &places, &sums, &fronts, array,
-                          &lengths, &defect, array, &R, array, &t, array, &multipliers) ||
-        !whole_of(held, edges, d, places, sums, &w) || !fronts_of(held, fronts, ASSEMBLY, &f) ||
-        !are_of(&w, &f, d + 1))
+    if (!PyArg_ParseTuple(args, "OiOOOOO&ddO&O&O&O&", &edges, &d, &places, &tangents, &scalars,
+                          &form, array, &lengths, &defect, &enough, array, &R, array, &t, array,
+                          &multipliers, array, &proven) ||
+        !whole_of(held, edges, d, places, &w) ||
+        !fronts_of(held, tangents, ASSEMBLY, &of_tangents) ||
+        !fronts_of(held, scalars, ASSEMBLY, &of_scalars) ||
+        !fronts_of(held, form, ASSEMBLY, &of_form) ||
+        !are_of(&w, &of_tangents, d + (d == 2 ? 1 : 3)) || !are_of(&w, &of_scalars, 1) ||
+        !are_of(&w, &of_form, d + 1))
         return NULL;
-    if (R.length != w.n * d * d || t.length != w.n * d || multipliers.length != R.length ||
-        lengths.length != w.n * (d + 1))
+    Int n = w.n, m = w.edges.m;
+    if (R.length != n * d * d || t.length != n * d || multipliers.length != R.length ||
+        proven.length != R.length || lengths.length != n * (d + 1))
         return refuse("poses of another graph");
+    double *tangent = memory(held, of_tangents.offset[n] + 2 * m, sizeof(double));
+    if (!tangent) return NULL;
+    double *turned = tangent + of_tangents.offset[n];
+    Place x = {R.at, t.at, tangent, multipliers.at, 0.0};
     Py_BEGIN_ALLOW_THREADS
-    outcome = lower_multipliers(&w, d, &f, lengths.at, defect, R.at, t.at, multipliers.at);
+    outcome = descend_near(&w, d, &of_tangents, &of_scalars, enough, &x);
+    if (outcome == 1) {
+        memcpy(proven.at, multipliers.at, (size_t)(n * d * d) * sizeof(double));
+        outcome = lower_multipliers(&w, d, &of_form, lengths.at, defect, x.R, x.t, proven.at);
+        x.cost = cost_above(&w, d, defect, &x, turned, turned + m);
+    }
     Py_END_ALLOW_THREADS
     if (outcome == -1) return PyErr_NoMemory();
-    return outcome >= 0 ? PyBool_FromLong(outcome) : NULL;
+    if (outcome < 0) return NULL;
+    return outcome ? PyFloat_FromDouble(x.cost) : Py_NewRef(Py_None);
 }
-CALL(prove)
+CALL(settle)
