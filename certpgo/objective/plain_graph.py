@@ -27,14 +27,15 @@ class Settled(NamedTuple):
     ----------
     estimate : with the best translations for its rotations
     cost : F there, rounded up
-    multipliers, proven : (n, d, d) those of the estimate, and smaller ones with a certificate
-        matrix that is proven to be positive semidefinite
+    multipliers : (n, d, d) those of the estimate
+    proven : (n, d, d) smaller ones, with a certificate matrix that is proven to be positive
+        semidefinite; None if the first shift does not suffice
     """
 
     estimate: Estimate
     cost: float
     multipliers: FloatArray
-    proven: FloatArray
+    proven: FloatArray | None
 
 
 class PlainGraph:
@@ -79,10 +80,10 @@ class PlainGraph:
 
     @one_thread
     def settled(self, start: Estimate, enough: float) -> Settled | None:
-        """The minimum near an estimate; None if there is none near, or no bound by it.
+        """The minimum near an estimate; None if there is none near.
 
-        By Newton's method with one factor, whose last step promised to lower F by at most the share
-        ``enough``; then with the best translations. The bound is that of
+        By Newton's method with few factors, whose last step promised to lower F by a share of at
+        most ``enough``; then with the best translations. The bound is that of
         `certpgo.certify.dual.dual_bound` by its first shift.
         """
         d, n = self.d, start.num_nodes
@@ -93,7 +94,7 @@ class PlainGraph:
         fronts = [analyses.of_rows(b).fronts for b in rows]
         R, t = np.array(start.rotations), np.array(start.translations)
         multipliers, proven = np.empty_like(R), np.empty_like(R)
-        cost = compiled.kernel.settle(
+        found = compiled.kernel.settle(
             (pairs, P, None, kappa, tau, moved, None),
             d,
             pattern.places[:3],
@@ -106,4 +107,7 @@ class PlainGraph:
             multipliers,
             proven,
         )
-        return None if cost is None else Settled(Estimate(R, t), cost, multipliers, proven)
+        if found is None:
+            return None
+        cost, is_proven = found
+        return Settled(Estimate(R, t), cost, multipliers, proven if is_proven else None)

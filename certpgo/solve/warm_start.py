@@ -19,7 +19,7 @@ from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.manifolds import sum_of
-from certpgo.objective.plain_graph import PlainGraph
+from certpgo.objective.plain_graph import PlainGraph, Settled
 from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.sum import Sum
 from certpgo.optimize.descent import polished
@@ -63,8 +63,9 @@ def descended(
     ----------
     plain : the graph of the ``problem``, if that is F and compiled code takes it
     """
-    found = None if plain is None else _at_once(plain, problem, start, settings)
-    return found or _by_steps(problem(), start, settings)
+    near = None if plain is None else plain.settled(start, max(ENOUGH, settings.newton.enough))
+    found = None if near is None else _at_once(near, problem, settings)
+    return found or _by_steps(problem(), start if near is None else near.estimate, settings)
 
 
 def _by_steps(problem: Quadratic | Sum, start: Estimate, settings: SolveSettings) -> Found | None:
@@ -91,18 +92,13 @@ def _by_steps(problem: Quadratic | Sum, start: Estimate, settings: SolveSettings
 
 
 def _at_once(
-    graph: PlainGraph,
-    problem: Callable[[], Quadratic | Sum],
-    start: Estimate,
-    settings: SolveSettings,
+    found: Settled, problem: Callable[[], Quadratic | Sum], settings: SolveSettings
 ) -> Found | None:
-    tier, rtol, atol = settings.tier or Tier.STANDARD, settings.rtol, settings.atol
-    if tier is not Tier.STANDARD:
-        return None
-    found = graph.settled(start, max(ENOUGH, settings.newton.enough))
-    if found is None:
-        return None
+    """The same at the end of compiled code."""
     point, cost, multipliers, proven = found
+    tier, rtol, atol = settings.tier or Tier.STANDARD, settings.rtol, settings.atol
+    if proven is None or tier is not Tier.STANDARD:
+        return None
     value = sum_of(_diagonals(proven))
     if not cost - value <= allowed(cost, rtol, 0.0):
         return None

@@ -1,7 +1,7 @@
 /* The optimum near a point and its bound, of a graph of poses with isotropic weights: all that a
  * session does when a measurement closes a loop. `certpgo.solve.compiled_refresh` has the calls.
  *
- * The descent is Newton's with one factor, of rotations and translations together; then the
+ * The descent is Newton's with few factors, of rotations and translations together; then the
  * translations are solved for. `certpgo.optimize` and `certpgo.certify.dual` have the general ways.
  */
 
@@ -16,9 +16,12 @@
 #define SHIFT 128.0
 #define AMPLE 4.75
 #define COVER 1.05
-/* Steps at most, and actual over predicted decrease at least. */
+/* Factors, and steps with each, at most; actual over predicted decrease at least; predicted decrease
+ * over that of the step before, from which a new factor does better. */
+#define FACTORS 8
 #define STEPS 12
 #define GAIN 0.5
+#define SLOW 0.1
 
 /* What all matrices of a graph share. */
 typedef struct {
@@ -136,55 +139,73 @@ static int solve_translations(const Whole *w, Int d, const Fronts *f, double *L,
     return 1;
 }
 
+/* Room for a descent: gradient, terms, blocks of nodes and edges, matrix, factor, step, turns. */
+typedef struct {
+    double *G, *terms, *diagonal, *upper, *data, *L, *step, *turn;
+} Room;
+
+/* Steps with the factor of the Hessian at x, or near it, while they make progress. 1 if the last one
+ * promised to lower F by at most the share `enough`; 0 if another factor must follow, and `taken` is
+ * how many were taken; -1 without memory. */
+static int take_chords(const Whole *w, Int d, const Fronts *f, double enough, const Room *of, Place *x,
+                       Place *there, int *taken)
+{
+    Int n = w->n, p = d == 2 ? 1 : 3, b = p + d, N = n * b;
+    double last = INFINITY;
+    for (*taken = 0; *taken < STEPS; ++*taken) {
+        double predicted = 0.0;
+        if (solve_double(f, of->L, NULL, x->tangent, of->step, 1) < 0) return -1;
+        for (Int r = 0; r < N; r++) predicted += of->step[r] * x->tangent[r];
+        if (!(predicted < SLOW * last)) return 0;
+        for (Int i = 0; i < n; i++) {
+            const double *step = of->step + i * b;
+            for (Int a = 0; a < d; a++) there->t[i * d + a] = x->t[i * d + a] - step[a];
+            for (Int a = 0; a < p; a++) of->turn[i * p + a] = -step[d + a];
+        }
+        turn_by(n, d, x->R, of->turn, 0, there->R);
+        evaluate(w, d, of->G, of->terms, there);
+        if (!(there->cost <= x->cost - GAIN * predicted + 1e-12 * x->cost)) return 0;
+        int ends = predicted <= enough * x->cost;
+        memcpy(x->R, there->R, (size_t)(n * d * d) * sizeof(double));
+        memcpy(x->t, there->t, (size_t)(n * d) * sizeof(double));
+        memcpy(x->tangent, there->tangent, (size_t)N * sizeof(double));
+        memcpy(x->multipliers, there->multipliers, (size_t)(n * d * d) * sizeof(double));
+        x->cost = there->cost, last = predicted;
+        if (ends) return 1;
+    }
+    return 0;
+}
+
 /* 1 if the descent ended at a minimum near x, which it becomes; 0 if it did not, or as `factor`. */
 static int descend_near(const Whole *w, Int d, const Fronts *f, const Fronts *scalars, double enough,
                         Place *x)
 {
-    Int n = w->n, m = w->edges.m, p = d == 2 ? 1 : 3, b = p + d, N = n * b, entries = f->entry[n];
-    Int rows = n * d, blocks = n * d * d;
-    Int room = n * d * (d + 1) + m + n * b * b + m * b * b + entries + f->panel[f->many] +
-               scalars->panel[scalars->many] + 3 * N + rows + 2 * blocks;
-    double *G = malloc((size_t)(room + 1) * sizeof(double));
-    if (!G) return -1;
-    double *terms = G + n * d * (d + 1), *diagonal = terms + m, *upper = diagonal + n * b * b;
-    double *data = upper + m * b * b, *L = data + entries, *L1 = L + f->panel[f->many];
-    double *step = L1 + scalars->panel[scalars->many], *turn = step + N;
-    Place there = {turn + N + N + rows, turn + N + N, turn + N, NULL, 0.0};
-    there.multipliers = there.R + blocks;
+    Int n = w->n, m = w->edges.m, b = d + (d == 2 ? 1 : 3), N = n * b, entries = f->entry[n];
+    Int rows = n * d, blocks = n * d * d, of_scalars = scalars->panel[scalars->many];
+    Int room = (d + 1) * rows + m + n * b * b + m * b * b + entries + f->panel[f->many] + 3 * N;
+    double *all = malloc((size_t)(room + of_scalars + rows + 2 * blocks + 1) * sizeof(double));
+    if (!all) return -1;
+    Room of = {.G = all, .terms = all + (d + 1) * rows};
+    of.diagonal = of.terms + m, of.upper = of.diagonal + n * b * b, of.data = of.upper + m * b * b;
+    of.L = of.data + entries, of.step = of.L + f->panel[f->many], of.turn = of.step + N;
+    double *L1 = all + room;
+    Place there = {L1 + of_scalars, L1 + of_scalars + blocks, of.turn + N, NULL, 0.0};
+    there.multipliers = there.t + rows;
     const Sums none = {0, NULL, NULL, NULL};
-    int outcome;
-    evaluate(w, d, G, terms, x);
-    memset(data, 0, (size_t)entries * sizeof(double));
-    assemble_hessian(w, d, x, diagonal, upper, data);
-    outcome = factor_double(f, data, NULL, L, &none, NULL, NULL);
-    for (int k = 0; outcome == 1; k++) {
-        double predicted = 0.0;
-        if (k == STEPS || solve_double(f, L, NULL, x->tangent, step, 1) < 0) {
-            outcome = k == STEPS ? 0 : -1;
-            break;
-        }
-        for (Int r = 0; r < N; r++) predicted += step[r] * x->tangent[r];
-        for (Int i = 0; i < n; i++) {
-            for (Int a = 0; a < d; a++) there.t[i * d + a] = x->t[i * d + a] - step[i * b + a];
-            for (Int a = 0; a < p; a++) turn[i * p + a] = -step[i * b + d + a];
-        }
-        turn_by(n, d, x->R, turn, 0, there.R);
-        evaluate(w, d, G, terms, &there);
-        if (!(there.cost <= x->cost - GAIN * predicted + 1e-12 * x->cost)) {
-            outcome = 0;
-            break;
-        }
-        int ends = predicted <= enough * x->cost;
-        memcpy(x->R, there.R, (size_t)blocks * sizeof(double));
-        memcpy(x->t, there.t, (size_t)rows * sizeof(double));
-        memcpy(x->tangent, there.tangent, (size_t)N * sizeof(double));
-        x->cost = there.cost;
-        if (ends) break;
+    int outcome = 0, taken = 1;
+    evaluate(w, d, of.G, of.terms, x);
+    for (int k = 0; k < FACTORS && taken && !outcome; k++) {
+        memset(of.data, 0, (size_t)entries * sizeof(double));
+        assemble_hessian(w, d, x, of.diagonal, of.upper, of.data);
+        outcome = factor_double(f, of.data, NULL, of.L, &none, NULL, NULL);
+        if (outcome != 1) break;
+        outcome = take_chords(w, d, f, enough, &of, x, &there, &taken);
     }
     if (outcome == 1)
-        outcome = solve_translations(w, d, scalars, L1, x, diagonal, upper, data, there.t, step);
-    if (outcome == 1) evaluate(w, d, G, terms, x);
-    free(G);
+        outcome = solve_translations(w, d, scalars, L1, x, of.diagonal, of.upper, of.data, there.t,
+                                     of.step);
+    if (outcome == 1) evaluate(w, d, of.G, of.terms, x);
+    free(all);
     return outcome;
 }
 
@@ -387,8 +408,8 @@ static double cost_above(const Whole *w, Int d, double defect, const Place *x, d
 
 /* settle(edges, d, (indptr, own, slots), fronts of tangents, of scalars, of M, lengths, defect, enough,
  * R, t, multipliers, proven) -> F at the minimum near (R, t), which are changed, rounded up, where a
- * step has just promised to lower F by a share of at most `enough`; None if there is none near, or no
- * bound by its multipliers with the first shift */
+ * step has just promised to lower F by a share of at most `enough`, and whether its multipliers with the
+ * first shift are proven; None if there is no minimum near */
 static PyObject *settle_of(Held *held, PyObject *args)
 {
     PyObject *edges, *places, *tangents, *scalars, *form;
@@ -397,7 +418,7 @@ static PyObject *settle_of(Held *held, PyObject *args)
     Whole w;
     Fronts of_tangents, of_scalars, of_form;
     double enough, defect;
-    int d, outcome;
+    int d, outcome, settled;
     if (!PyArg_ParseTuple(args, "OiOOOOO&ddO&O&O&O&", &edges, &d, &places, &tangents, &scalars,
                           &form, array, &lengths, &defect, &enough, array, &R, array, &t, array,
                           &multipliers, array, &proven) ||
@@ -418,7 +439,8 @@ static PyObject *settle_of(Held *held, PyObject *args)
     Place x = {R.at, t.at, tangent, multipliers.at, 0.0};
     Py_BEGIN_ALLOW_THREADS
     outcome = descend_near(&w, d, &of_tangents, &of_scalars, enough, &x);
-    if (outcome == 1) {
+    settled = outcome == 1;
+    if (settled) {
         memcpy(proven.at, multipliers.at, (size_t)(n * d * d) * sizeof(double));
         outcome = lower_multipliers(&w, d, &of_form, lengths.at, defect, x.R, x.t, proven.at);
         x.cost = cost_above(&w, d, defect, &x, turned, turned + m);
@@ -426,6 +448,6 @@ static PyObject *settle_of(Held *held, PyObject *args)
     Py_END_ALLOW_THREADS
     if (outcome == -1) return PyErr_NoMemory();
     if (outcome < 0) return NULL;
-    return outcome ? PyFloat_FromDouble(x.cost) : Py_NewRef(Py_None);
+    return settled ? Py_BuildValue("dN", x.cost, PyBool_FromLong(outcome)) : Py_NewRef(Py_None);
 }
 CALL(settle)
