@@ -23,9 +23,9 @@ def cause_of(
     """The likeliest mistake, by what is known already; None if nothing is wrong, or none is."""
     if certificate is None or certificate.rejected or (certificate.is_optimal and truth is None):
         return None
-    from certpgo.diagnosis import Examined, KnownTruth, first_finding
+    from certpgo.diagnosis import Examined, first_finding
 
-    known = None if truth is None else KnownTruth(truth.nodes, truth.poses)
+    known = None if truth is None else truth.explained(instance)
     least = certificate.best_cost
     return first_finding(Examined(instance, estimate, known, cost, least))
 

@@ -10,11 +10,14 @@ import typer
 from certpgo.cli._help import MATCHING
 from certpgo.cli._rules import Rule
 from certpgo.cli._show import notice
+from certpgo.errors import InputError
 
 if TYPE_CHECKING:
     from certpgo.cli._reading import Reading
+    from certpgo.diagnosis import KnownTruth
     from certpgo.graph import Estimate, Instance
     from certpgo.io.datasets.source import Source
+    from certpgo.io.format import LabelledPoses
     from certpgo.io.matching import Matching
     from certpgo.linalg.arrays import IntArray
     from certpgo.solve.metrics import TrajectoryErrors
@@ -47,11 +50,14 @@ class KnownPoses:
     """Ground truth of some poses of a graph: ``nodes`` (k,), ascending, and their ``poses``.
 
     Errors are after the best similarity if estimates are ``unscaled``: without any known scale.
+    ``read`` are all poses of the file, and ``how`` they were matched.
     """
 
     nodes: IntArray
     poses: Estimate
-    unscaled: bool = False
+    unscaled: bool
+    read: LabelledPoses
+    how: Matching
 
     @classmethod
     def of(
@@ -64,20 +70,36 @@ class KnownPoses:
         Raises
         ------
         FormatError
-            The file cannot be read, or is of another graph.
+            The file cannot be read, or is of another graph, or its clock is.
         """
         import numpy as np
 
-        from certpgo.io.estimates import matched_truth, truth_in_words
+        from certpgo.errors import in_file
+        from certpgo.io.estimates import true_poses, truth_among, truth_in_words
 
         if source is None:
             return None
         path = source.path()
-        nodes, poses, found = matched_truth(path, part, how, topic=reading.topic_of(source))
+        read = true_poses(path, topic=reading.topic_of(source))
+        with in_file(path):
+            try:
+                nodes, poses, found = truth_among(read, part, how)
+            except InputError as refusal:
+                from certpgo.diagnosis.truth import offset_by_start
+
+                said = filter(None, (str(refusal), offset_by_start(read, part, how)))
+                raise InputError("; ".join(said)) from None
         notice(f"{path}: {truth_in_words(found, part)}")
         of_poses = np.isin(nodes, part.poses)
         known = poses.subset(np.flatnonzero(of_poses))
-        return cls(nodes[of_poses], known, part.graph.in_mean_unit)
+        return cls(nodes[of_poses], known, part.graph.in_mean_unit, read, how)
+
+    def explained(self, part: Instance) -> KnownTruth:
+        """The same with the clock of the file, to be explained."""
+        from certpgo.diagnosis import KnownTruth
+        from certpgo.diagnosis.examined import Clock
+
+        return KnownTruth(self.nodes, self.poses, Clock.of(self.read, part, self.how))
 
     def errors(self, estimate: Estimate) -> TrajectoryErrors:
         """The errors of an estimate of the graph, in the order of node ids."""

@@ -8,17 +8,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from certpgo.diagnosis import conventions, estimates
 from certpgo.diagnosis.examined import Clock, Examined, KnownTruth
 from certpgo.diagnosis.finding import Finding
-from certpgo.graph import Estimate
+from certpgo.errors import CertPGOError
+from certpgo.graph import Estimate, Instance
+from certpgo.io.format import LabelledPoses
+from certpgo.io.matching import Matching
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.procrustes import procrustes
+from certpgo.objective.choose_cost import objective_of
+from certpgo.objective.costs import CHORDAL
+from certpgo.optimize.initialization import start_of
 from certpgo.solve.metrics import alignment, trajectory_errors
 
 #: Errors that are not asked about: of positions over their spread, and of angles, degrees.
@@ -32,8 +39,8 @@ ROUNDS = 20
 #: Offsets of times that are tried, in median steps to either side, refinements of the best, and
 #: offsets that each tries.
 OFFSETS, REFINED, TRIED = 200, 10, 9
-#: Nodes by which offsets are found.
-SOME = 100
+#: Nodes by which offsets are found, and the fewest; rounds until a drift is found.
+SOME, FEWEST, DRIFTS = 100, 4, 3
 
 
 def found(examined: Examined) -> Iterator[Finding]:
@@ -80,7 +87,7 @@ class _Errors:
     def of(estimate: Estimate, truth: Estimate) -> _Errors:
         found = trajectory_errors(estimate, truth)
         t = truth.translations
-        spread = 0.0 if t is None else float(np.linalg.norm(t - t.mean(axis=0), axis=1).max())
+        spread = 0.0 if t is None else _spread(t)
         return _Errors(found.ate_m, found.ate_deg, spread)
 
     @property
@@ -234,29 +241,54 @@ def _of_offset(
     examined.trying("shifted-times")
     known = np.flatnonzero(np.isfinite(clock.nodes))
     t = estimate.translations
-    if t is None or len(known) < 4 or len(clock.times) < 4:
+    if t is None or min(len(known), len(clock.times)) < FEWEST:
         return
     t, at = t[known], clock.nodes[known]
     given = float(_left(t, at, clock, np.zeros(1))[0])
     offset, left = best_offset(t, at, clock)
-    spread = float(np.linalg.norm(t - t.mean(axis=0), axis=1).max())
-    matched = len(truth.nodes) > 0 and given < math.inf
-    if not (left < SHARE * given and left < 5.0 * NEAR * spread and abs(offset) > clock.allowed):
-        return
+    drift = drift_of(t, at, clock, offset)
+    near, matched = 5.0 * NEAR * _spread(t), len(truth.nodes) > 0 and given < math.inf
     as_it_stands = f"{given:.3g} m as it stands" if matched else "no times match as they stand"
+    if not (left < SHARE * given and left < near and abs(offset) > clock.allowed):
+        if matched and drift.left < min(SHARE * given, near):
+            yield drift.finding(given, as_it_stands)
+        return
     said = f"the truth's clock is {abs(offset):.4g} s {'late' if offset > 0.0 else 'early'}"
     said = f"{said}: with that undone positions are off by {left:.3g} m, {as_it_stands}"
-    drift = _drift(t, at, clock, offset)
-    if abs(drift) > 10.0 * clock.allowed:
-        said = f"{said}; it drifts by {drift:.3g} s from the first half to the second"
+    if drift.left < 0.5 * left:
+        said = f"{said}; it drifts by {drift.seconds:.3g} s over the trajectory"
     yield Finding(
         "shifted-times",
         said,
-        f"add --truth-offset {-offset:.4g}",
+        f"add {offset_option(offset)}",
         left,
         given if matched else None,
         strength=math.nan if matched else 6.0,
     )
+
+
+def offset_option(offset: float) -> str:
+    """The option that undoes the offset of the truth's clock."""
+    return f"--truth-offset {-offset:.4g}"
+
+
+def offset_by_start(poses: LabelledPoses, instance: Instance, how: Matching) -> str:
+    """The option with which times of a truth match that do not, in a sentence; or empty.
+
+    By averaged rotations, without a search.
+    """
+    clock = Clock.of(poses, instance, how)
+    if clock is None:
+        return ""
+    with suppress(CertPGOError, np.linalg.LinAlgError):
+        estimate = start_of(objective_of(instance, CHORDAL).chordal).estimate
+        known = np.flatnonzero(np.isfinite(clock.nodes))
+        if estimate.translations is not None and min(len(known), len(clock.times)) >= FEWEST:
+            t = estimate.translations[known]
+            offset, left = best_offset(t, clock.nodes[known], clock)
+            if left < 5.0 * NEAR * _spread(t):
+                return f"with {offset_option(offset)} positions are off by {left:.2g} m"
+    return ""
 
 
 def best_offset(t: FloatArray, at: FloatArray, clock: Clock) -> tuple[float, float]:
@@ -301,9 +333,54 @@ def _left(t: FloatArray, at: FloatArray, clock: Clock, offsets: FloatArray) -> F
     return found
 
 
-def _drift(t: FloatArray, at: FloatArray, clock: Clock, offset: float) -> float:
-    """The difference of offsets between both halves."""
-    halves = [at <= np.median(at), at > np.median(at)]
-    near = Clock(clock.nodes, clock.times - offset, clock.positions, clock.allowed)
-    found = [best_offset(t[half], at[half], near)[0] for half in halves if half.sum() >= 4]
-    return found[1] - found[0] if len(found) == 2 else 0.0
+@dataclass(frozen=True)
+class Drift:
+    """How fast the truth's clock runs: it gains ``rate`` seconds a second.
+
+    Attributes
+    ----------
+    rate : seconds a second
+    seconds : what it gains over the trajectory
+    left : errors with that undone, metres; infinite where it is not known
+    """
+
+    rate: float = 0.0
+    seconds: float = 0.0
+    left: float = math.inf
+
+    def finding(self, given: float, as_it_stands: str) -> Finding:
+        """What it explains, of errors in metres."""
+        gains = "gains" if self.seconds > 0.0 else "loses"
+        said = f"the truth's clock drifts, it {gains} {abs(self.seconds):.3g} s over the trajectory"
+        said = f"{said}: with that undone positions are off by {self.left:.3g} m, {as_it_stands}"
+        next = f"divide the truth's times since the middle by {1.0 + self.rate:.8g}"
+        return Finding("clock-drift", said, next, self.left, given)
+
+
+def drift_of(t: FloatArray, at: FloatArray, clock: Clock, offset: float) -> Drift:
+    """The drift of the truth's clock, by offsets of both halves of the nodes.
+
+    Parameters
+    ----------
+    t : (k, d) positions
+    at : (k,) their times
+    offset : by how much the clock is late on the whole
+    """
+    middle, rate, left = float(np.median(at)), 0.0, math.inf
+    halves = [at <= middle, at > middle]
+    if min(half.sum() for half in halves) < FEWEST:
+        return Drift()
+    apart = float(at[halves[1]].mean() - at[halves[0]].mean())
+    for _ in range(DRIFTS):
+        warped = at + rate * (at - middle)
+        near = replace(clock, times=clock.times - offset)
+        first, second = (best_offset(t[half], warped[half], near)[0] for half in halves)
+        rate, offset = rate + (second - first) / apart, offset + 0.5 * (first + second)
+    warped = at + rate * (at - middle)
+    left = float(_left(t, warped, clock, np.array([offset]))[0])
+    return Drift(rate, rate * float(at.max() - at.min()), left)
+
+
+def _spread(t: FloatArray) -> float:
+    """The largest distance from the middle of positions (k, d)."""
+    return float(np.linalg.norm(t - t.mean(axis=0), axis=1).max())

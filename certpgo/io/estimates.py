@@ -250,7 +250,8 @@ def _integrated(instance: Instance) -> LabelledPoses:
     graph = instance.graph
     require_connected(graph)
     poses = compose(graph, spanning_tree(graph))
-    return LabelledPoses(poses.rotations, poses.translations, ids=instance.ids)
+    R, t, times = poses.rotations, poses.translations, instance.times_ns
+    return LabelledPoses(R, t, ids=instance.ids, times_ns=times)
 
 
 def truth_among(

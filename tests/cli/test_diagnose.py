@@ -1,6 +1,7 @@
 """certpgo diagnose, and the likely cause that solve and certify print."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -8,6 +9,8 @@ import certpgo as package
 from certpgo import Estimate
 from certpgo.diagnosis.conventions import FORMS
 from reports.studies.diagnosis.mistakes import clean
+
+REPORTS = Path(__file__).parents[1] / "data" / "reports"
 
 
 @pytest.fixture
@@ -55,3 +58,17 @@ def test_nothing_is_wrong_with_a_good_map(certpgo, inverse, tmp_path):
     done = certpgo("diagnose", path, good)
     assert done.code == 0
     assert done.out.startswith("None of")
+
+
+def test_solve_names_the_offset_of_the_truths_clock(certpgo, tmp_path):
+    """Where times match by accident, as the likely cause, and where none do, before the search."""
+    graph, times = REPORTS / "own_zero.g2o", REPORTS / "own_zero_times.tum"
+    truth = REPORTS / "own_zero_truth.txt"
+    done = certpgo("solve", graph, "--timestamps", times, "--truth", truth)
+    assert "Add --truth-offset -3.045" in done.out
+    late, offset = tmp_path / "late.txt", -1003.0
+    rows = [line.split() for line in truth.read_text().splitlines()[1:]]
+    late.write_text("".join(f"{float(t) + 1000.0} {' '.join(pose)}\n" for t, *pose in rows))
+    done = certpgo("solve", graph, "--timestamps", times, "--truth", late)
+    assert done.code == 1
+    assert f"with --truth-offset {offset:.4g} positions are off by 0.0" in done.err

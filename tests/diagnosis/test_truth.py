@@ -1,5 +1,7 @@
 """Frames, units and clocks of ground truth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from diagnosis.test_estimates import MISTAKES, as_instance, walk
@@ -92,3 +94,15 @@ def test_positions_alone():
     keys = certpgo.graph.keys.Keys(points=np.ones(best.num_nodes, dtype=bool))
     [found] = found_of(best, graph, Estimate(best.rotations, 1e3 * best.translations, keys))
     assert found.kind == "millimetres"
+
+
+@pytest.mark.parametrize("rate", [0.03, -0.05])
+def test_the_drift_of_a_clock_without_an_offset(rate):
+    graph, estimate, clock = clocked(0.0)
+    middle = float(np.median(clock.nodes))
+    fast = replace(clock, times=middle + (1.0 + rate) * (clock.times - middle))
+    t = np.stack([np.interp(fast.nodes, fast.times, x) for x in fast.positions.T], axis=1)
+    [found] = found_of(estimate, graph, Estimate(estimate.rotations, t), fast)
+    assert found.kind == "clock-drift"
+    assert found.cost < 0.1 * found.cost_as_given
+    assert float(found.next.rpartition(" ")[2]) == pytest.approx(1.0 + rate, abs=1e-3)
