@@ -1,4 +1,4 @@
-"""Mistakes in measurements: conventions that poses were written in, then weights, then single ones.
+"""Mistakes in measurements: conventions of poses, then weights, then single ones.
 
 An edge (i, j) is read as the pose of j in i. A reading of all edges, or of loop closures or of
 odometry alone, undoes one other convention. Witnesses are the poses in the same file, whose cost a
@@ -8,7 +8,7 @@ right reading makes small; and the best fit, of the readings under which loops c
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.diagnosis import noise, weights, wrong
-from certpgo.diagnosis.conventions import with_w_first
+from certpgo.diagnosis.edge_readings import IN_DEGREES, READINGS, EdgeReading
 from certpgo.diagnosis.estimates import HARDLY, LIKELY, SHARE, UNITS
 from certpgo.diagnosis.examined import Examined
 from certpgo.diagnosis.finding import Finding
@@ -57,30 +57,12 @@ ORDINARY = 0.4
 RESCALED, ABOUT = 1.5, 1.4
 #: Formats whose angles can be read in degrees.
 DIALECTS = {"g2o": g2o.DIALECT, "toro": toro.DIALECT}
-
-Columns = tuple[IntArray, FloatArray, FloatArray]
-
-
-@dataclass(frozen=True)
-class EdgeReading:
-    """A convention of measured poses.
-
-    Attributes
-    ----------
-    kind : its name in findings
-    said : what the poses are, after "all edges are "
-    next : what to do about them
-    read : edges (k, 2), rotations and translations as they are meant, from those that are given
-    dimensions : of spaces that it is for
-    is_scale : whether it is a unit of length
-    """
-
-    kind: str
-    said: str
-    next: str
-    read: Callable[[IntArray, FloatArray, FloatArray], Columns]
-    dimensions: tuple[int, ...] = (2, 3)
-    is_scale: bool = False
+#: Readings that have names of their own where they are of some edges alone.
+NAMES = {
+    ("inverted-edges", "closures"): "inverted-closures",
+    ("inverted-edges", "odometry"): "inverted-odometry",
+}
+SCOPES = {"all": "all edges", "closures": "all loop closures", "odometry": "all odometry edges"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,83 +97,6 @@ class _Trial:
         )
 
 
-# --- Readings -------------------------------------------------------------------------------------
-
-
-def _apply(R: FloatArray, t: FloatArray) -> FloatArray:
-    return np.asarray(np.einsum("mab,mb->ma", R, t))
-
-
-def _mirrored(kind: str, axis: int, *, turned: bool) -> EdgeReading:
-    name, both = "xyz"[axis], ("translations", "poses")[turned]
-
-    def read(E: IntArray, R: FloatArray, t: FloatArray) -> Columns:
-        signs = np.where(np.arange(R.shape[1]) == axis, -1.0, 1.0)
-        return E, signs[:, None] * R * signs if turned else R, signs * t
-
-    said = f"written with {both} mirrored in {name}"
-    rest = ", and turn rotations accordingly (S R S)" if turned else ""
-    dimensions = (3,) if axis == 2 else (2, 3)
-    return EdgeReading(kind, said, f"negate {name} of translations{rest}", read, dimensions)
-
-
-IN_DEGREES = EdgeReading(
-    "edges-in-degrees",
-    "written with angles in degrees",
-    "write angles in radians",
-    lambda E, R, t: (E, R, t),  # of rotations that are read so
-    (2,),
-)
-READINGS = (
-    EdgeReading(
-        "inverted-edges",
-        "inverses: of i in j, not of j in i",
-        "swap the two ids of each, or invert the poses",
-        lambda E, R, t: (E[:, ::-1], R, t),
-    ),
-    EdgeReading(
-        "transposed-rotations",
-        "written with transposed rotations",
-        "transpose each rotation: negate its angle, or x, y and z of its quaternion",
-        lambda E, R, t: (E, np.swapaxes(R, 1, 2), t),
-    ),
-    EdgeReading(
-        "edges-w-first",
-        "written with quaternions of w first",
-        "write quaternions as qx qy qz qw",
-        lambda E, R, t: (E, with_w_first(R), t),
-        (3,),
-    ),
-    EdgeReading(
-        "translations-in-other-frame",
-        "written with translations in the frame of j, not of i (or of i in j: both fit as well)",
-        "replace each translation t by R t",
-        lambda E, R, t: (E, R, _apply(R, t)),
-    ),
-    EdgeReading(
-        "inverse-translations",
-        "written with translations of i in j, and rotations of j in i",
-        "replace each translation t by -R t",
-        lambda E, R, t: (E, R, -_apply(R, t)),
-    ),
-    EdgeReading(
-        "negated-translations",
-        "written with translations from j to i, in the frame of i",
-        "negate each translation",
-        lambda E, R, t: (E, R, -t),
-    ),
-    *(_mirrored("mirrored-edges", axis, turned=False) for axis in range(3)),
-    *(_mirrored("edges-of-other-handedness", axis, turned=True) for axis in range(3)),
-    IN_DEGREES,
-)
-#: Readings that have names of their own where they are of some edges alone.
-NAMES = {
-    ("inverted-edges", "closures"): "inverted-closures",
-    ("inverted-edges", "odometry"): "inverted-odometry",
-}
-SCOPES = {"all": "all edges", "closures": "all loop closures", "odometry": "all odometry edges"}
-
-
 # --- The check ------------------------------------------------------------------------------------
 
 
@@ -214,15 +119,17 @@ def found(examined: Examined) -> Iterator[Finding]:
         return
     gain, unusual = noise.found(examined, judged.fit)
     # The noise has a number more to fit, and is more often misstated.
-    bar = gain + weights.RARER - math.log(judged.fit.fit.freedom) if unusual else 0.0
-    if meaning is not None and meaning[0] > max(bar, judged.gain(examined.best)):
-        yield meaning[1]  # all else is as if measured so
-        return
+    bar = gain - math.log(judged.fit.fit.freedom) if unusual else -weights.RARER
+    if meaning is not None:
+        ahead, explained = meaning[0] - bar, meaning[0] > judged.gain(examined.best)
+        if explained and ahead > weights.RARER:
+            yield meaning[1]  # all else is as if measured so
+            return
+        if explained and ahead > -weights.RARER and not judged.wrong.any():
+            yield weights.either(meaning[1], unusual)
+            return
     yield from wrong.found(examined, judged)
     yield from unusual
-    if meaning is not None and unusual and not judged.wrong.any():
-        # It explains as much, and is rarer.
-        yield replace(meaning[1], strength=0.9 * min(one.strength for one in unusual))
 
 
 def _convention(examined: Examined, by_fit: bool) -> Finding | None:

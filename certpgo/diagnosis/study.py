@@ -161,6 +161,25 @@ class Study:
             for rows, *_, A, _ in self.parts
         )
 
+    @property
+    def unevenness(self) -> float:
+        """The larger of two ratios of squares of translations and rotations, over those left.
+
+        Of poses that measure both.
+        """
+        d, sums = self.problem.d, np.zeros((2, 2))
+        for (rows, *_, e, A, _), G in zip(self.parts, self.remaining, strict=True):
+            stated = np.any(A, axis=2) & self.counts[rows, None]
+            of_both = stated[:, :d].any(axis=1) & stated[:, d:].any(axis=1)
+            stated &= of_both[:, None]
+            both = self.factors[rows, None] * e**2, np.einsum("maa->ma", G)
+            for k, own in enumerate((slice(0, d), slice(d, None))):
+                sums[k] += [of[:, own][stated[:, own]].sum() for of in both]
+        if not (sums > 0.0).all():
+            return 1.0
+        moved, turned = (sums[:, 0] / sums[:, 1]).tolist()
+        return float(max(moved / turned, turned / moved))
+
     @cached_property
     def _judged(self) -> _Judged:
         surprises, left = np.zeros((2, len(self.edges)))

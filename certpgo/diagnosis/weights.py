@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -13,14 +13,14 @@ from certpgo.diagnosis.examined import Examined
 from certpgo.diagnosis.finding import Finding
 from certpgo.diagnosis.study import Study, studied_problem, study
 from certpgo.errors import CertPGOError
-from certpgo.graph import Estimate, Graph
+from certpgo.graph import Graph
 from certpgo.graph.information import Information
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.objective.choose_cost import Certifiable, objective_of
 from certpgo.objective.edge_cost import EdgeCost
 from certpgo.objective.residuals import NONE
 from certpgo.objective.sum import Sum
-from certpgo.solve.fit import Fit, squares
+from certpgo.solve.fit import Fit
 
 #: Ratio of squares per number, of translations and rotations, that is even.
 EVEN = 4.0
@@ -193,16 +193,13 @@ def other_meaning(examined: Examined) -> tuple[float, Finding] | None:
 
     Before it stands twice the log of how much likelier.
     """
-    graph, fit = examined.instance.graph, examined.fit
-    uneven = _unevenness(examined.problem, examined.answer.estimate)
-    if fit is None or graph.has_couplings:
+    graph, fit, given = examined.instance.graph, examined.fit, examined.first
+    if fit is None or given is None or graph.has_couplings:
         return None
+    uneven = given.unevenness
     if not fit.is_unusual and fit.freedom > PLENTY and uneven < EVENLY:
         return None
     best: tuple[float, Meaning, Fit] | None = None
-    given = examined.first
-    if given is None:
-        return None
     for meaning in _likeliest(examined, given):
         with suppress(CertPGOError, np.linalg.LinAlgError):
             instance = replace(examined.instance, graph=meant(examined, meaning))
@@ -213,9 +210,9 @@ def other_meaning(examined: Examined) -> tuple[float, Finding] | None:
             if (found := _studied(examined, posed)) is None:
                 continue
             gain, after = given.surprise - found.surprise, found.fit
-            # Levers may make ordinary squares uneven, whatever the meaning.
-            even = _unevenness(posed, found.estimate) < max(EVEN, EVENLY * uneven)
-            if gain > (MORE if best is None else best[0]) and even and not after.is_unusual:
+            if after.is_unusual or not gain > (MORE if best is None else best[0]):
+                continue
+            if found.unevenness < EVEN:
                 best = gain, meaning, after
     if best is None:
         return None
@@ -227,6 +224,18 @@ def other_meaning(examined: Examined) -> tuple[float, Finding] | None:
         strength = WEAK
     said = f"its information matrices {meaning.said}: {costs}"
     return gain, Finding(meaning.kind, said, meaning.next, after.chi2, fit.chi2, strength)
+
+
+def either(meaning: Finding, noise: Sequence[Finding]) -> Finding:
+    """A meaning and misstated noise that explain residuals about as well."""
+    said = "; or ".join([meaning.said, *(one.said for one in noise)])
+    next = "; or ".join([meaning.next, *(one.next for one in noise)])
+    return replace(
+        meaning,
+        said=f"{said}; residuals do not tell which",
+        next=f"see which numbers the sensor states: {next}",
+        strength=max(meaning.strength, *(one.strength for one in noise)),
+    )
 
 
 def _likeliest(examined: Examined, given: Study) -> Iterator[Meaning]:
@@ -280,16 +289,6 @@ def _studied(examined: Examined, posed: Certifiable) -> Study | None:
     """Measurements of the same poses at their fit."""
     problem, estimate = studied_problem(posed), examined.answer.estimate
     return None if problem is None else study(problem, estimate, examined.anchor)
-
-
-def _unevenness(problem: Certifiable, estimate: Estimate) -> float:
-    """The larger of two ratios of squares per number, of translations and rotations."""
-    of_blocks, numbers = squares(problem, estimate)
-    both = numbers.all(axis=1)
-    moved, turned = of_blocks[both].sum(axis=0) / np.maximum(numbers[both].sum(axis=0), 1)
-    if not (moved > 0.0 and turned > 0.0):
-        return 1.0
-    return float(max(moved / turned, turned / moved))
 
 
 def meant(examined: Examined, meaning: Meaning) -> Graph:

@@ -40,8 +40,8 @@ LEFT_OUT, AS_LIKELY = 3, 0.98
 STATED, HUGE = 1.5, 50.0
 #: A right reading is within what is exceeded with this chance, and has this share of the cost.
 FITS, SHARE = 1e-3, 0.05
-#: The same share where all nodes were tried.
-CLEARLY = 0.01
+#: The same share where few nodes were tried, and where all were.
+FEW_TRIED, CLEARLY = 0.25, 0.01
 #: Measurements that are looked at one by one, and that a sentence names.
 MOST, NAMED = 50, 4
 #: Measurements of which proofs are tried, and seconds that these may take.
@@ -327,7 +327,7 @@ def _between_others(examined: Examined, of: Judged, rows: IntArray) -> Iterator[
         cost[(poses == far[:, None]) | (poses == near[:, None])] = np.inf
         off = np.abs(instance.ids[poses] - instance.ids[far][:, None])
         anywhere = np.broadcast_to(~examined.steps[rows][:, None], off.shape)
-        for allowed, share in ((off <= OFF) & anywhere, SHARE), (anywhere, CLEARLY):
+        for allowed, share in ((off <= OFF) & anywhere, FEW_TRIED), (anywhere, CLEARLY):
             chosen = poses[np.argmin(np.where(allowed, cost, np.inf), axis=1)]
             edges = graph.edges[rows].copy()
             edges[:, end] = np.where(chosen == near, far, chosen)

@@ -1,87 +1,139 @@
 """How often mistakes that are planted are named first, and how often one is found in clean maps.
 
-    python -m reports.studies.diagnosis [graphs] [clean]
+    OPENBLAS_NUM_THREADS=1 python -m reports.studies.diagnosis [graphs] [clean] [--again]
 
-Every mistake in so many graphs, half of them in the plane, and so many clean ones. Prints a table:
-how often a right finding comes first, how often it is among the first five, and what came first
-instead; then the CPU time over that of a search.
+Every mistake in so many graphs, half of them in the plane, and so many clean ones; estimates of the
+same graphs that are merely bad; then CPU time over that of a search on public sets. Records are
+kept in reports/results/diagnosis.json after each graph, those that are there are not made again,
+and the page beside it is made from them.
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
+import json
 import time
-from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import certpgo
-from reports.studies.diagnosis.mistakes import MISTAKES, Mistake, Planted, clean
+from certpgo.io import datasets
+from reports.studies.diagnosis import page
+from reports.studies.diagnosis.mistakes import BAD, MISTAKES, Planted, clean
+
+OUT = Path(__file__).parents[2] / "results" / "diagnosis.json"
+#: Public sets, and how often each is timed.
+SETS = (
+    "MIT",
+    "intel",
+    "kitti_00",
+    "kitti_05",
+    "manhattan",
+    "city10000",
+    "smallGrid3D",
+    "parking-garage",
+    "sphere2500",
+    "torus3D",
+    "cubicle",
+    "victoriaPark_reduced_1k",
+)
+TIMES = 3
+
+Records = dict[str, Any]
 
 
-@dataclass(frozen=True)
-class Tried:
-    """One mistake in one graph: the kinds of findings, best first, and seconds over a search's."""
-
-    mistake: Mistake
-    kinds: tuple[str, ...]
-    ratio: float
-
-    @property
-    def is_first(self) -> bool:
-        """Whether a right finding comes first."""
-        return self.kinds[:1] != () and self.kinds[0] in self.mistake.kinds
+def seconds(of: Callable[[], Any]) -> float:
+    """CPU seconds of a call, which may be refused."""
+    before = time.process_time()
+    with suppress(certpgo.CertPGOError):
+        of()
+    return time.process_time() - before
 
 
 def examined(planted: Planted) -> tuple[tuple[str, ...], float]:
     """The kinds of findings, and CPU seconds over those of a search."""
-    before = time.process_time()
-    with suppress(certpgo.CertPGOError):
-        certpgo.solve(planted.instance)
-    usual = time.process_time() - before
+    usual = seconds(lambda: certpgo.solve(planted.instance))
     before = time.process_time()
     found = certpgo.diagnose(planted.instance, planted.estimate, truth=planted.truth)
-    seconds = time.process_time() - before
-    return tuple(one.kind for one in found.findings), seconds / usual
+    spent = time.process_time() - before
+    return tuple(one.kind for one in found.findings), spent / usual
 
 
-def trials(graphs: int) -> Iterator[Tried]:
-    """Every mistake in every graph."""
-    for number in range(graphs):
-        d = 2 + number % 2
-        made = clean(d, number)
-        best = certpgo.solve(made).estimate
-        for mistake in MISTAKES:
-            if d in mistake.dimensions:
-                planted = mistake.plant(made, best, np.random.default_rng(number))
-                yield Tried(mistake, *examined(planted))
+def of_graph(number: int) -> Iterator[tuple[str, str, list[Any]]]:
+    """Every mistake and every bad estimate in one graph: section, name, kinds and ratio."""
+    d = 2 + number % 2
+    made = clean(d, number)
+    best = certpgo.solve(made).estimate
+    for mistake in MISTAKES:
+        if d in mistake.dimensions:
+            planted = mistake.plant(made, best, np.random.default_rng(number))
+            yield "mistakes", mistake.name, [*examined(planted)]
+    for name, worsened in BAD.items():
+        bad = certpgo.Estimate(*worsened(made, best, np.random.default_rng(number)))
+        yield "bad", name, [*examined(Planted(made, bad))]
+
+
+def of_clean(number: int) -> list[Any]:
+    """What is found in a clean graph and its best estimate."""
+    made = clean(2 + number % 2, 1000 + number)
+    return [*examined(Planted(made, certpgo.solve(made).estimate))]
+
+
+def of_set(name: str) -> dict[str, Any]:
+    """CPU seconds of a search and of a diagnosis in turn, medians, and what is found."""
+    instance = datasets.load(name)
+    both, found = [], certpgo.diagnose(instance)
+    for _ in range(TIMES):
+        usual = seconds(lambda: certpgo.solve(instance))
+        both.append((usual, seconds(lambda: certpgo.diagnose(instance))))
+    solve, diagnose = np.median(both, axis=0).tolist()
+    kinds = [one.kind for one in found.findings]
+    return {
+        "poses": instance.graph.num_nodes,
+        "solve": solve,
+        "ratio": diagnose / solve,
+        "kinds": kinds,
+    }
 
 
 def main() -> None:
-    """Print the table."""
-    given = [int(number) for number in sys.argv[1:]]
-    graphs, count = (*given, *(10, 200)[len(given) :])
-    found = list(trials(graphs))
-    print("| mistake | tried | first | in the first five | else |\n|---|---|---|---|---|")
-    for mistake in MISTAKES:
-        own = [one for one in found if one.mistake is mistake]
-        first = sum(one.is_first for one in own)
-        five = sum(bool({*one.kinds[:5]} & {*mistake.kinds}) for one in own)
-        others = Counter(one.kinds[0] if one.kinds else "none" for one in own if not one.is_first)
-        said = ", ".join(f"{kind} ({times})" for kind, times in others.most_common(3))
-        print(f"| {mistake.name} | {len(own)} | {first} | {five} | {said} |")
-    right = sum(one.is_first for one in found)
-    print(f"\nnamed first: {right} of {len(found)}, {right / len(found):.1%}")
-    ratios = np.sort([one.ratio for one in found])
-    print(f"CPU time over that of solve: median {np.median(ratios):.2f}, largest {ratios[-1]:.2f}")
-    false = Counter[str]()
-    for number in range(count):
-        made = clean(2 + number % 2, 1000 + number)
-        false.update(examined(Planted(made, certpgo.solve(made).estimate))[0])
-    print(f"findings in {count} clean graphs: {sum(false.values())} {dict(false) or ''}")
+    """Run what is missing, and write the page."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("graphs", nargs="?", type=int, default=10)
+    parser.add_argument("clean", nargs="?", type=int, default=200)
+    parser.add_argument("--again", action="store_true", help="forget all records")
+    parser.add_argument("--out", type=Path, default=OUT, help="records; the page is beside them")
+    options = parser.parse_args()
+    known = options.out.exists() and not options.again
+    records: Records = json.loads(options.out.read_text()) if known else {}
+
+    def keep() -> None:
+        options.out.write_text(json.dumps(records, indent=None).replace("}, ", "},\n") + "\n")
+
+    for number in range(options.graphs):
+        if str(number) not in records.get("graphs", {}):
+            of: Records = {"mistakes": {}, "bad": {}}
+            for section, name, found in of_graph(number):
+                of[section][name] = found
+            records.setdefault("graphs", {})[str(number)] = of
+            keep()
+            print(f"graph {number + 1} of {options.graphs}", flush=True)
+    for number in range(options.clean):
+        if str(number) not in records.get("clean", {}):
+            records.setdefault("clean", {})[str(number)] = of_clean(number)
+            if number % 20 == 19 or number == options.clean - 1:
+                keep()
+                print(f"clean graph {number + 1} of {options.clean}", flush=True)
+    for name in SETS:
+        if name not in records.get("sets", {}):
+            records.setdefault("sets", {})[name] = of_set(name)
+            keep()
+            print(name, flush=True)
+    options.out.with_suffix(".md").write_text(page.text(records))
 
 
 if __name__ == "__main__":

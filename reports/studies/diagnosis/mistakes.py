@@ -257,6 +257,17 @@ def _of_weights(change):
     return lambda instance, best, rng: Planted(_weighed(instance, change))
 
 
+def _of_weights_of(factor, steps):
+    """Information times a factor, of odometry or of all else."""
+
+    def plant(instance, best, rng):
+        chosen = _steps_of(instance) == steps
+        by = np.where(chosen, factor, 1.0)[:, None, None]
+        return Planted(_weighed(instance, lambda W: by * W))
+
+    return plant
+
+
 def _in_toro_order(W):
     if W.shape[1] == 3:
         # g2o: 11 12 13 22 23 33; TORO: 11 12 22 33 13 23
@@ -305,7 +316,89 @@ def _nowhere(instance, best, rng):
     return Planted(instance, Estimate(np.tile(np.eye(best.d), (N, 1, 1)), np.zeros((N, best.d))))
 
 
+# --- Estimates that are merely bad ----------------------------------------------------------------
+
+
+def _drifted(size):
+    def read(instance, best, rng):
+        R, t, d = best.rotations, best.translations, best.d
+        turns = np.cumsum(size * rng.standard_normal((N, so.tangent_dim(d))), axis=0)
+        steps = np.concatenate([t[:1], np.diff(t, axis=0)])
+        X = so.exp(turns)
+        return X @ R, np.cumsum((X @ steps[:, :, None])[:, :, 0], axis=0)
+
+    return read
+
+
+def _shaken(metres, radians):
+    def read(instance, best, rng):
+        turns = radians * rng.standard_normal((N, so.tangent_dim(best.d)))
+        t = best.translations + metres * rng.standard_normal(best.translations.shape)
+        return best.rotations @ so.exp(turns), t
+
+    return read
+
+
+def _some_moved(count, metres):
+    def read(instance, best, rng):
+        t = best.translations.copy()
+        t[rng.choice(N, count, replace=False)] += metres
+        return best.rotations, t
+
+    return read
+
+
+def _stretched(instance, best, rng):
+    return best.rotations, best.translations * np.linspace(0.5, 2.0, best.d)
+
+
+def _bent(instance, best, rng):
+    turns = np.zeros((N, so.tangent_dim(best.d)))
+    turns[:, -1] = np.linspace(0.0, 2.0, N)
+    X = so.exp(turns)
+    return X @ best.rotations, (X @ best.translations[:, :, None])[:, :, 0]
+
+
+def _one_end_kept(instance, best, rng):
+    t = best.translations.copy()
+    t[N // 2 :] = t[N // 2]
+    return best.rotations, t
+
+
+def _anywhere(instance, best, rng):
+    R = so.project(rng.standard_normal((N, best.d, best.d)))
+    return R, 10.0 * rng.standard_normal(best.translations.shape)
+
+
+def _smoothed(instance, best, rng):
+    window = np.ones(9) / 9.0
+    t = [np.convolve(np.pad(x, 4, mode="edge"), window, "valid") for x in best.translations.T]
+    return best.rotations, np.stack(t, axis=1)
+
+
+#: Ways to be wrong that no convention explains: rotations and positions from the best ones.
+BAD = {
+    "drifted a little": _drifted(0.02),
+    "drifted": _drifted(0.1),
+    "drifted far": _drifted(0.5),
+    "positions shaken by 1 m": _shaken(1.0, 0.0),
+    "positions shaken by 10 m": _shaken(10.0, 0.0),
+    "rotations shaken by 0.3 rad": _shaken(0.0, 0.3),
+    "both shaken": _shaken(1.0, 0.3),
+    "one pose 20 m off": _some_moved(1, 20.0),
+    "ten poses 5 m off": _some_moved(10, 5.0),
+    "stretched along axes": _stretched,
+    "bent": _bent,
+    "its second half in one point": _one_end_kept,
+    "random poses": _anywhere,
+    "positions smoothed": _smoothed,
+}
+#: Findings that are no cause of these: what optimizers do.
+NO_CAUSES = ("stopped-early", "wrong-basin", "saddle", "no-initialization", "other-cost")
+
 SPACE = (3,)
+#: In the plane transposed rotations are mirrored translations, seen in a mirror.
+OF_MIRRORS = ("transposed-rotations", "mirrored-edges")
 MISTAKES = (
     Mistake("estimate with w first", ("quaternion-w-first",), _of_estimate(_w_first), SPACE),
     Mistake("inverse poses", ("inverse-poses",), _of_estimate(_inverse)),
@@ -339,16 +432,14 @@ MISTAKES = (
     Mistake("all edges inverted", ("inverted-edges",), _of_edges(_inverse, "all")),
     Mistake("closures inverted", ("inverted-closures",), _of_edges(_inverse, "closures")),
     Mistake("odometry inverted", ("inverted-odometry",), _of_edges(_inverse, "odometry")),
-    Mistake(
-        "edges' rotations transposed", ("transposed-rotations",), _of_edges(_transposed, "all")
-    ),
+    Mistake("edges' rotations transposed", OF_MIRRORS, _of_edges(_transposed, "all")),
     Mistake("edges with w first", ("edges-w-first",), _of_edges(_w_first, "all"), SPACE),
     Mistake(
         "edges' translations in the other frame",
         ("translations-in-other-frame", "inverse-translations", "negated-translations"),
         _of_edges(lambda R, t: (R, np.einsum("mba,mb->ma", R, t)), "all"),
     ),
-    Mistake("edges mirrored", ("mirrored-edges",), _of_edges(_mirrored, "all")),
+    Mistake("edges mirrored", OF_MIRRORS, _of_edges(_mirrored, "all")),
     Mistake("information in another order", ("information-order",), _of_weights(_in_toro_order)),
     Mistake("covariances for information", ("covariance",), _of_weights(np.linalg.inv)),
     Mistake("square roots of information", ("square-root",), _of_weights(_roots)),
@@ -362,6 +453,16 @@ MISTAKES = (
     ),
     Mistake(
         "noise stated 4 times too large", ("noise-too-large",), _of_weights(lambda W: W / 16.0)
+    ),
+    Mistake(
+        "closures' noise stated 3 times too small",
+        ("noise-too-small",),
+        _of_weights_of(9.0, steps=False),
+    ),
+    Mistake(
+        "odometry's noise stated 3 times too small",
+        ("noise-too-small",),
+        _of_weights_of(9.0, steps=True),
     ),
     Mistake("one stiff edge", ("stiff-edge",), _of_weights(_stiff)),
     Mistake(
