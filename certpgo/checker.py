@@ -170,7 +170,7 @@ class Edge(NamedTuple):
 
     first: int  # of a prior it is the world, -1 until all ids are known
     second: int
-    q: Numbers
+    q: Numbers  # in the plane an angle
     t: Numbers
     kappa: float | None  # None: it measures a position alone
     tau: float
@@ -180,8 +180,7 @@ class Edge(NamedTuple):
     scale: float = 1.0  # of a similarity
 
 
-_NUMBER = rb"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"  # allowed in files
-_NUMBERS = re.compile(rb"[ \t]*(?:%b[ \t]+)*%b" % (_NUMBER, _NUMBER))
+_IN_NUMBERS = b"0123456789+-.eE \t\r"
 _PLAIN = bytes(range(32, 127)) + b"\t\r\n"
 _MARK = b"\xef\xbb\xbf"  # may begin a file
 _IGNORED = re.compile(
@@ -224,22 +223,25 @@ def read_graph(text: bytes, claim: dict[str, Any], component: bytes | None) -> G
             weights[k] = np.where(stated, float(claim[name]), 0.0)
         if not ((weights[k] > 1.0 / FAR) & (weights[k] < FAR) | ~stated).all():
             raise Unreadable(f"{name} must be positive, and neither tiny nor huge")
-    if not (np.isfinite(np.array(q)).all() and np.isfinite(t).all()):
+    turns = np.array(q)
+    if not (np.isfinite(turns).all() and np.isfinite(t).all()):
         raise Unreadable("a number that is not finite")
+    turns = half_angles(turns[:, 0]) if turns.shape[1] == 1 else turns
     i, j = (np.array([ids[k] for k in ends]) for ends in (first, second))
-    R = rotations(np.array(q)) if claim.get("cost") is None else None
+    R = rotations(turns) if claim.get("cost") is None else None
     prior = [k == "prior" for k in what]
     if claim.get("origin") is not None:
         t[prior] = _less(t[prior], np.array(claim["origin"], dtype=np.float64))
     seen = np.array([k in points for k in ids]) if points else None
-    graph = Graph(len(ids), i, j, R, t, weights[0], weights[1], points=seen, priors=sum(prior))
+    graph = Graph(len(ids), i, j, R, t, weights[0], weights[1], None, turns, points=seen)
+    graph = graph._replace(priors=sum(prior))
     graph = graph._replace(ids=(*ids,) if not any(prior) else (*[*ids][:-1], None))
     if claim.get("kind") == "similarities":
         unit = min(_fixed(text) & {*ids}, default=min(ids))
         return graph._replace(scales=np.array(s), free=np.array([k != unit for k in ids]))
     if R is not None:
         return graph
-    return graph._replace(q=np.array(q), information=_information(upper, turned, claim["d"]))
+    return graph._replace(information=_information(upper, turned, claim["d"]))
 
 
 def _information(upper: Sequence[Numbers], turned: Bools, d: int) -> Array:
@@ -296,7 +298,12 @@ def _edges(text: bytes, claim: dict[str, Any]) -> Iterator[Edge]:
         lines = enumerate(text.replace(b"\r\n", b"\n").split(b"\n"), 1)
         number = next(k for k, line in lines if _hides(line))
         raise Unreadable(f"line {number}: plain text expected, and lines that end in LF or CRLF")
-    kinds, weigh, used = set(), cache(weights), set()
+    kinds, used = set(), set()
+    mean = cache(harmonic_mean)
+
+    def weigh(words: tuple[bytes, ...]) -> tuple[float, float]:
+        return weights(words, mean)
+
     sensors: dict[int, bool] = {0: True}  # without parameters, 0 is the body itself
     more = _SIGHTINGS * claim.get("landmarks", False) + _PRIORS * claim.get("priors", False)
     similar = claim.get("kind") == "similarities"
@@ -346,13 +353,17 @@ def _hides(text: bytes) -> bool:
     return lone > 0 or any(byte < 128 for byte in text.translate(None, _PLAIN))
 
 
-def _split(text: bytes, counts: tuple[int, ...]) -> list[bytes]:
+def _split(text: bytes, *counts: int) -> tuple[list[bytes], list[float]]:
+    """The numbers of a line, as they are written and as doubles."""
     words = text.split()
     if len(words) not in counts:
         raise ValueError(f"a measurement of {' or '.join(map(str, counts))} numbers expected")
-    if not _NUMBERS.fullmatch(text.rstrip()):
-        raise ValueError("plain decimal numbers expected")
-    return words
+    try:
+        if not text.translate(None, _IN_NUMBERS):
+            return words, [*map(float, words)]
+    except ValueError:
+        pass
+    raise ValueError("plain decimal numbers expected")
 
 
 def _g2o_edge(
@@ -363,17 +374,18 @@ def _g2o_edge(
 ) -> Edge:
     """``i j x y z qx qy qz qw`` or ``i j x y theta``, with or without information."""
     pose = 9 if d == 3 else 5
-    words = _split(text, (pose, pose + (21 if d == 3 else 6)))
-    numbers = tuple(map(float, words[2:pose]))
-    q = numbers[3:] if d == 3 else half_angle(numbers[2])
+    words, numbers = _split(text, pose, pose + (21 if d == 3 else 6))
+    t, q = (*numbers[2 : 2 + d],), (*numbers[2 + d : pose],)
+    if d == 2 and not abs(q[0]) <= 1e6:
+        raise ValueError("an angle beyond 1e6 radians")
     kappa, tau, upper = 1.0, 1.0, Numbers()
     if claim.get("cost") is not None:
-        upper = tuple(map(float, words[pose:]))
+        upper = (*numbers[pose:],)
     elif len(words) > pose and None in (claim["kappa"], claim["tau"]):
         kappa, tau = weigh(tuple(words[pose:]))
         if claim["rotation_information"] == "quaternion":
             kappa *= 0.25  # half the angle, a quarter of the information
-    return Edge(int(words[0]), int(words[1]), q, numbers[:d], kappa, tau, upper)
+    return Edge(int(words[0]), int(words[1]), q, t, kappa, tau, upper)
 
 
 def _similarity_edge(
@@ -384,8 +396,8 @@ def _similarity_edge(
     """``i j`` and the logarithm of a similarity, with or without its information."""
     if words[0] != b"EDGE_SIM3:EXPMAP":
         raise ValueError("EDGE_SIM3:EXPMAP expected, in a graph of similarities")
-    words = _split(b"".join(words[1:]), (9, 37))
-    q, t, scale = similarity(tuple(map(float, words[2:9])))
+    words, numbers = _split(b"".join(words[1:]), 9, 37)
+    q, t, scale = similarity((*numbers[2:9],))
     weighed = len(words) > 9 and None in (claim["kappa"], claim["tau"])
     kappa, tau = weigh(tuple(words[9:])) if weighed else (1.0, 1.0)
     return Edge(int(words[0]), int(words[1]), q, t, kappa, tau, scale=scale)
@@ -462,7 +474,7 @@ def read_archive(data: bytes, claim: dict[str, Any]) -> Graph:
         raise Unreadable("a number that is not finite")
     q = np.array([_of_matrix(matrix) for matrix in found["rotations"]])
     seen = points if points.any() else None
-    return Graph(n, i, j, rotations(q), t, kappa, tau, points=seen, scales=s, free=free)
+    return Graph(n, i, j, rotations(q), t, kappa, tau, None, q, points=seen, scales=s, free=free)
 
 
 def _of_matrix(R: Array) -> tuple[float, ...]:
@@ -487,32 +499,31 @@ def _map_edge(
     what = "prior" if tag in _PRIORS else "apart" if tag == b"LANDMARK2" else "sighting"
     ids, whole = (1 if what == "prior" else 2) + (d == 3), tag in _WHOLE
     first = ids + (4 * d - 5 if whole else d)
-    words = _split(text, (first, first + (15 * d - 24 if whole else 3 * d - 3)))
+    words, numbers = _split(text, first, first + (15 * d - 24 if whole else 3 * d - 3))
     sensor = int(words[ids - 1]) if d == 3 else 0
     if whole:
         edge = _g2o_edge(b" ".join([b"-1", words[0], *words[ids:]]), d, claim, weigh)
         return edge._replace(what=what, sensor=sensor)
-    tau, position, upper = 1.0, tuple(map(float, words[ids:first])), Numbers()
+    tau, upper = 1.0, Numbers()
     if claim.get("cost") is not None:
-        upper = tuple(map(float, words[first:]))
+        upper = (*numbers[first:],)
     elif len(words) > first and claim["tau"] is None:
-        tau = harmonic_mean(words[first:], 1)
+        tau = harmonic_mean((*words[first:],), 1)
     ends = (-1, int(words[0])) if what == "prior" else (int(words[0]), int(words[1]))
-    identity = (0.0, 0.0, 0.0, 1.0) if d == 3 else (1.0, 0.0)
-    return Edge(*ends, identity, position, None, tau, upper, what, sensor)
+    identity = (0.0, 0.0, 0.0, 1.0) if d == 3 else (0.0,)
+    return Edge(*ends, identity, (*numbers[ids:first],), None, tau, upper, what, sensor)
 
 
 def _sensor(text: bytes) -> tuple[int, bool]:
     """``sensor x y z qx qy qz qw``: its number, and whether it is at its body's origin."""
-    words = _split(text, (8,))
-    *zeros, w = map(float, words[1:])
+    words, (_, *zeros, w) = _split(text, 8)
     return int(words[0]), not any(zeros) and 0.0 < abs(w) < FAR
 
 
 def _1dsfm_edge(text: bytes) -> Edge:
     """``i j``, a matrix R_ij row by row, and an unused direction."""
-    words = _split(text, (14,))
-    q = shepperd(tuple(map(float, words[2:]))[:9])
+    words, numbers = _split(text, 14)
+    q = shepperd((*numbers[2:11],))
     return Edge(int(words[0]), int(words[1]), q, (0.0, 0.0, 0.0), 1.0, 1.0)
 
 
@@ -564,38 +575,38 @@ def _exponential(M: list[list[int]]) -> list[float]:
     return [x / (1 << SERIES) for x in total]
 
 
-def half_angle(theta: float) -> tuple[float, float]:
-    """The doubles nearest to cos(theta/2) and sin(theta/2), by integers in fixed point."""
-    if not abs(theta) <= 1e6:
-        raise ValueError("an angle beyond 1e6 radians")
-    if theta == 0.0:
-        return 1.0, 0.0
-    exponent = math.frexp(theta)[1]
-    bits, halvings = 320 + max(0, -exponent), 8 + max(0, exponent)
-    numerator, denominator = theta.as_integer_ratio()
-    x = (numerator << bits) // (denominator << (1 + halvings))
-    cosine, sine = circle(x, bits, halvings)  # within 2^63
-    pairs = {
-        ((cosine + e) / (1 << bits), (sine + f) / (1 << bits))
-        for e in (-(1 << 64), 1 << 64)
-        for f in (-(1 << 64), 1 << 64)
-    }
-    if len(pairs) > 1:
-        raise ValueError("an angle too close to call")
-    return pairs.pop()
+def half_angles(theta: Array) -> Array:
+    """(m, 2) the doubles nearest to cos(theta/2) and sin(theta/2), by integers in fixed point."""
+    pairs, left = np.tile([1.0, 0.0], (len(theta), 1)), np.flatnonzero(theta)
+    for bits in (128, 320):
+        if not len(left):
+            return pairs
+        (N, e), exponents = integers(theta[left]), np.frexp(theta[left])[1]
+        bits += max(0, -int(exponents.min())) if bits > 128 else 0
+        halvings = 8 + max(0, int(exponents.max()))
+        x = circle(_floored(N, bits - e - 1 - halvings), bits, halvings)
+        ends = [
+            np.stack(x, axis=1) + off
+            for off in (-(1 << (8 + 2 * halvings)), 1 << (8 + 2 * halvings))
+        ]
+        low, high = ((end / (1 << bits)).astype(np.float64) for end in ends)
+        pairs[left], left = low, left[(low != high).any(axis=1)]
+    if len(left):
+        raise Unreadable("an angle too close to call")
+    return pairs
 
 
-def circle(x: int, bits: int, halvings: int) -> tuple[int, int]:
+def circle(x: Any, bits: int, halvings: int) -> tuple[Any, Any]:
     """Cosine and sine of x 2^(halvings - bits) in units of 2^-bits, |x| <= 2^(bits - 9).
 
     Both are within 2^(7 + 2 halvings), even if x was rounded down: each truncation adds a unit, and
     each doubling at most quadruples the error.
     """
-    sums, term, k = [0, 0], 1 << bits, 0
-    while term not in (0, -1):
-        sums[k % 2] += -term if k & 2 else term
+    sums, term, size, k = [0, 0], 1 << bits, 1 << bits, 0
+    while size:  # at least the term's, or it is 0 or -1
+        sums[k % 2] = sums[k % 2] - term if k & 2 else sums[k % 2] + term
         k += 1
-        term = (term * x >> bits) // k
+        term, size = (term * x >> bits) // k, (size >> 9) // k
     cosine, sine = sums
     for _ in range(halvings):
         cosine, sine = (cosine * cosine - sine * sine) >> bits, (cosine * sine) >> (bits - 1)
@@ -607,31 +618,40 @@ def _turn(angle: int) -> tuple[int, int]:
     return circle(angle >> 12, FINE, 12)
 
 
-def weights(words: tuple[bytes, ...]) -> tuple[float, float]:
-    """The weights kappa and tau of an information matrix: its upper triangle, row by row."""
+def weights(
+    words: tuple[bytes, ...], mean: Callable[[tuple[bytes, ...], int], float]
+) -> tuple[float, float]:
+    """The weights kappa and tau of an information matrix: its upper triangle, row by row.
+
+    ``mean`` is `harmonic_mean`, or that with a cache.
+    """
     if len(words) == 6:
-        return harmonic_mean(words[5:], 1), harmonic_mean([words[k] for k in (0, 1, 3)], 1)
+        return mean(words[5:], 1), mean((words[0], words[1], words[3]), 1)
     if len(words) == 28:  # of similarities: rotation, translation, scale
-        kappa = harmonic_mean([words[k] for k in (0, 1, 2, 7, 8, 13)], 2)
-        return kappa, harmonic_mean([words[k] for k in (18, 19, 20, 22, 23, 25)], 1)
-    tau = harmonic_mean([words[k] for k in (0, 1, 2, 6, 7, 11)], 1)
-    return harmonic_mean(words[15:], 2), tau
+        turned, (a, b, c, _, _, _, _, d, e, _, _, _, _, f) = words[18:], words[:14]
+        return mean((a, b, c, d, e, f), 2), mean((*turned[:3], *turned[4:6], turned[7]), 1)
+    return mean(words[15:], 2), mean((*words[:3], *words[6:8], words[11]), 1)
 
 
-def harmonic_mean(words: Sequence[bytes], halves: int) -> float:
+def harmonic_mean(words: tuple[bytes, ...], halves: int) -> float:
     """The number size / tr(A^-1) / halves of an upper triangle in decimals, rounded once."""
-    values, powers = [], []
+    upper, powers = [], []
     for word in words:
-        mantissa, mark, power = word.lower().partition(b"e")
-        whole, _, fraction = mantissa.partition(b".")
-        if (fraction and not fraction.isdigit()) or (mark and not power):
-            raise ValueError("information must be decimal numbers")
-        values.append(int(whole + fraction))
-        powers.append(int(power or 0) - len(fraction))
-    lowest = min(powers)
-    if not -400 <= lowest <= max(powers) <= 400:
+        whole, _, fraction = word.partition(b".")
+        power = 0
+        if not (whole + fraction).isdigit():
+            mantissa, mark, after = word.lower().partition(b"e")
+            whole, _, fraction = mantissa.partition(b".")
+            if (fraction and not fraction.isdigit()) or (mark and not after):
+                raise ValueError("information must be decimal numbers")
+            power = int(after or 0)
+        upper.append(int(whole + fraction))
+        powers.append(power - len(fraction))
+    lowest, highest = min(powers), max(powers)
+    if not -400 <= lowest <= highest <= 400:
         raise ValueError("an information number out of range")
-    upper = [value * 10 ** (power - lowest) for value, power in zip(values, powers, strict=True)]
+    if lowest < highest:
+        upper = [x * 10 ** (power - lowest) for x, power in zip(upper, powers, strict=True)]
     if len(upper) == 1:
         minors, above, below = [upper[0]], upper[0], 1
     elif len(upper) == 3:
@@ -842,24 +862,26 @@ def upper_bound(
     the root mean square scale.
     """
     i, j, (m, d) = graph.i, graph.j, graph.t.shape
-    own, measured, e, f = np.full(graph.n, 1, object), np.full(m, 1, object), 0, 0
+    own, step, e, f = np.ones(graph.n, object), np.ones(m, object), 0, 0
     if graph.scales is not None and s is not None:
         _refuse_scales(graph, s)
-        (own, e), (measured, f) = _in_fractions(s), _in_fractions(graph.scales)
-    A = own[:, None, None] * rotations(q)  # in units of 2^-(POINT + e)
-    Ai, P = A[i], measured[:, None, None] * graph.R
-    moved = sum(Ai[:, :, c, None] * P[:, None, c, :] for c in range(d))
-    # Entries of R_i R_ij are off by less than (2 d + 1) 2^POINT, those of R_j by 2^POINT.
-    off = ((2 * d + 1) * own[i] * measured + (own[j] << f)) << POINT
-    sizes = abs((A[j] << (POINT + f)) - moved) + off[:, None, None]
-    terms, unit = _squares(graph.kappa, sizes, 2 * POINT + e + f)
+        (own, e), (step, f) = _in_fractions(s), _in_fractions(graph.scales)
+    N, D = exact_rotations(q)
+    (pairs, _), (measured, _), (kappa, unit) = map(integers, (q, graph.q, graph.kappa))
+    # With the scales a of A_j and g of s_ij A_i, |A_j - s_ij A_i R_ij|^2 is d (a - g)^2 plus 8 a g
+    # sin^2 of half the angle between them, whose cosine is that of quaternions.
+    cosine = (_between(pairs[i], pairs[j]) * measured).sum(axis=1)
+    norm = D[i] * D[j] * (measured * measured).sum(axis=1)
+    a, g = own[j] << f, own[i] * step
+    turned = 8 * a * g * (norm - cosine * cosine) + d * (a - g) ** 2 * norm
+    terms, unit = -_floored(-kappa * turned, FINE - 2 * (e + f), norm), unit + FINE
     if t is not None:
-        (at, a), (step, b) = integers(t), integers(graph.t)
-        at, step, a = at << max(b - a, 0), step << max(a - b, 0), max(a, b)  # to one unit
-        moved = sum(Ai[:, :, c] * step[:, None, c] for c in range(d))
-        off = own[i] * abs(step).sum(axis=1)
-        sizes = abs(((at[j] - at[i]) << (POINT + e)) - moved) + off[:, None]
-        others, f = _squares(graph.tau, sizes, a + POINT + e)
+        at, exponent = integers(np.concatenate([t, graph.t]))
+        tau, f = integers(graph.tau)
+        apart = (D[i] << e)[:, None] * (at[j] - at[i])
+        apart -= own[i][:, None] * (N[i] * at[graph.n :, None, :]).sum(axis=2)
+        squares = tau * (apart * apart).sum(axis=1)
+        others, f = -_floored(-squares, FINE - 2 * (exponent + e), D[i] ** 2), f + FINE
         terms, unit = (terms << max(f - unit, 0)) + (others << max(unit - f, 0)), max(unit, f)
     if cut is not None:
         prices, f = integers(cut.prices)
@@ -877,14 +899,6 @@ def _refuse_scales(graph: Graph, s: Array) -> None:
         raise Refused("a scale is not positive")
     if graph.free is not None and (s[~graph.free & graph.poses] != 1.0).any():
         raise Refused("a scale that is known to be 1 is another one")
-
-
-def _squares(weights: Array, sizes: Any, unit: int) -> tuple[Any, int]:
-    """Integers and an exponent: weights times squares (m,) of sizes (m, ...) 2^-unit, at least."""
-    kept = 100 + max(math.frexp(float(weights.max()))[1], 0) // 2
-    sizes = (sizes >> max(unit - kept, 0)) + 1  # to units of 2^-kept, rounded up
-    w, e = integers(weights)
-    return w * (sizes * sizes).reshape(len(w), -1).sum(axis=1), e + 2 * min(unit, kept)
 
 
 def _rounded_up(n: int, e: int, divisor: int = 1) -> float:
@@ -916,7 +930,9 @@ def g2o_cost(graph: Graph, q: Array, t: Any) -> float:
     x[either & (cross < 0)] *= -1  # f takes both values there
     r, off = np.concatenate([y, x], axis=1), 2  # within off
     total = (r[:, None, :] @ Omega @ r[:, :, None]).sum()
-    total += (abs(Omega).sum(axis=1) * (2 * off * abs(r) + off * off)).sum()
+    sizes = abs(graph.information).sum(axis=1) * (abs(r).astype(np.float64) + off)
+    more, k = float(2.0 * SPARE * off * sizes.sum()).as_integer_ratio()
+    total += (more << max(unit, 0)) // k + 1
     return _rounded_up(total, unit + 2 * POINT)
 
 
@@ -960,12 +976,33 @@ def _angle(cosine: int, sine: int, norm: int) -> int:
 
 def _definite(A: Any) -> Bools:
     """(m,) which symmetric matrices (m, k, k) of integers are positive definite."""
-    definite: Bools = np.ones(len(A), dtype=bool)
-    while A.shape[1]:  # Gaussian elimination without fractions
-        pivot = A[:, :1, :1]
-        definite &= pivot[:, 0, 0] > 0
-        A = pivot * A[:, 1:, 1:] - A[:, 1:, :1] * A[:, :1, 1:]
+    definite = _well_definite(A)
+    left, places = A[~definite], np.flatnonzero(~definite)
+    while len(left) and left.shape[1]:  # Gaussian elimination without fractions
+        pivot = left[:, :1, :1]
+        places, pivot, left = (x[pivot[:, 0, 0] > 0] for x in (places, pivot, left))
+        left = pivot * left[:, 1:, 1:] - left[:, 1:, :1] * left[:, :1, 1:]
+    definite[places] = True
     return definite
+
+
+def _well_definite(A: Any) -> Bools:
+    """(m,) which of these matrices, k < 8, are found to be positive definite by doubles.
+
+    With about 1 on the diagonal, A - C C^T exceeds what rounds in it.
+    """
+    try:
+        A = A.astype(np.float64)
+        scales = -(np.frexp(np.maximum(np.einsum("maa->ma", A), 0.0))[1] >> 1)
+        A = np.ldexp(A, scales[:, :, None] + scales[:, None, :])
+        C = np.linalg.cholesky(A - 2.0**-30 * np.eye(A.shape[1]))
+    except (np.linalg.LinAlgError, OverflowError):
+        return np.zeros(len(A), dtype=bool)
+    E = A - C @ np.swapaxes(C, 1, 2)
+    own = np.einsum("maa->ma", E)
+    dominant = own - (abs(E).sum(axis=2) - abs(own)) > 2.0**-36
+    small = (abs(C).max(axis=2) < 4.0) & (abs(A).max(axis=2) < 4.0)
+    return np.asarray((dominant & small).all(axis=1))
 
 
 def surrogate(graph: Graph, given: EdgeBounds) -> Graph:
@@ -1078,9 +1115,9 @@ def _spatial_hold(S: Any, linear: Any, N: Any, touching: Array, wanted: Any, uni
     form[:, 1:, 0] = form[:, 0, 1:]
     eye = np.eye(4, dtype=int)
     form[:, 1:, 1:] = S + 2 * (N + np.swapaxes(N, 1, 2) - trace[:, None, None] * eye[1:, 1:])
-    form -= (wanted + k + 16)[:, None, None] * eye
-    form = (form << (2 * bits + 1)) + 2 * k[:, None, None] * q0[:, :, None] * q0[:, None, :]
-    half = (q0[:, :, None] * linear[:, None, :]) << bits
+    form -= (wanted + k + 28)[:, None, None] * eye
+    form += (k[:, None, None] * q0[:, :, None] * q0[:, None, :]) >> (2 * bits)
+    half = (q0[:, :, None] * linear[:, None, :]) >> (bits + 1)
     form[:, :, 1:] += half
     form[:, 1:, :] += np.swapaxes(half, 1, 2)
     return np.asarray(fits & _definite(form))
@@ -1269,11 +1306,13 @@ def _parts(entries: Any, shifts: Ints) -> tuple[Array, Array]:
     high, low = (np.empty(entries.shape) for _ in range(2))
     for k in range(0, len(entries), 1 << 16):  # integers take much more memory than doubles
         some, shift = entries[k : k + (1 << 16)], shifts[k : k + (1 << 16)] + 2 * BITS + 62
-        moved = (some << _big(np.maximum(shift, 0))) >> _big(np.maximum(-shift, 0))
-        moved += 1 << 61
-        rest = (moved & ((1 << 62) - 1)).astype(np.int64) - (1 << 61)
-        high[k : k + (1 << 16)] = (moved >> 62).astype(np.float64) * 4.0**-BITS
-        low[k : k + (1 << 16)] = np.ldexp(rest.astype(np.float64), -62 - 2 * BITS)
+        if (shift > 0).any():
+            some, shift = some << _big(np.maximum(shift, 0)), np.minimum(shift, 0)
+        moved = some >> _big(-shift)
+        rest = (moved & ((1 << 62) - 1)).astype(np.int64)
+        up = rest >> 61  # to the nearest one
+        high[k : k + (1 << 16)] = ((moved >> 62).astype(np.float64) + up) * 4.0**-BITS
+        low[k : k + (1 << 16)] = np.ldexp((rest - (up << 62)).astype(np.float64), -62 - 2 * BITS)
     return high, low
 
 
@@ -1288,7 +1327,7 @@ class Front(NamedTuple):
     children: list[int]
 
 
-def fronts(n: int, pairs: Ints, allowance: int = 32, widest: int = 128) -> list[Front]:
+def fronts(n: int, pairs: Ints, allowance: int = 12, widest: int = 16) -> list[Front]:
     """The fronts of eliminating 0 ... n-1 in order, children before parents.
 
     ``pairs`` are (k, 2) with p < q. A node joins a child's front if that adds at most ``allowance``

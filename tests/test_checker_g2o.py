@@ -207,7 +207,7 @@ def test_a_planar_cost_by_hand():
     """A quarter turn measured, a turn of 3 rad / 2 found; one metre too far to the left."""
     Omega = [[2, 0, 1], [0, 3, -1], [1, -1, 4]]
     graph, t = one_edge([math.cos(math.pi / 4), math.sin(math.pi / 4)], [1.0, 0.0], Omega)
-    q = np.array([[1.0, 0.0], checker.half_angle(1.5)])
+    q = np.array([[1.0, 0.0], [math.cos(0.75), math.sin(0.75)]])
     t[1] = [1.0, 1.0]  # y is (1, 0) in the measured frame
     a = 1.5 - math.pi / 2
     expected = 2 + 4 * a * a + 2 * a

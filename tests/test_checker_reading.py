@@ -171,19 +171,21 @@ def test_a_rotation_of_zero_is_refused():
     [(1e6, True), (-1e6, True), (1000001.0, False), (-1000001.0, False), (math.nan, False)],
 )
 def test_angles_have_a_range(theta, passes):
+    text = f"EDGE_SE2 0 1 0 0 {theta!r}\n"
     if passes:
-        c, s = checker.half_angle(theta)
-        assert (c, s) == pytest.approx((math.cos(theta / 2), math.sin(theta / 2)), abs=1e-15)
+        wanted = math.cos(theta / 2), math.sin(theta / 2)
+        assert read(text, d=2).q[0].tolist() == pytest.approx(wanted, abs=1e-15)
     else:
-        with pytest.raises(ValueError, match="beyond"):
-            checker.half_angle(theta)
+        with pytest.raises(checker.Unreadable, match=r"line 1: .*(beyond|plain decimal)"):
+            read(text, d=2)
 
 
 @pytest.mark.parametrize("odd", [1, 3, 5, -1, -7])
 def test_half_of_an_odd_smallest_double_is_too_close_to_call(odd):
-    with pytest.raises(ValueError, match="too close"):
-        checker.half_angle(odd * 2.0**-1074)
-    assert checker.half_angle((odd + 1) * 2.0**-1074) == (1.0, (odd + 1) // 2 * 2.0**-1074)
+    with pytest.raises(checker.Unreadable, match="too close"):
+        checker.half_angles(np.array([1.0, odd * 2.0**-1074]))
+    found = checker.half_angles(np.array([0.0, (odd + 1) * 2.0**-1074]))
+    assert found.tolist() == [[1.0, 0.0], [1.0, (odd + 1) // 2 * 2.0**-1074]]
 
 
 @pytest.mark.parametrize("name", ["kappa", "tau"])

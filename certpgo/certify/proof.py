@@ -348,10 +348,11 @@ def exact_graph(problem: Quadratic) -> checker.Graph:
     if problem.has_positions:
         t, tau = problem.graph.translations, problem.graph.tau
         points = problem.graph.is_point if problem.graph.is_point.any() else None
-    R, N = None, graph.couplings
+    R, q, N = None, None, graph.couplings
     if N is None:
-        R = checker.rotations(quaternions(graph.rotations))
-    exact = checker.Graph(graph.num_nodes, i, j, R, t, graph.kappa, tau, N=N, points=points)
+        q = quaternions(graph.rotations)
+        R = checker.rotations(q)
+    exact = checker.Graph(graph.num_nodes, i, j, R, t, graph.kappa, tau, N, q, points=points)
     if problem.takes_scales:
         of = cast("Any", problem.graph)
         return exact._replace(scales=of.scales, free=of.free)
