@@ -14,11 +14,14 @@ from contextlib import suppress
 from io import TextIOWrapper
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
 #: Exit codes after Ctrl-C, and after SIGTERM.
 INTERRUPTED, TERMINATED = 130, 143
 #: New objects after which cycles among them are looked for: imports make many, and none.
 OBJECTS = 10_000
+#: Parts of NumPy that it loads when they are asked for. They take as long as SciPy's matrices.
+_UNASKED = ("core", "ctypeslib", "f2py", "ma", "matlib", "polynomial", "testing")
 
 #: Whether SIGTERM came.
 _terminated = False
@@ -40,6 +43,24 @@ def end_code(code: int) -> int:
     if _RUNS_THE_COMMAND:
         gc.freeze()  # Python looks for cycles once more when it ends
     return TERMINATED if _terminated and code == INTERRUPTED else code
+
+
+def import_numerics() -> None:
+    """Import NumPy, and SciPy's sparse matrices, without the parts of NumPy that neither uses.
+
+    SciPy copies the names of NumPy, and so loads what NumPy loads for whoever asks for it.
+    """
+    import numpy
+
+    whole: Any = numpy
+    names, listed = whole.__all__, whole.__dir__
+    if _RUNS_THE_COMMAND and "scipy" not in sys.modules:
+        whole.__all__ = [name for name in names if name not in _UNASKED]
+        whole.__dir__ = lambda: [name for name in listed() if name not in _UNASKED]
+    try:
+        import scipy.sparse  # noqa: F401
+    finally:
+        whole.__all__, whole.__dir__ = names, listed
 
 
 def _runs_the_command() -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import os
 import re
@@ -61,6 +60,8 @@ NUMBERS: Mapping[str, tuple[str, Callable[[Any], bool], str]] = {
 
 def nearest(name: str, names: Iterable[str]) -> list[str]:
     """At most three names that may have been meant: similar ones, or longer by an ending."""
+    import difflib
+
     listed = list(names)
     longer = [n for n in listed if len(name) >= BEGINNING and n.startswith(name)]
     similar = difflib.get_close_matches(name, listed, n=3, cutoff=CLOSE)

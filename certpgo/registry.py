@@ -11,7 +11,6 @@ from __future__ import annotations
 import importlib
 import inspect
 import os
-import pickle
 import sys
 import types
 from collections.abc import Iterable, Iterator, Mapping
@@ -288,6 +287,8 @@ def get_command(name: str) -> Any:
 
 def call_pickled(call: bytes) -> Any:
     """Call a pickled function with its arguments, in a process without the benchmarks loaded."""
+    import pickle
+
     _make_harness_importable()
     function, *arguments = pickle.loads(call)
     return function(*arguments)

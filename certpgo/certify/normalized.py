@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from certpgo import checker
 from certpgo.certify.bridge_blocks import Part, parts
 from certpgo.certify.certificate import Tier, tier_called
 from certpgo.certify.local_minimum import LocalMinimum
-from certpgo.certify.proof import exact_cost, exact_graph
 from certpgo.certify.stiff_edges import eased
 from certpgo.certify.tolerances import FLOOR, allowed
 from certpgo.certify.units import unit_of
@@ -20,6 +18,9 @@ from certpgo.objective.exact_fit import fits_exactly
 from certpgo.objective.objective import Objective
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.progress import Stop
+
+if TYPE_CHECKING:
+    from certpgo import checker
 
 AnyObjective = TypeVar("AnyObjective", bound=Objective)
 
@@ -113,6 +114,8 @@ class NormalizedProblem(Generic[AnyObjective]):
     def cost_upper(self, estimate: Estimate) -> float:
         """The cost of the estimate, rounded up: F in exact arithmetic at the proof tier."""
         if self.tier is Tier.PROOF and self.problem.is_chordal:
+            from certpgo.certify.proof import exact_cost
+
             return exact_cost(self.problem.chordal, self.exact, estimate)
         return self.problem.enclosure(estimate)[1]
 
@@ -123,6 +126,8 @@ class NormalizedProblem(Generic[AnyObjective]):
     @cached_property
     def exact(self) -> checker.Graph:
         """The measurements in the checker's representation."""
+        from certpgo.certify.proof import exact_graph
+
         return exact_graph(self.problem.chordal)
 
     @cached_property

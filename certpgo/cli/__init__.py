@@ -157,6 +157,7 @@ def _guarded(function: Command) -> Callable[..., None]:
             module = inspect.unwrap(function).__globals__
             if module.get("NUMERICS", True):
                 # Not earlier: the help needs none. Until they are here, Ctrl-C ends at once.
+                _start.import_numerics()
                 importlib.import_module("certpgo.graph")
             _start.begin()
             from certpgo.io.pipes import pipes_kept

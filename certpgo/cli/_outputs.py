@@ -86,10 +86,10 @@ class Outputs:
 
     def about(self, source: Source, instance: Instance, cost: str) -> Outputs:
         """The same outputs, with a proof about this graph, if the checker can read that."""
-        from certpgo.certify.proof_file import provable
-
         if self.proof is None:
             return self
+        from certpgo.certify.proof_file import provable
+
         return replace(self, proven=provable(source.path(), instance, cost))
 
     def split(self, parts: Sequence[Instance]) -> list[Outputs]:

@@ -9,7 +9,7 @@ import importlib
 import pkgutil
 import warnings
 from codecs import BOM_UTF8
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from os import PathLike
@@ -230,16 +230,27 @@ class Format:
 @cache
 def formats() -> Mapping[str, Format]:
     """Every format in the folder, by name; warns about files that cannot be loaded."""
-    package, found = importlib.import_module("certpgo.io.formats"), {}
+    return MappingProxyType({form.name: form for form in _each()})
+
+
+def _each() -> Iterator[Format]:
+    """The formats, in the order in which they are asked; the rest of them is not loaded."""
+    from certpgo.io import formats as package
+
     for module in pkgutil.iter_modules(package.__path__):
-        try:
-            form: Format = importlib.import_module(f"{package.__name__}.{module.name}").FORMAT
-        except Exception as error:
-            path = Path(module.module_finder.path, f"{module.name}.py")  # type: ignore[union-attr]
-            warnings.warn(str(UnusableFile(path, error)), InputNotice, stacklevel=2)
-        else:
-            found[form.name] = form
-    return MappingProxyType(found)
+        path = Path(module.module_finder.path, f"{module.name}.py")  # type: ignore[union-attr]
+        if (form := _loaded(f"{package.__name__}.{module.name}", path)) is not None:
+            yield form
+
+
+@cache
+def _loaded(module: str, path: Path) -> Format | None:
+    try:
+        form: Format = importlib.import_module(module).FORMAT
+    except Exception as error:
+        warnings.warn(str(UnusableFile(path, error)), InputNotice, stacklevel=4)
+        return None
+    return form
 
 
 def get_format(name: str) -> Format:
@@ -294,7 +305,7 @@ def _format_of(path: Path, name: str | None) -> Format:
         if path.is_dir() and not form.recognises(path, head):
             raise FormatError(path, None, f"a {name} file expected, not a folder")
         return form
-    for form in formats().values():
+    for form in _each():
         if form.recognises(path, head):
             return form
     text = b"\0" not in head and bool(head)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from certpgo.checker import FAR
 from certpgo.errors import InputError
-from certpgo.graph.edges import in_range, symmetric
+from certpgo.graph.edges import FAR, in_range, symmetric
 from certpgo.io.exact.information import InformationLayout, position_weight
 from certpgo.io.format import WeightsAre
 from certpgo.linalg.arrays import FloatArray

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sqlite3
 from collections.abc import Mapping
 from contextlib import closing
 from itertools import count
@@ -90,6 +89,8 @@ def found_rows(
 
 def _rows(path: Path, query: str, program: str) -> list[tuple[Any, ...]]:
     """What a query finds, in steps and memory that the size of the file bounds."""
+    import sqlite3
+
     place = f"file:{quote(str(readable(path).resolve()))}?mode=ro"
     size, steps = readable(path).stat().st_size, count()
     try:

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cache
 from math import factorial
 
 import numpy as np
@@ -52,18 +53,15 @@ FEWEST, NEGLIGIBLE = 4, 2.0**-72
 SMALL, EDGE = 2.0**-60, 2.0**-24
 
 
-def _of_cotangent(terms: int) -> list[float]:
+@cache
+def cotangent(terms: int = 30) -> FloatArray:
     """Coefficients of c = (1 - (theta/2) cot(theta/2)) / theta^2 = sum |B_2n| x^(n-1) / (2n)!."""
     sine = [Fraction((-1) ** k, factorial(2 * k + 1)) for k in range(terms + 1)]
     ratio: list[Fraction] = []  # of u cot u = cos u / (sin u / u), in u^2
     for n in range(terms + 1):
         known = sum(ratio[k] * sine[n - k] for k in range(n))
         ratio.append(Fraction((-1) ** n, factorial(2 * n)) - known)
-    return [float(-ratio[n] / 4**n) for n in range(1, terms + 1)]
-
-
-C = np.array(_of_cotangent(30))
-C_SLOPES = polyder(C)
+    return np.array([float(-ratio[n] / 4**n) for n in range(1, terms + 1)])
 
 
 def series(coefficients: FloatArray, x: Ball) -> Ball:
@@ -134,14 +132,19 @@ def half_cotangent(x: Ball) -> tuple[Ball, Ball]:
     return -0.25 * (d / s), -0.0625 * slope
 
 
+@cache
+def _cotangent_slopes() -> FloatArray:
+    return np.asarray(polyder(cotangent()))
+
+
 def half_cotangents(x: FloatArray) -> FloatArray:
     """The same c at doubles up to pi^2."""
-    return np.asarray(polyval(x, C))
+    return np.asarray(polyval(x, cotangent()))
 
 
 def half_cotangent_slopes(x: FloatArray) -> FloatArray:
     """Its derivative in x."""
-    return np.asarray(polyval(x, C_SLOPES))
+    return np.asarray(polyval(x, _cotangent_slopes()))
 
 
 def clipped(omega: FloatArray) -> FloatArray:

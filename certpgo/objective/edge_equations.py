@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -14,14 +14,17 @@ from certpgo.graph.relaxed_point import translations_of
 from certpgo.linalg import compiled
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.blocks import scatter_sum
-from certpgo.objective.angle_functions import C
+from certpgo.objective.angle_functions import cotangent
 from certpgo.objective.edge_cost import EdgeCost
 from certpgo.objective.operators import lever
 from certpgo.objective.term import Term, relative
 from certpgo.objective.terms import Placed
 
 #: What tells the kernel's residuals apart: the series of logarithms.
-_SERIES = {"quaternion": None, "logarithm": np.array(C)}
+_SERIES: dict[str, Callable[[], FloatArray | None]] = {
+    "quaternion": lambda: None,
+    "logarithm": cotangent,
+}
 
 
 class EdgeEquations:
@@ -70,7 +73,7 @@ class _Equations:
         self._term, self._n = term, n
         # Not inherited: what derives from a cost may have another residual.
         kind: str = vars(type(term)).get("compiled_residual", "")
-        self._series = _SERIES.get(kind)
+        self._series = _SERIES[kind]() if kind in _SERIES else None
         is_plain = isinstance(term, EdgeCost) and term.arms is None
         self._is_compiled = compiled.AVAILABLE and kind in _SERIES and is_plain
 

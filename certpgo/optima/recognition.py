@@ -69,9 +69,9 @@ def known_optimum(
     require(graph, Instance | Graph, "a graph or an instance")
     if cost is None:
         cost = own_cost(graph)
-    known = shipped() if register is None else register
-    measured = graph_of(graph)
-    if (measured.kind, sizes_of(graph)) not in known.sizes:
+    measured, sizes = graph_of(graph), sizes_of(graph)
+    known = shipped(sizes) if register is None else register
+    if (measured.kind, sizes) not in known.sizes:
         return None
     found = fingerprint(graph, cost)
     entry = None if found is None else known.get(found.digest, cost)

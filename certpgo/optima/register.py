@@ -144,6 +144,7 @@ class Register:
     Parameters
     ----------
     folder : by default the one that the package carries
+    sizes : of the graphs whose optima are read; None for all
 
     Raises
     ------
@@ -158,13 +159,15 @@ class Register:
     True
     """
 
-    def __init__(self, folder: Path | None = None) -> None:
+    def __init__(self, folder: Path | None = None, sizes: Sizes | None = None) -> None:
         self.folder = Path(__file__).parent if folder is None else folder
         self.path = self.folder / FILE
         self._optima: dict[tuple[str, str], Optimum] = {}
         self._absent: dict[tuple[str, str], Absent] = {}
+        stated = "" if sizes is None else json.dumps(asdict(sizes))
         for number, text in _lines(self.path):
-            self._take(number, text)
+            if stated in text:
+                self._take(number, text)
 
     def _take(self, number: int, text: str) -> None:
         try:
@@ -229,9 +232,9 @@ class Register:
 
 
 @cache
-def shipped() -> Register:
-    """The register that the package carries, read once."""
-    return Register()
+def shipped(sizes: Sizes | None = None) -> Register:
+    """The register that the package carries, read once: all of it, or of graphs of these sizes."""
+    return Register(sizes=sizes)
 
 
 def _by_name(entry: Optimum | Absent) -> tuple[str, str, str]:

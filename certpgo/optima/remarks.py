@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -57,6 +56,8 @@ def read_remarks(folder: Path) -> dict[str, Remarks]:
     FormatError
         The file is not as described in its first lines.
     """
+    import tomllib
+
     path = folder / FILE
     if not path.is_file():
         return {}

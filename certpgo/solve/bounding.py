@@ -19,7 +19,6 @@ from certpgo.certify.certificate import Tier
 from certpgo.certify.dual import DualBound
 from certpgo.certify.local_minimum import LocalMinimum
 from certpgo.certify.normalized import NormalizedProblem
-from certpgo.certify.proof import exact_graph, proven_bound, proven_surrogate
 from certpgo.certify.stiff_edges import eased
 from certpgo.errors import GraphError, NumericalError
 from certpgo.graph import Estimate
@@ -115,6 +114,8 @@ def reproven(normalized: NormalizedProblem[Any], found: DualBound) -> DualBound 
     """A surrogate's bound of the standard tier at the proof tier; None if that fails."""
     if found.support is None:
         return None
+    from certpgo.certify.proof import proven_surrogate
+
     minorants, point = found.support.minorants, found.support.point
     below = normalized.problem.surrogate_of(minorants).problem
     if isinstance(point, Estimate):
@@ -302,6 +303,8 @@ def _of_form(
     found = _of_point(normalized, surrogate, point, cost, sharp=sharp, tight=tight)
     if found is None or not proof:
         return found
+    from certpgo.certify.proof import exact_graph, proven_bound
+
     exact = normalized.exact if form is normalized.problem else exact_graph(form)
     return proven_bound(form, exact, rested(form, cast("Estimate", point)), found)
 

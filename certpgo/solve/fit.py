@@ -119,13 +119,18 @@ class Fit:
 
     @property
     def _tails(self) -> tuple[float, float]:
-        """Probabilities of a chi^2 that is at most this, and at least.
+        """Probabilities of a chi^2 that is at most this, and at least, or bounds below `RARE`.
 
         Where it is spread, of the gamma law with its mean and variance.
         """
+        half, x = 0.5 * self.freedom / self.spread, 0.5 * self.chi2 / self.spread
+        if 0.0 < x < math.inf:
+            # Chernoff's bound, before SciPy's functions are loaded, which takes long.
+            most = math.exp(min(half - x + half * math.log(x / half), 0.0))
+            if most < RARE:
+                return (most, 1.0) if x < half else (1.0, most)
         from scipy import special
 
-        half, x = 0.5 * self.freedom / self.spread, 0.5 * self.chi2 / self.spread
         return float(special.gammainc(half, x)), float(special.gammaincc(half, x))
 
 

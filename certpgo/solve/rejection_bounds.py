@@ -9,7 +9,6 @@ import numpy as np
 from certpgo.certify.certificate import Tier
 from certpgo.certify.dual import DualBound
 from certpgo.certify.local_minimum import LocalMinimum
-from certpgo.certify.proof import proven_surrogate
 from certpgo.certify.resistances import packed
 from certpgo.certify.truncated_bound import Truncated, bound_with, resistances
 from certpgo.graph import Estimate
@@ -94,6 +93,8 @@ def _bound(
     found = bound_with(normalized, point, cost, W, sharp=sharp, tight=tight)
     if found is None or found.support is None or normalized.tier is not Tier.PROOF:
         return found
+    from certpgo.certify.proof import proven_surrogate
+
     minorants = found.support.minorants
     below = problem.surrogate_of(minorants).problem
     return proven_surrogate(below, minorants.constant, at_rest(problem, point, W), found)

@@ -23,7 +23,7 @@ def folder(tmp_path, square, certpgo):
 @pytest.fixture
 def public(folder, monkeypatch):
     """The same, as the one that the package carries."""
-    monkeypatch.setattr(recognition, "shipped", lambda: Register(folder))
+    monkeypatch.setattr(recognition, "shipped", lambda sizes: Register(folder, sizes))
 
 
 def test_a_graph_is_added_listed_recognised_and_checked(certpgo, folder, square):

@@ -219,6 +219,13 @@ def test_an_optimum_stands_once(filled):
 # --- The register that the package carries
 
 
+def test_a_register_of_some_sizes_has_all_entries_of_these():
+    whole = Register()
+    for sizes in {entry.sizes for entry in whole.optima}:
+        expected = [entry for entry in whole.optima if entry.sizes == sizes]
+        assert list(Register(sizes=sizes).optima) == expected
+
+
 def test_the_wheel_stays_small():
     files = [p for p in Path(SHIPPED.folder).rglob("*") if p.suffix in (".jsonl", ".cert", ".toml")]
     assert sum(p.stat().st_size for p in files) <= 2_000_000

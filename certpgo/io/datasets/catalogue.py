@@ -10,7 +10,6 @@ import difflib
 import hashlib
 from dataclasses import dataclass
 from functools import cache
-from importlib import resources
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -85,7 +84,7 @@ class Entry:
 @cache
 def entries() -> dict[str, Entry]:
     """Every entry by name."""
-    text = resources.files(__package__).joinpath("catalogue.csv").read_text(encoding="utf-8")
+    text = Path(__file__).with_name("catalogue.csv").read_text(encoding="utf-8")
     return {row["name"]: _entry(row) for row in csv.DictReader(text.splitlines())}
 
 
