@@ -4,30 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 if TYPE_CHECKING:
     from certpgo.certify import Certificate
     from certpgo.cli._truth import KnownPoses
     from certpgo.diagnosis import Finding
     from certpgo.graph import Estimate, Instance
+    from certpgo.objective.choose_cost import Certifiable, Judged
 
 
 def cause_of(
     instance: Instance,
+    problem: Judged,
     estimate: Estimate,
     certificate: Certificate | None,
-    cost: str,
     truth: KnownPoses | None,
 ) -> Finding | None:
-    """The likeliest mistake, by what is known already; None if nothing is wrong, or none is."""
+    """The likeliest mistake, by what is known already; None if nothing is wrong, or none is.
+
+    Parameters
+    ----------
+    problem : that the certificate is about
+    """
     if certificate is None or certificate.rejected or (certificate.is_optimal and truth is None):
         return None
     from certpgo.diagnosis import Examined, first_finding
 
     known = None if truth is None else truth.explained(instance)
-    least = certificate.best_cost
-    return first_finding(Examined(instance, estimate, known, cost, least))
+    cost, least = problem.cost_name, certificate.best_cost
+    posed = cast("Certifiable", problem)  # nothing is rejected
+    return first_finding(Examined(instance, estimate, known, cost, least, posed))
 
 
 def cause(found: Finding | None) -> Iterable[tuple[str, str]]:

@@ -103,9 +103,10 @@ class Solved(Result):
     @cached_property
     def cause(self) -> Finding | None:
         """What explains errors against the truth."""
-        estimate, kept = self.solution.estimate, self.solution.kept is None
-        how = self.certificate, self.asked.cost, self.truth
-        return cause_of(self.part, estimate, *how) if kept else None
+        if self.solution.kept is not None:
+            return None
+        known = self.certificate, self.truth
+        return cause_of(self.part, self._judged, self.solution.estimate, *known)
 
     @property
     def distance(self) -> ProvenDistance | None:

@@ -239,8 +239,8 @@ class _Assessed(Result):
     @cached_property
     def cause(self) -> Finding | None:
         """What explains an estimate that is not certified, or far from the truth."""
-        how = self.found.certificate, self.asked.cost, self.truth
-        return cause_of(self.part.instance, self.given, *how)
+        part, known = self.part, (self.found.certificate, self.truth)
+        return cause_of(part.instance, part.problem, self.given, *known)
 
     @property
     def distance(self) -> ProvenDistance | None:
