@@ -112,9 +112,11 @@ def found(examined: Examined) -> Iterator[Finding]:
         yield convention
         return
     yield from noise.stiff(examined)
-    # Where all but one are ordinary there is nothing else to explain.
-    judged = wrong.judged(examined) if single is None else single
-    meaning = weights.other_meaning(examined) if single is None else None
+    judged, meaning = single, None
+    if judged is None:
+        judged = wrong.judged(examined)
+    if single is None or single.fit.fit.is_unusual:  # else there is nothing else to explain
+        meaning = weights.other_meaning(examined)
     if judged is None:
         return
     gain, unusual = noise.found(examined, judged.fit)

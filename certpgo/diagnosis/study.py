@@ -22,6 +22,8 @@ from certpgo.diagnosis.studied_term import StudiedTerm
 from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate
 from certpgo.graph.information import Information
+from certpgo.graph.relaxed_point import translations_of
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.blocks import Layout, pinned, scatter_sum
 from certpgo.linalg.factor import Factor
@@ -224,10 +226,13 @@ class Study:
         if factor is None or not _is_determined(factor, H.diagonal(), self._free):
             return None
         moves = -self.layout.unpack(factor.solve(self._free * self.layout.pack(gradient)))
-        moved = [
-            part.moved(moves[self.edges[part.rows]].reshape(len(part.rows), -1)) for part in parts
-        ]
-        return replace(self, parts=tuple(moved), factor=factor, diagonal=H.diagonal(), factors=f)
+        d, here = self.problem.d, self.estimate
+        turned = so.nearest_to_rounding(so.turned(here.rotations, moves[:, d:]))
+        there = Estimate.trusted(turned, translations_of(here) + moves[:, :d])
+        at_edges = moves[self.edges]
+        moved = tuple(part.moved(at_edges[part.rows].reshape(len(part.rows), -1)) for part in parts)
+        fit = replace(self, estimate=there, parts=moved, factors=f)
+        return replace(fit, factor=factor, diagonal=H.diagonal())
 
     def coupling(self, kinds: Sequence[BoolArray], *, roughly: bool = False) -> Coupling:
         """How kinds of measurements that count, given by flags (m,), see one another's noise.

@@ -13,7 +13,7 @@ from certpgo.diagnosis.examined import Examined
 from certpgo.diagnosis.finding import Finding
 from certpgo.diagnosis.study import Study, studied_problem, study
 from certpgo.errors import CertPGOError
-from certpgo.graph import Graph
+from certpgo.graph import Estimate, Graph
 from certpgo.graph.information import Information
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.objective.choose_cost import Certifiable, objective_of
@@ -29,6 +29,8 @@ PLENTY, EVENLY = 1000, 1.3
 #: Ratio of chi^2 and degrees of freedom from which no fit to other weights is tried, if it is too
 #: small at the given one, and if it is too large.
 TOO_SMALL, TOO_LARGE = 0.1, 1e5
+#: What chi^2 may be off by to first order, with plenty of degrees of freedom, and with few.
+LITTLE, MUCH = 1.2, 2.0
 #: Twice the logarithm of the ratio of likelihoods from which a meaning is by far the better one.
 MORE = 16.0
 #: The same of how much rarer other meanings are than misstated noise, before anything is measured.
@@ -200,14 +202,14 @@ def other_meaning(examined: Examined) -> tuple[float, Finding] | None:
     if not fit.is_unusual and fit.freedom > PLENTY and uneven < EVENLY:
         return None
     best: tuple[float, Meaning, Fit] | None = None
-    for meaning in _likeliest(examined, given):
+    for meaning, near in _likeliest(examined, given):
         with suppress(CertPGOError, np.linalg.LinAlgError):
             instance = replace(examined.instance, graph=meant(examined, meaning))
             posed = objective_of(instance, examined.problem.cost_name)
-            here = posed.cost(examined.answer.estimate) / fit.freedom
+            here = posed.cost(near) / fit.freedom
             if not TOO_SMALL < here < TOO_LARGE:
                 continue  # a fit to it costs less
-            if (found := _studied(examined, posed)) is None:
+            if (found := _studied(examined, posed, near)) is None:
                 continue
             gain, after = given.surprise - found.surprise, found.fit
             if after.is_unusual or not gain > (MORE if best is None else best[0]):
@@ -238,22 +240,25 @@ def either(meaning: Finding, noise: Sequence[Finding]) -> Finding:
     )
 
 
-def _likeliest(examined: Examined, given: Study) -> Iterator[Meaning]:
-    """The likeliest meaning near the given fit, and those of which that is not known."""
-    best: tuple[float, Meaning] | None = None
+def _likeliest(examined: Examined, given: Study) -> Iterator[tuple[Meaning, Estimate]]:
+    """The likeliest meaning by the fit to first order, with that; and those without."""
+    best: tuple[float, Meaning, Estimate] | None = None
+    off = LITTLE if given.fit.freedom > PLENTY else MUCH
     for meaning in meanings(examined):
         examined.trying(meaning.kind)
         if len(given.parts) > 1 or not isinstance(given.problem.terms[0].term, EdgeCost):
-            yield meaning
+            yield meaning, examined.answer.estimate
         elif (weights := _edge_weights(examined, given, meaning)) is not None:
             found = given.under(weights=[weights])
-            if found is None or (found.fit.is_unusual and not 0.5 < found.fit.ratio**2 < 2.0):
+            if found is None:
+                continue
+            if found.fit.is_unusual and not 1.0 / off < found.fit.ratio**2 < off:
                 continue
             gain = given.surprise - found.surprise
             if gain > (0.0 if best is None else best[0]):
-                best = gain, meaning
+                best = gain, meaning, found.estimate
     if best is not None:
-        yield best[1]
+        yield best[1:]
 
 
 def _edge_weights(examined: Examined, given: Study, meaning: Meaning) -> FloatArray | None:
@@ -285,10 +290,10 @@ def meanings(examined: Examined) -> Iterator[Meaning]:
         yield OF_QUATERNIONS[problem.between.rotation_information]
 
 
-def _studied(examined: Examined, posed: Certifiable) -> Study | None:
-    """Measurements of the same poses at their fit."""
-    problem, estimate = studied_problem(posed), examined.answer.estimate
-    return None if problem is None else study(problem, estimate, examined.anchor)
+def _studied(examined: Examined, posed: Certifiable, near: Estimate) -> Study | None:
+    """Measurements of the same poses at their fit, which is near an estimate."""
+    problem = studied_problem(posed)
+    return None if problem is None else study(problem, near, examined.anchor)
 
 
 def meant(examined: Examined, meaning: Meaning) -> Graph:

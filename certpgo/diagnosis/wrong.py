@@ -83,12 +83,12 @@ class Judged:
 
 
 def single(examined: Examined) -> Judged | None:
-    """The one measurement without which all others are ordinary; None if there is none."""
+    """The one measurement without which chi^2 is not too large; None if there is none."""
     if examined.first is None or not (best := _judged(examined, examined.first)).wrong.any():
         return None
     with suppress(CertPGOError, np.linalg.LinAlgError):
         found = _without_few(examined, best, 1)
-        return None if found is None or found.fit.fit.is_unusual else found
+        return None if found is None or found.fit.fit.is_unusually_large else found
     return None
 
 
@@ -104,8 +104,6 @@ def judged(examined: Examined) -> Judged | None:
         return best
     with suppress(CertPGOError, np.linalg.LinAlgError):
         few = _without_few(examined, best, LEFT_OUT)
-        if few is not None and few.wrong.sum() == 1 and not few.fit.fit.is_unusually_large:
-            return few
         found = [one for one in (_robustly(examined), few) if one is not None]
         return min(found, key=lambda one: one.cost, default=best)
     return best
