@@ -233,6 +233,8 @@ def _wound(examined: Examined, there: Estimate) -> tuple[str, tuple[int, ...]]:
 def undetermined(examined: Examined) -> Iterator[Finding]:
     """Nodes that nothing determines, so that linear systems are indeterminate."""
     examined.trying("undetermined")
+    if examined.first is not None:
+        return  # residuals are studied of determined nodes alone
     open_ = examined.answer.undetermined
     if open_ is None:
         return

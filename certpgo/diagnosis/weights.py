@@ -30,7 +30,7 @@ PLENTY, EVENLY = 1000, 1.3
 #: small at the given one, and if it is too large.
 TOO_SMALL, TOO_LARGE = 0.1, 1e5
 #: What chi^2 may be off by to first order, with plenty of degrees of freedom, and with few.
-LITTLE, MUCH = 1.2, 2.0
+LITTLE, MUCH = 1.05, 2.0
 #: Twice the logarithm of the ratio of likelihoods from which a meaning is by far the better one.
 MORE = 16.0
 #: The same of how much rarer other meanings are than misstated noise, before anything is measured.
