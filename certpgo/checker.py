@@ -1453,7 +1453,9 @@ def stacks(tree: list[Front], n: int, p: Ints, q: Ints) -> tuple[list[Stack], li
         to[slot[home[some]], place[some]] = into[some]
         above = stack[parent[members]]
         cuts = [0, *(1 + np.flatnonzero(np.diff(above))).tolist(), len(members)]
-        passing = [(int(above[c]), slice(c, d)) for c, d in pairwise(cuts) if M]
+        # Roots pass nothing on; where the graph is not connected, other fronts may be with them.
+        passing = [(int(above[c]), slice(c, d)) for c, d in pairwise(cuts)]
+        passing = [(parent, some) for parent, some in passing if parent < len(shapes)]
         found.append(Stack(nodes, K, members, passing, slot[parent[members]], to[:, K:]))
     chosen = np.split(blocks[:, of_block], np.searchsorted(stack[at][of_block], each[1:-1]), axis=1)
     return found, chosen

@@ -123,6 +123,15 @@ def test_rows_are_as_dominant_as_said(seed, d, poses, decades):
         assert np.abs(found.diagonal - proof.delta).max() < 1e-3 * U
 
 
+def test_parts_that_no_edge_connects():
+    """A root is in one stack with fronts that pass something on."""
+    high, between = np.full((4, 1, 1), 0.5), np.full((2, 1, 1), 0.25)
+    blocks = by_hand(4, 1, [[0, 2], [1, 2]], high, None, between)
+    found, L = factored(blocks, np.arange(4), np.full(4, 1e-12))
+    assert (found.diagonal >= found.needed).all()
+    assert min(margins(blocks, np.arange(4), found, L)) >= 0
+
+
 @given(seeds, dimensions, st.booleans(), st.floats(-4, 4), st.sampled_from([0.0, 14.0]))
 @settings(max_examples=60)
 def test_rows_are_as_dominant_as_said_whatever_the_factor(seed, d, poses, scale, decades):
