@@ -21,11 +21,12 @@ from scipy.sparse import csc_array
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.blocks import pinned
 from certpgo.linalg.factor import Factor
+from certpgo.linalg.selected_inverse import blocks_of_pairs
 from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.truncated import Truncation
 
-#: Columns that are solved for at once, and those of edges that are packed one by one at most.
-BATCH, DENSE = 256, 450
+#: Columns of edges that are packed one by one at most.
+DENSE = 450
 #: Edges whose loads are computed anew at once.
 BEST = 16
 #: Rows up to which an inverse is computed as a whole.
@@ -59,14 +60,12 @@ class Resistances:
 
     @property
     def blocks(self) -> FloatArray:
-        """(k, b, b) matrices G."""
-        k, b, step = len(self._at.prices), self.b, max(BATCH // self.b, 1)
-        found = np.empty((k, b, b))
-        for first in range(0, k, step):
-            here = np.arange(first, min(first + step, k))
-            products = self.products(here)
-            found[here] = products[np.arange(len(here)), :, np.arange(len(here))]
-        return found
+        """(k, b, b) matrices G, of blocks of the inverse, which S couples."""
+        problem, edges = self._problem, self._at.graph.edges
+        layout = problem.pattern.layout_of(problem.matrix)
+        Z, B = blocks_of_pairs(*self._factor.lower(), layout, edges), _ends(self._at)
+        B[np.repeat(edges == problem.anchor, self.b, axis=1)] = 0.0
+        return np.asarray(np.swapaxes(B, 1, 2) @ Z @ B)
 
     def products(self, edges: IntArray) -> FloatArray:
         """(h, b, h, b) products B_e^T S^+ B_f of h edges."""
@@ -160,17 +159,23 @@ def _anchor(problem: Quadratic) -> IntArray:
     return layout.first_row(problem.anchor) + np.arange(layout.sizes[problem.anchor])
 
 
+def _ends(at: Truncation) -> FloatArray:
+    """(k, 2b, b) the rows of both nodes in the block columns B, which are zero elsewhere."""
+    (k, d), p = at.v.shape, at.moved
+    b = p + d
+    B = np.zeros((k, 2 * b, b))
+    B[:, b:] = np.eye(b)
+    B[:, p:b, p:] = -at.Q
+    if p:
+        B[:, 0, 0] = -1.0
+        B[:, 1:b, 0] = -at.v
+    return B
+
+
 def _columns(problem: Quadratic, at: Truncation) -> CSC:
     """(N, k b) the block columns B, without the anchor's rows."""
-    i, j = at.graph.edges.T
-    (k, d), p, n = at.v.shape, at.moved, problem.n
-    b = p + d
-    at_i, at_j = np.zeros((2, k, b, b))
-    at_j[:] = np.eye(b)
-    at_i[:, p:, p:] = -at.Q
-    if p:
-        at_i[:, 0, 0] = -1.0
-        at_i[:, 1:, 0] = -at.v
+    (i, j), ends, n = at.graph.edges.T, _ends(at), problem.n
+    k, _, b = ends.shape
     layout = problem.pattern.layout_of(problem.matrix)
     place = np.full(n * b, -1)
     place[layout.pack(np.arange(n * b).reshape(n, b))] = np.arange(layout.size)
@@ -179,6 +184,6 @@ def _columns(problem: Quadratic, at: Truncation) -> CSC:
     rows = np.concatenate([place[i], place[j]])[:, :, None] + np.zeros(b, dtype=int)
     columns = np.tile(b * np.arange(k)[:, None] + np.arange(b), (2, 1))[:, None, :]
     columns = columns + np.zeros((b, 1), dtype=int)
-    values, known = np.concatenate([at_i, at_j]), rows >= 0
+    values, known = np.concatenate([ends[:, :b], ends[:, b:]]), rows >= 0
     shape = (layout.size, k * b)
     return csc_array((values[known], (rows[known], columns[known])), shape=shape)

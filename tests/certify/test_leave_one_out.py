@@ -5,17 +5,20 @@ import math
 
 import numpy as np
 import pytest
-from strategies import rng_of
+from strategies import point_graph, pose_graph, rng_of
 from test_truncated import doubtful_graph
 
 from certpgo import InputError, certify, solve
 from certpgo.certify.leave_one_out import worth_keeping
 from certpgo.certify.normalized import NormalizedProblem
+from certpgo.certify.resistances import Resistances
 from certpgo.errors import GraphError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import rotations as so
+from certpgo.linalg.blocks import add_to_diagonal
 from certpgo.objective.choose_cost import objective_of
 from certpgo.objective.quadratic import Quadratic
+from certpgo.objective.truncated import Truncation
 from certpgo.objective.truncated_cost import TruncatedCost
 from certpgo.optimize.progress import Stop
 from certpgo.solve.inconsistency import proven_worth
@@ -39,6 +42,22 @@ def least_without(graph, doubtful, price, e):
 def worth(problem, estimate, price):
     prices = np.full(problem.graph.num_edges, price)
     return proven_worth(problem, estimate, prices, Stop())
+
+
+@pytest.mark.parametrize("kind", ["poses", "points", "rotations"])
+def test_resistances_are_what_solutions_give(kind):
+    """The blocks of a selected inverse, and all products of columns that are solved for."""
+    rng = rng_of(3)
+    graph, truth = point_graph(rng, 9, 4, 3) if kind == "points" else pose_graph(rng, 9, 3)[:2]
+    if kind != "points":
+        graph = graph.rotations_alone if kind == "rotations" else graph
+        truth = solve(graph, cost="chordal").estimate
+    problem, prices = Quadratic(graph), np.ones(graph.num_edges)
+    at = Truncation.at_point(graph, prices, truth)
+    A = add_to_diagonal(problem.matrix, np.full(problem.matrix.shape[0], 0.1))
+    found, every = Resistances.of(problem, A, at), np.arange(graph.num_edges)
+    solved = found.products(every)[every, :, every]
+    np.testing.assert_allclose(found.blocks, solved, rtol=1e-9, atol=1e-9 * np.abs(solved).max())
 
 
 @pytest.mark.parametrize("seed", range(6))
