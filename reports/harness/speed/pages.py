@@ -50,8 +50,8 @@ OF_SECTION = {
     "next to GTSAM's chordal initialization and Gauss-Newton, or to g2o's from there.",
     "proofs": "A proof about the file, accepted by the checker, for an answer that is known.",
     "sessions": "Measurements one by one, the certificate refreshed at each 100th; and, from some "
-    "measurement on, after each of ten, of which the median is next to that of updates of GTSAM's "
-    "iSAM2, which minimises GTSAM's cost and certifies nothing.",
+    "measurement on, after each of a hundred, loop closures among them, of which the mean is next "
+    "to that of updates of GTSAM's iSAM2, which minimises GTSAM's cost and certifies nothing.",
     "parts": "Initialization, eigenvectors and assembly.",
     limits.SECTION: "A phase against the least time of its work on this core: the flops of its "
     "factorizations at the rate of a product of dense matrices (sgemm or dgemm, 1024 rows), plus "
