@@ -123,7 +123,7 @@ class BlockPattern:
         if compiled.AVAILABLE:
             data = np.zeros(layout.padded)
             diagonal, upper = np.ascontiguousarray(diagonal), np.ascontiguousarray(upper)
-            compiled.kernel.assemble(self.places, diagonal, upper, data)
+            compiled.kernel.assemble(self._places, diagonal, upper, data)
         else:
             data = self._assembled(layout, diagonal, upper)
         if layout._kept is not None:
@@ -134,7 +134,7 @@ class BlockPattern:
         """A minus ``blocks`` (n, d, d) in the last rows of the diagonal blocks that are whole."""
         layout, data, d = self.layout_of(A), A.data.copy(), blocks.shape[-1]
         if compiled.AVAILABLE and layout._kept is None:
-            indptr, own, *_ = self.places
+            indptr, own, *_ = self._places
             values = np.ascontiguousarray(blocks)
             compiled.kernel.subtract(indptr, own, layout._b, values, d, data)
         else:
@@ -142,12 +142,16 @@ class BlockPattern:
         return with_entries(A, data)
 
     @cached_property
-    def places(self) -> tuple[IntArray, ...]:
+    def _places(self) -> tuple[IntArray, ...]:
         """Pointers, slots of diagonal blocks and of edges' blocks, and edges, for the kernel."""
         indptr, _, own, slots = self._slots
         return tuple(
             np.ascontiguousarray(part, dtype=np.int64) for part in (indptr, own, slots, self.edges)
         )
+
+    def places(self) -> tuple[IntArray, ...]:
+        """`indptr`, `own` and `slots`, for the kernel."""
+        return self._places[:3]
 
     def _assembled(self, layout: Layout, diagonal: FloatArray, upper: FloatArray) -> FloatArray:
         data = np.empty(layout.padded)

@@ -97,7 +97,7 @@ class PlainGraph:
         found = compiled.kernel.settle(
             (pairs, P, None, kappa, tau, moved, None),
             d,
-            pattern.places[:3],
+            pattern.places(),
             *(of.arrays for of in fronts),
             fronts[-1].lengths,
             self._defect,
