@@ -613,7 +613,7 @@ def circle(x: Any, bits: int, halvings: int) -> tuple[Any, Any]:
     return cosine, sine
 
 
-def _turn(angle: int) -> tuple[int, int]:
+def _turn(angle: Any) -> tuple[Any, Any]:
     """Cosine and sine of an angle of less than 8 radians, all in units of 2^-FINE."""
     return circle(angle >> 12, FINE, 12)
 
@@ -638,14 +638,15 @@ def harmonic_mean(words: tuple[bytes, ...], halves: int) -> float:
     upper, powers = [], []
     for word in words:
         whole, _, fraction = word.partition(b".")
-        power = 0
-        if not (whole + fraction).isdigit():
+        try:
+            value, power = int(whole + fraction), 0
+        except ValueError:
             mantissa, mark, after = word.lower().partition(b"e")
             whole, _, fraction = mantissa.partition(b".")
             if (fraction and not fraction.isdigit()) or (mark and not after):
-                raise ValueError("information must be decimal numbers")
-            power = int(after or 0)
-        upper.append(int(whole + fraction))
+                raise ValueError("information must be decimal numbers") from None
+            value, power = int(whole + fraction), int(after or 0)
+        upper.append(value)
         powers.append(power - len(fraction))
     lowest, highest = min(powers), max(powers)
     if not -400 <= lowest <= highest <= 400:
@@ -956,22 +957,21 @@ def _vector_parts(q: Any) -> tuple[Any, Bools]:
 
 
 def _angles(pairs: Any) -> tuple[Any, Bools]:
-    """(m, 1) angles in units of 2^-POINT, within 2, of half-angle pairs; which are pi or -pi."""
+    """(m, 1) angles in units of 2^-POINT, within 2, of half-angle pairs; which are pi or -pi.
+
+    They are guesses, and what turning back by them leaves.
+    """
     c, s = pairs.T
     cosine, sine, norm = c * c - s * s, 2 * c * s, c * c + s * s
-    found = [_angle(*rotation) for rotation in zip(cosine, abs(sine), norm, strict=True)]
-    angles = np.array(found, dtype=object) * np.where(sine < 0, -1, 1)
-    return angles[:, None], (sine == 0) & (cosine < 0)
-
-
-def _angle(cosine: int, sine: int, norm: int) -> int:
-    """The angle from 0 to pi: a guess, and what turning back by it leaves."""
-    guess = int(math.ldexp(math.atan2(sine / norm, cosine / norm), 60)) << (FINE - 60)
+    x, y = ((part / norm).astype(np.float64) for part in (cosine, abs(sine)))
+    guess = _big(np.ldexp(np.arctan2(y, x), 60)) << (FINE - 60)
     c, s = _turn(guess)
-    left, ahead = (sine * c - cosine * s) // norm, (cosine * c + sine * s) // norm
-    if not (0 <= guess < 4 << FINE and abs(left) < 1 << (FINE - 40) and ahead > 1 << (FINE - 1)):
+    left, ahead = (abs(sine) * c - cosine * s) // norm, (cosine * c + abs(sine) * s) // norm
+    found = (guess >= 0) & (guess < 4 << FINE) & (abs(left) < 1 << (FINE - 40))
+    if not (found & (ahead > 1 << (FINE - 1))).all():
         raise Refused("an angle was not found")
-    return (guess + left + left**3 // (6 << (2 * FINE))) >> (FINE - POINT)
+    angles = (guess + left + left**3 // (6 << (2 * FINE))) >> (FINE - POINT)
+    return (angles * np.where(sine < 0, -1, 1))[:, None], (sine == 0) & (cosine < 0)
 
 
 def _definite(A: Any) -> Bools:
@@ -1058,8 +1058,7 @@ def minorants_hold(graph: Graph, given: EdgeBounds) -> Bools:
     wanted -= _floored(gamma * S - beta**2, unit - e - 2 * et, S * det * norm**2)
     s, turned = _floored(S, unit - e, det), _floored(beta, FINE - et, S * norm)
     (alpha, ea), u, v = integers(given.touching), N[:, 0, 0] + N[:, 1, 1], N[:, 1, 0] - N[:, 0, 1]
-    terms = zip(s, turned, u, v, _floored(alpha[:, 0], FINE - ea), wanted, strict=True)
-    fits &= [_planar_holds(*term) for term in terms]
+    fits &= _planar_hold(s, turned, u, v, _floored(alpha[:, 0], FINE - ea), wanted)
     return np.asarray((same | fits) & unturned)
 
 
@@ -1074,27 +1073,28 @@ def _adjugate(A: Any) -> Any:
     return np.stack(entries, axis=1).reshape(-1, 3, 3)
 
 
-def _planar_holds(s: int, h: int, u: int, v: int, alpha: int, wanted: int) -> bool:
+def _planar_hold(s: Any, h: Any, u: Any, v: Any, alpha: Any, wanted: Any) -> Bools:
     """Whether s (x + h)^2 + 2 u cos(x) + 2 v sin(x) >= wanted for all x, and s, u, v a little more.
 
     With phi = x + h, the cosine and sine of x are those of phi turned back: the sum is that of
     s phi^2, 2 a cos(phi) and 2 b sin(phi). And phi^2 >= alpha^2 + 2 r (cos(alpha) - cos(phi)) with
     r = alpha / sin(alpha), as phi^2 is convex in cos(phi) up to pi.
     """
-    if not (abs(h) < 8 << FINE and 0 <= alpha < 4 << FINE and max(s, abs(u), abs(v)) < 1 << 200):
-        return False
+    fits = (abs(h) < 8 << FINE) & (alpha >= 0) & (alpha < 4 << FINE)
+    fits &= np.maximum(np.maximum(s, abs(u)), abs(v)) < 1 << 200
+    s, h, u, v, alpha = (np.where(fits, x, 0) for x in (s, h, u, v, alpha))
     (c, n), (cosine, sine) = _turn(h), _turn(alpha)
     a, b = (u * c - v * n) >> FINE, (u * n + v * c) >> FINE
-    r = (1 << FINE, 1 << FINE)
-    if alpha:
-        if sine <= OFF:
-            return False
-        r = (alpha << FINE) // (sine + OFF), (alpha << FINE) // (sine - OFF) + 1
-    sr = s * r[0] >> FINE, ((s + 1) * r[1] >> FINE) + 1
-    if sr[1] >> 220:
-        return False
-    least = min(2 * (p * cosine >> FINE) - 2 * abs(a - p) for p in sr)  # concave in p
-    return (s * alpha**2 >> (2 * FINE)) + least - 2 * abs(b) - 24 >= wanted
+    fits &= (alpha == 0) | (sine > OFF)
+    turned = fits & (alpha != 0)
+    sine = np.where(turned, sine, 2 * OFF)
+    r = [(alpha << FINE) // (sine + OFF), (alpha << FINE) // (sine - OFF) + 1]
+    low, high = (np.where(turned, x, 1 << FINE) for x in r)
+    sr = s * low >> FINE, ((s + 1) * high >> FINE) + 1
+    fits &= sr[1] < 1 << 220
+    least = np.minimum(*(2 * (p * cosine >> FINE) - 2 * abs(a - p) for p in sr))  # concave in p
+    lowest = (s * alpha**2 >> (2 * FINE)) + least - 2 * abs(b) - 24
+    return np.asarray(fits & (lowest >= wanted))
 
 
 def _spatial_hold(S: Any, linear: Any, N: Any, touching: Array, wanted: Any, unit: int) -> Bools:

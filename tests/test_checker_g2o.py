@@ -83,10 +83,10 @@ def test_a_wrong_guess_of_an_angle_is_refused(monkeypatch):
 
     right = angle()[0][0, 0]
     guess = math.atan2(2 * 0.8 * 0.3, 0.8**2 - 0.3**2)
-    monkeypatch.setattr(math, "atan2", lambda s, c: guess + 1e-13)
+    monkeypatch.setattr(np, "arctan2", lambda s, c: np.array([guess + 1e-13]))
     assert abs(angle()[0][0, 0] - right) <= 2
     for wrong in (guess + 1e-9, guess - 1e-9, guess + math.pi, guess - math.pi, -0.1):
-        monkeypatch.setattr(math, "atan2", lambda s, c, wrong=wrong: wrong)
+        monkeypatch.setattr(np, "arctan2", lambda s, c, wrong=wrong: np.array([wrong]))
         with pytest.raises(checker.Refused, match="angle"):
             angle()
 
@@ -418,6 +418,11 @@ def test_indefinite_information_is_refused(d):
         assert not checker.minorants_hold(graph, lower._replace(tau=tau))[1]
 
 
+def planar_holds(*numbers):
+    """The checker's verdict on one edge."""
+    return bool(checker._planar_hold(*(np.array([x], dtype=object) for x in numbers))[0])
+
+
 @pytest.mark.parametrize(
     "touching",
     [[-1e-3], [3.15], [4.5], [7.0], [1e300], [1e-300], [math.pi], [3.5]],
@@ -487,7 +492,7 @@ def test_planar_minima_in_whole_units(seed):
     h, alpha = rng.uniform(-7.0, 7.0), rng.choice([0.0, rng.uniform(0.0, 3.0)])
     angles = [int(x * 2**60) << (checker.FINE - 60) for x in (h, alpha)]
     found = largest(
-        lambda wanted: checker._planar_holds(s, angles[0], u, v, angles[1], wanted), -(10**5), 10**5
+        lambda wanted: planar_holds(s, angles[0], u, v, angles[1], wanted), -(10**5), 10**5
     )
     assert found is not None
     x = np.linspace(-16.0, 16.0, 20001)
@@ -552,9 +557,51 @@ def test_spatial_minima_in_whole_units(seed):
 def test_numbers_out_of_range_are_refused(numbers):
     usual = {"s": 1 << 160, "h": 0, "u": 0, "v": 0, "alpha": 0}
     lowest = -(1 << 300)
-    assert checker._planar_holds(**usual, wanted=lowest)
+    assert planar_holds(*usual.values(), lowest)
     near_pi = numbers.get("alpha") == int(math.pi * 2**52) << (checker.FINE - 52)
-    assert checker._planar_holds(**usual | numbers, wanted=lowest) == near_pi
+    assert planar_holds(*(usual | numbers).values(), lowest) == near_pi
+
+
+# --- Definiteness
+
+
+@pytest.mark.parametrize("rig", [None, "identity", "huge", "nan"])
+@given(seeds, st.integers(1, 7), st.sampled_from([-900, -60, 0, 60, 900]))
+@few
+def test_what_doubles_find_definite_is_definite(rig, seed, k, exponent):
+    """With eigenvalues down to zero and below, and whatever a factorization returns."""
+    rng = rng_of(seed)
+    Q = np.linalg.qr(rng.standard_normal((20, k, k)))[0]
+    smallest = rng.choice([1.0, 1e-6, 1e-9, 1e-12, 1e-16, 0.0, -1e-16, -1e-9], 20)
+    eigenvalues = np.concatenate([smallest[:, None], np.ones((20, k - 1))], axis=1)
+    A = np.einsum("mab,mb,mcb->mac", Q, eigenvalues, Q)
+    A = (A + np.swapaxes(A, 1, 2)) * 10.0 ** rng.uniform(-8, 8, (20, 1, k))
+    A = np.tril(A) + np.swapaxes(np.tril(A, -1), 1, 2)
+    exact, _ = checker.integers(A)
+    exact = exact << exponent if exponent > 0 else exact * (1 << -exponent)
+    made_up = {
+        "identity": lambda M: np.eye(k) + 0.0 * M,
+        "huge": lambda M: 1e200 * np.eye(k) + 0.0 * M,
+        "nan": lambda M: np.full(M.shape, np.nan),
+    }
+    with pytest.MonkeyPatch.context() as patch, np.errstate(all="ignore"):
+        if rig:
+            patch.setattr(np.linalg, "cholesky", made_up[rig])
+        found = checker._well_definite(exact)
+    wanted = np.array([is_definite(M.tolist()) for M in exact])
+    assert not (found & ~wanted).any()
+    assert (checker._definite(exact) == wanted).all()
+
+
+def is_definite(A):
+    """By Gaussian elimination in fractions."""
+    A = [[Fraction(x) for x in row] for row in A]
+    while A:
+        (pivot, *row), *below = A
+        if pivot <= 0:
+            return False
+        A = [[x - r[0] * y / pivot for x, y in zip(r[1:], row, strict=True)] for r in below]
+    return True
 
 
 # --- The certificate matrix of couplings

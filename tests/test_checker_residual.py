@@ -148,6 +148,26 @@ def test_rows_are_as_dominant_as_said_whatever_the_factor(seed, d, poses, scale,
         assert min(margins(blocks, proof.order, found, L)) >= 0
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_stacks_of_unequal_fronts_are_as_dominant_as_said(seed):
+    """Whatever the factor is, in rows that do not exist as well."""
+    _, proof, blocks = made(seed, 2, seed % 2 == 0, n=24)
+    n, rng = len(proof.order), rng_of(seed)
+    p, q, _ = checker._in_order(blocks, proof.order)
+    pairs = np.stack([p, q], axis=1)[p < q]
+    found, _ = checker.stacks(checker.fronts(n, pairs), n, p, q)
+    assert any((stack.nodes == n).any() for stack in found)
+    members = np.concatenate([stack.members for stack in found])
+    assert sorted(members.tolist()) == list(range(len(members)))
+
+    def columns(_, shape):
+        return rng.standard_normal(shape) * 0.05
+
+    for own in (None, columns):
+        residual, L = factored(blocks, proof.order, proof.delta, own)
+        assert min(margins(blocks, proof.order, residual, L)) >= 0
+
+
 def by_hand(n, b, pairs, high=None, low=None, between=None):
     """Blocks with zeros where nothing is given."""
     zeros, none = np.zeros((n, b, b)), np.zeros((len(pairs), b, b))
@@ -326,6 +346,25 @@ def test_what_is_read_is_rounded_on_the_safe_side(swap):
     blocks, order = by_hand(1, 40, [], high, low), np.arange(1)
     found, L = factored(blocks, order, np.zeros(40), lambda _, shape: np.zeros(shape))
     assert min(margins(blocks, order, found, L)) >= 0
+
+
+@pytest.mark.parametrize("shift", [0, -5, 30, -900])
+def test_parts_are_the_nearest_multiples_and_what_is_left(shift):
+    rng, half = rng_of(5), 1 << 61
+    ties = [half - 1, half, half + 1, -half, -half - 1, 3 * half, -3 * half, 0, 1, -1]
+    numbers = np.array(ties + [int(x) << 40 for x in rng.integers(-(2**62), 2**62, 20)], object)
+    exact = [Fraction(int(x)) / (1 << 112) for x in numbers]
+    stored = numbers << max(-shift, 0) if shift < 0 else numbers
+    shifts = np.full(len(numbers), -112 - max(-shift, 0))
+    if shift > 0:
+        stored, shifts = numbers << 60, shifts - 60
+        shifts[0], stored[0] = 1, 1  # one that is shifted to the left
+        exact[0] = Fraction(2)
+    high, low = checker._parts(stored, shifts)
+    for x, a, b in zip(exact, high.tolist(), low.tolist(), strict=True):
+        assert (a * 2.0**50).is_integer()
+        assert abs(b) <= 2.0**-51
+        assert abs(x - Fraction(a) - Fraction(b)) <= Fraction(1, 2**104)
 
 
 @given(seeds, dimensions, st.booleans(), st.sampled_from([0.0, 10.0]))
