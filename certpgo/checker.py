@@ -32,7 +32,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from fractions import Fraction
-from functools import cache
+from functools import cache, partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -298,12 +298,7 @@ def _edges(text: bytes, claim: dict[str, Any]) -> Iterator[Edge]:
         lines = enumerate(text.replace(b"\r\n", b"\n").split(b"\n"), 1)
         number = next(k for k, line in lines if _hides(line))
         raise Unreadable(f"line {number}: plain text expected, and lines that end in LF or CRLF")
-    kinds, used = set(), set()
-    mean = cache(harmonic_mean)
-
-    def weigh(words: tuple[bytes, ...]) -> tuple[float, float]:
-        return weights(words, mean)
-
+    kinds, used, weigh = set(), set(), partial(weights, mean=cache(harmonic_mean))
     sensors: dict[int, bool] = {0: True}  # without parameters, 0 is the body itself
     more = _SIGHTINGS * claim.get("landmarks", False) + _PRIORS * claim.get("priors", False)
     similar = claim.get("kind") == "similarities"
