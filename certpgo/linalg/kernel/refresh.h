@@ -6,7 +6,7 @@
  */
 
 /* Unit roundoff. */
-#define UNIT 1.1102230246251565e-16
+#define ROUNDOFF 1.1102230246251565e-16
 /* Of `certpgo.linalg.rounding_bound`: operations besides products, agreement, least diagonal. */
 #define OTHERS 8.0
 #define AGREEMENT 1e-6
@@ -280,7 +280,7 @@ static void sum_at_nodes(const Whole *w, Int d, AtNode *at)
 static void entry_errors(const AtNode *at, Int d, double degree, const double *multipliers,
                          double weight, double defect, double *move, double *turn)
 {
-    double sums = (at->edges + 4.0) * UNIT, size = 0.0;
+    double sums = (at->edges + 4.0) * ROUNDOFF, size = 0.0;
     for (Int a = 0; a < d; a++) {
         double row = 0.0;
         for (Int b = 0; b < d; b++) row += fabs(multipliers[a * d + b]);
@@ -341,9 +341,9 @@ static int lower_multipliers(const Whole *w, Int d, const Fronts *f, const doubl
         double size = 2.0 * w->degree[i] * weight + at[i].across;
         for (Int a = 0; a < d; a++) {
             size += fabs(w->first[i * d + a]);
-            unit += fabs(w->spread[(i * d + a) * d + a]) * UNIT / (double)(n * d);
+            unit += fabs(w->spread[(i * d + a) * d + a]) * ROUNDOFF / (double)(n * d);
         }
-        demand[i] = i == pin ? 0.0 : AMPLE * UNIT * (lengths[i * c] + OTHERS) * size / weight;
+        demand[i] = i == pin ? 0.0 : AMPLE * ROUNDOFF * (lengths[i * c] + OTHERS) * size / weight;
         nodes[i] = i;
         for (Int a = 0; a < d * d; a++)
             gauge[a] += COVER * demand[i] * arms[i * d + a / d] * arms[i * d + a % d] / (double)n;
@@ -364,7 +364,7 @@ static int lower_multipliers(const Whole *w, Int d, const Fronts *f, const doubl
             Int of = f->order[k] * c + r, to = f->offset[k] + r;
             double terms = lengths[of] + OTHERS, by_row = terms * sums[to];
             double by_mean = sqrt(terms) * sums[N + to], entry = diagonal[of];
-            bound[of] = UNIT * (by_row < by_mean ? by_row : by_mean);
+            bound[of] = ROUNDOFF * (by_row < by_mean ? by_row : by_mean);
             if (!(fabs(squares[to] - entry) <= AGREEMENT * entry && entry >= LEAST_DIAGONAL &&
                   entry < INFINITY && bound[of] < INFINITY))
                 outcome = 0;
@@ -393,17 +393,17 @@ static double cost_above(const Whole *w, Int d, double defect, const Place *x, d
     const Edges *g = &w->edges;
     double own, sum = 0.0;
     farthest(w->n, d, x->R, &own);
-    own = 0.51 * (double)d * (own + 16.0 * UNIT);
+    own = 0.51 * (double)d * (own + 16.0 * ROUNDOFF);
     measure_residuals(g, d, x->R, x->t, turned, moved);
     for (Int e = 0; e < g->m; e++) {
         double square = 0.0, size;
         for (Int a = 0; a < d; a++) square += g->moved[e * d + a] * g->moved[e * d + a];
-        size = turned[e] * (1.0 + 32.0 * UNIT) + 2.0 * own + defect + 32.0 * UNIT;
+        size = turned[e] * (1.0 + 32.0 * ROUNDOFF) + 2.0 * own + defect + 32.0 * ROUNDOFF;
         sum += g->kappa[e] * size * size;
-        size = moved[e] * (1.0 + 32.0 * UNIT) + (own + 32.0 * UNIT) * sqrt(square);
+        size = moved[e] * (1.0 + 32.0 * ROUNDOFF) + (own + 32.0 * ROUNDOFF) * sqrt(square);
         sum += g->tau[e] * size * size;
     }
-    return sum * (1.0 + (2.0 * (double)g->m + 16.0) * 2.0 * UNIT);
+    return sum * (1.0 + (2.0 * (double)g->m + 16.0) * 2.0 * ROUNDOFF);
 }
 
 /* settle(edges, d, (indptr, own, slots), fronts of tangents, of scalars, of M, lengths, defect, enough,
