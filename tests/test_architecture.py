@@ -310,7 +310,7 @@ STARTS = [
     (("solve", "{g}"), SLOW - {"scipy.special"}, 260),
     (("certify", "{g}", "{e}"), SLOW - {"scipy.special"}, 240),
     (("check", "{g}", "{e}"), {*SLOW, "numpy", "scipy"}, 26),
-    (("info", "{g}"), SLOW, 190),
+    (("info", "{g}"), SLOW, 195),
     (("convert", "{g}", "{e}.npz"), SLOW, 135),
 ]
 

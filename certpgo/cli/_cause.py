@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from certpgo.diagnosis import Finding
     from certpgo.graph import Estimate, Instance
     from certpgo.objective.choose_cost import Certifiable, Judged
+    from certpgo.optimize.monitor import Monitor
+    from certpgo.solve.fit import Fit
+    from certpgo.solve.result import CertifiedSolution
 
 
 def cause_of(
@@ -35,6 +38,28 @@ def cause_of(
     cost, least = problem.cost_name, certificate.best_cost
     posed = cast("Certifiable", problem)  # nothing is rejected
     return first_finding(Examined(instance, estimate, known, cost, least, posed))
+
+
+def cause_of_squares(answer: CertifiedSolution | None, fit: Fit | None) -> Finding | None:
+    """What explains measurements that contradict one another beyond their noise."""
+    if answer is None or answer.instance is None or fit is None or not fit.is_unusually_large:
+        return None
+    from certpgo.diagnosis import Examined, cause_in_measurements
+
+    return cause_in_measurements(Examined(answer.instance, known=answer))
+
+
+def cause_of_rejections(
+    answer: CertifiedSolution, monitor: Monitor, *, cost: str, time_limit: float | None
+) -> Finding | None:
+    """What explains all measurements, where a robust answer rejects some or takes more noise."""
+    if answer.instance is None or not (len(answer.solution.rejected) or answer.noise):
+        return None
+    from certpgo.diagnosis import Examined, cause_in_measurements
+
+    return cause_in_measurements(
+        Examined(answer.instance, cost=cost, time_limit=time_limit, monitor=monitor)
+    )
 
 
 def cause(found: Finding | None) -> Iterable[tuple[str, str]]:

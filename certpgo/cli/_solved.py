@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, cast
 import typer
 
 from certpgo.cli import _uncertainty, _verdict
-from certpgo.cli._cause import cause, cause_as_json, cause_of, remark_of
+from certpgo.cli._cause import cause, cause_as_json, cause_of, cause_of_squares, remark_of
 from certpgo.cli._next import Asked, steps_after
 from certpgo.cli._outputs import Outputs, Result
 from certpgo.cli._paging import origin_of, write_page
@@ -102,11 +102,12 @@ class Solved(Result):
 
     @cached_property
     def cause(self) -> Finding | None:
-        """What explains errors against the truth."""
+        """What explains errors against the truth, or the contradictions of all measurements."""
         if self.solution.kept is not None:
             return None
         known = self.certificate, self.truth
-        return cause_of(self.part, self._judged, self.solution.estimate, *known)
+        found = cause_of(self.part, self._judged, self.solution.estimate, *known)
+        return cause_of_squares(self.found, self.fit) if found is None else found
 
     @property
     def distance(self) -> ProvenDistance | None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from certpgo.cli import _known
+from certpgo.cli._cause import cause, cause_as_json
 from certpgo.cli._options import GraphNames, Json
 from certpgo.cli._reading import Components, Reading, takes_reading
 from certpgo.cli._show import document, facts, working
@@ -27,6 +28,7 @@ def command(
     reading: Reading,
 ) -> None:
     """Describe a graph: counts, connectivity, weights, eigenvalues, symmetry and notices."""
+    from certpgo.diagnosis.standing import cause_in_structure
     from certpgo.solve import diagnostics
 
     graph, reading = reading.of_all(graphs)
@@ -40,12 +42,13 @@ def command(
             symmetries[part.name] = diagnostics.symmetry(part)
     engine = diagnostics.engines_in_words()
     left_open = diagnostics.open_in_words(instance)
+    found_wrong = cause_in_structure(instance)
     if json:
         symmetric = {name: value and asdict(value) for name, value in symmetries.items()}
-        more = {"symmetry": symmetric, "undetermined": left_open}
+        more = {"symmetry": symmetric, "undetermined": left_open, **cause_as_json(found_wrong)}
         document({**_as_json(instance, found, spectra, engine), **more})
         return
-    facts(_lines(instance, found, engine, left_open))
+    facts([*_lines(instance, found, engine, left_open), *cause(found_wrong)])
     scaled = instance.graph.has_scales
     for name, by_weights in spectra.items():
         for weights, spectrum in by_weights.items():

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from certpgo.cli._cause import cause, cause_as_json, cause_of_rejections
 from certpgo.cli._interrupting import INTERRUPTED, tell_interrupted, tells_unwritten
 from certpgo.cli._options import (
     CostOption,
@@ -95,6 +96,7 @@ def command(
             None if one.rejection is None else outlier_report(one, level=level, time_limit=proofs)
             for one in answers
         ]
+        found_wrong = cause_of_rejections(answer, monitor, cost=chosen, time_limit=time_limit)
     known = [report for report in reports if report is not None]
     if any(report.interrupted for report in known):
         tell_interrupted("what is proven by then stands")
@@ -102,8 +104,9 @@ def command(
         notice("the proofs were stopped; --time-limit lets them continue")
     if csv is not None:
         _written(csv, known)
-    if not json and answer.noise:
-        facts([("noise", answer.noise)])
+    if not json:
+        facts([("noise", answer.noise)] if answer.noise else [])
+        facts(cause(found_wrong))
     codes, documents = [], []
     for one, report in zip(answers, reports, strict=True):
         codes.append(EXIT_CODES[one.verdict.value])
@@ -121,7 +124,8 @@ def command(
             table("Rejected measurements", _HEADER, map(_row, report.edges), optional=_OPTIONAL)
     if json:
         other = documents[1] if len(documents) > 1 else None
-        document({"noise_scale": answer.noise_scale, **documents[0], "at_stated_noise": other})
+        more = {"at_stated_noise": other, **cause_as_json(found_wrong)}
+        document({"noise_scale": answer.noise_scale, **documents[0], **more})
     return INTERRUPTED if any(report.interrupted for report in known) else max(codes)
 
 

@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from certpgo.diagnosis import estimates, ids, measurements, optimizer, priors, structure
+from certpgo.diagnosis import estimates, ids, measurements, optimizer, priors, structure, wrong
 from certpgo.diagnosis import truth as of_truth
 from certpgo.diagnosis.detectability import detectable
 from certpgo.diagnosis.examined import Examined, KnownTruth
 from certpgo.diagnosis.finding import Costs, Diagnosis, Finding
+from certpgo.diagnosis.standing import apart, undefined
 from certpgo.errors import FormatError, GraphError, InputError
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.components import connected_parts
@@ -56,6 +57,14 @@ def first_finding(examined: Examined) -> Finding | None:
     """
     found = (finding for check in (estimates.found, of_truth.found) for finding in check(examined))
     return next(found, None)
+
+
+def cause_in_measurements(examined: Examined) -> Finding | None:
+    """The order of the weights or the convention that explains all measurements, or a kind."""
+    graph = examined.instance.graph
+    if (order := undefined(graph, examined.trying)) is not None or graph.has_scales:
+        return order
+    return measurements.convention(examined, wrong.single(examined) is None)
 
 
 def diagnose(
@@ -104,7 +113,7 @@ def diagnose(
     known = truth
     if isinstance(known, Estimate):
         known = KnownTruth(np.arange(known.num_nodes), known)
-    found = [*structure.apart(instance)]
+    found = [*apart(instance)]
     whole = Examined(instance, truth=known, cost=cost, time_limit=time_limit, monitor=monitor)
     parts = [whole]
     if not instance.measurements.is_connected:

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from certpgo.diagnosis.standing import whole_poses
 from certpgo.diagnosis.study import Study, studied_problem, study
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, Instance
@@ -112,6 +113,7 @@ class Examined:
     cost : name of the cost; by default the instance's own
     least : the least cost that is known; None to search for it
     posed : the cost of the measurements, if it is known already
+    known : the best estimate of the measurements, the same
     time_limit : seconds of a search; None for the usual ones
     monitor : of all searches
     tried : counts hypotheses
@@ -123,6 +125,7 @@ class Examined:
     cost: str | None = None
     least: float | None = None
     posed: Certifiable | None = None
+    known: CertifiedSolution | None = None
     time_limit: float | None = None
     monitor: Monitor = silent
     tried: list[str] = field(default_factory=list)
@@ -155,7 +158,7 @@ class Examined:
     @cached_property
     def answer(self) -> CertifiedSolution:
         """The best estimate of the measurements as they are."""
-        return self.solved(self.instance)
+        return self.solved(self.instance) if self.known is None else self.known
 
     def solved(self, instance: Instance) -> CertifiedSolution:
         """The best estimate of other measurements, under the same cost."""
@@ -198,8 +201,4 @@ class Examined:
     @cached_property
     def whole(self) -> BoolArray:
         """(m,) which measurements are of a pose relative to another one."""
-        graph = self.instance.graph
-        found = graph.measures_rotation & graph.is_measured[: graph.num_edges]
-        if graph.has_positions:
-            found = found & graph.measures_translation
-        return np.asarray(found if graph.absolute is None else found & ~graph.absolute)
+        return whole_poses(self.instance.graph)

@@ -22,6 +22,7 @@ from certpgo.diagnosis.examined import Examined
 from certpgo.diagnosis.finding import Finding
 from certpgo.diagnosis.loops import Loops
 from certpgo.diagnosis.screening import SAMPLED
+from certpgo.diagnosis.standing import stiff, undefined
 from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.kinds import Kind
@@ -102,16 +103,17 @@ class _Trial:
 
 def found(examined: Examined) -> Iterator[Finding]:
     """The convention of measurements that explains them best; else wrong ones, and the noise."""
-    if (order := weights.undefined(examined)) is not None:
+    if (order := undefined(examined.instance.graph, examined.trying)) is not None:
         yield order
         return
     if examined.instance.graph.has_scales:
         return
     single = wrong.single(examined)
-    if (convention := _convention(examined, single is None)) is not None:
-        yield convention
+    if (told := convention(examined, single is None)) is not None:
+        yield told
         return
-    yield from noise.stiff(examined)
+    examined.trying("stiff-edge")
+    yield from stiff(examined.instance)
     judged, meaning = single, None
     if judged is None:
         judged = wrong.judged(examined)
@@ -134,7 +136,7 @@ def found(examined: Examined) -> Iterator[Finding]:
     yield from unusual
 
 
-def _convention(examined: Examined, by_fit: bool) -> Finding | None:
+def convention(examined: Examined, by_fit: bool) -> Finding | None:
     """The reading of measured poses that explains the file's poses, or fits far better."""
     graph = examined.instance.graph
     if not graph.has_positions or graph.has_couplings or examined.whole.sum() < FEWEST:

@@ -10,7 +10,7 @@ measured, less what the fit takes, and less what cannot be told from the noise o
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,8 +35,6 @@ ROUNDS, NEAR, PLENTY = 6, 1.2, 1000
 ORDINARY = 100.0
 #: Variances relative to the last ones stay above this share, and that of the kind's own estimate.
 LEAST, STEP = 1e-12, 0.2
-#: A weight is stiff that is this many times the next smaller one.
-STIFF = 1e6
 #: Largest strength, where it is stated too small, and too large, which does no harm: mistakes that
 #: explain more come first.
 STRONGEST, HARMLESS = 0.9, 0.2
@@ -255,32 +253,3 @@ def _identity(of_kinds: list[Noise]) -> Finding:
     said = f"all information matrices are the identity, which states nothing: noise is {ratios}"
     next = "state information as inverse covariances; until then chi^2 and covariances mean nothing"
     return Finding("identity-information", said, next, strength=0.1)
-
-
-def stiff(examined: Examined) -> Iterator[Finding]:
-    """Measurements whose weights are beyond all others by many orders."""
-    instance = examined.instance
-    graph, measured = instance.graph, instance.is_measured
-    examined.trying("stiff-edge")
-    for weights, of in ((graph.tau, "1/m^2"), (graph.kappa, "1/rad^2")):
-        rows = np.flatnonzero((weights > 0.0) & measured)
-        rows = rows[np.argsort(weights[rows], kind="stable")]
-        steps = weights[rows[1:]] / weights[rows[:-1]]
-        if not len(steps) or not steps.max() > STIFF:
-            continue
-        first = int(np.argmax(steps)) + 1
-        if len(rows) - first > first:
-            continue
-        heavy, others = rows[first:], rows[:first]
-        names = ", ".join(f"{i}-{j}" for i, j in instance.pairs[heavy[:4]].tolist())
-        most, rest = weights[heavy].max(), weights[others].max()
-        verb = "weighs" if len(heavy) == 1 else "weigh"
-        said = (
-            f"{counted(len(heavy), 'measurement{s}')} ({names}{', ...' if len(heavy) > 4 else ''}) "
-            f"{verb} up to {most:.3g} {of}, all others at most {rest:.3g}: rounding of "
-            "such weights hides errors of the others"
-        )
-        edges = tuple(instance.known_numbers[heavy].tolist())
-        next = f"use weights of at most {rest * STIFF:.1g}, or hold the nodes fixed"
-        yield Finding("stiff-edge", said, next, strength=0.5, edges=edges)
-        return

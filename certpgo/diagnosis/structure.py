@@ -16,7 +16,7 @@ from certpgo.graph import Instance
 from certpgo.graph.bridges import bridges
 from certpgo.graph.edges import adjacency, components_of
 from certpgo.graph.kinds import Measurements
-from certpgo.graph.phrases import counted, few
+from certpgo.graph.phrases import counted
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.choose_cost import objective_of
@@ -34,53 +34,17 @@ SHARE, MANY = 0.1, 10
 def found(examined: Examined) -> Iterator[Finding]:
     """Copies and contradictions among parallel measurements."""
     examined.trying("duplicated-edges")
-    yield from _copies(examined.instance)
+    yield from copies(examined.instance)
     if not examined.instance.graph.has_scales:
         examined.trying("contradictory-edges")
         yield from _contradictions(examined)
 
 
-def apart(instance: Instance) -> Iterator[Finding]:
-    """That no measurement joins some nodes to the others, or that all are held."""
-    measured = instance.measurements
-    sizes = sorted(measured.component_sizes, reverse=True)
-    alone = np.flatnonzero(np.bincount(measured.edges.ravel(), minlength=len(instance.ids)) == 0)
-    if len(alone):
-        nodes = counted(len(alone), "node{s}")
-        named = few(instance.ids[alone].tolist())
-        yield Finding(
-            "unmeasured-nodes",
-            f"nothing measures {nodes} ({named})",
-            "leave them out, or add what measures them",
-            strength=1.0,
-            proven=True,
-        )
-    fixed = len(instance.fixed) > 1 and not instance.held
-    if fixed and np.isin(measured.edges, instance.fixed).all():
-        nodes = few(instance.ids[list(instance.fixed)].tolist())
-        yield Finding(
-            "all-held",
-            f"the file fixes nodes {nodes}, and all measurements are between them: held, they "
-            "leave nothing to be estimated",
-            "fix one node alone, or release all: --no-fixed",
-            strength=2.0,
-            proven=True,
-        )
-    parts = [size for size in sizes if size > 1]
-    if len(parts) > 1:
-        yield Finding(
-            "components",
-            f"the graph is in {len(parts)} parts that no measurement joins, of {few(parts)} nodes",
-            "add measurements between them, or take each alone: --components each, or largest",
-            strength=1.5,
-            proven=True,
-        )
-
-
 # --- Parallel measurements ------------------------------------------------------------------------
 
 
-def _copies(instance: Instance) -> Iterator[Finding]:
+def copies(instance: Instance) -> Iterator[Finding]:
+    """Measurements that repeat others."""
     graph = instance.graph
     m, known = graph.num_edges, instance.is_measured
     numbers = [graph.edges, graph.rotations.reshape(m, -1), graph.kappa[:, None]]

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from certpgo.diagnosis.examined import Examined
 from certpgo.diagnosis.finding import Finding
+from certpgo.diagnosis.meanings import OF_QUATERNIONS, OTHERS, Meaning, orders
 from certpgo.diagnosis.study import Study, studied_problem, study
 from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate, Graph
@@ -35,159 +36,8 @@ LITTLE, MUCH = 1.05, 2.0
 MORE = 16.0
 #: The same of how much rarer other meanings are than misstated noise, before anything is measured.
 RARER = 8.0
-#: Strength of an order with which all matrices are definite, and of a factor of rotations.
-STRONG, WEAK = 2.0, 0.3
-
-
-@dataclass(frozen=True)
-class Meaning:
-    """What the numbers may be.
-
-    Attributes
-    ----------
-    kind : its name in findings
-    said : what they are
-    next : what to do about it
-    read : information (k, p, p) as it is meant, from that which is given
-    """
-
-    kind: str
-    said: str
-    next: str
-    read: Callable[[FloatArray], FloatArray]
-
-
-def _reordered(order: tuple[tuple[int, ...], ...]) -> Callable[[FloatArray], FloatArray]:
-    """Matrices whose upper triangle, row by row, has the places of each entry."""
-
-    def read(M: FloatArray) -> FloatArray:
-        row, column = np.triu_indices(M.shape[1])
-        return np.asarray(M[:, row, column][:, np.array(order)])
-
-    return read
-
-
-def _permuted(axes: list[int]) -> Callable[[FloatArray], FloatArray]:
-    return lambda M: np.asarray(M[:, axes][:, :, axes])
-
-
-def _lower(p: int) -> tuple[tuple[int, ...], ...]:
-    """Places of entries where the lower triangle was written row by row."""
-    high, low = np.maximum.outer(np.arange(p), np.arange(p)), np.minimum.outer(*[np.arange(p)] * 2)
-    return tuple(map(tuple, (high * (high + 1) // 2 + low).tolist()))
-
-
-def _of_cholesky(M: FloatArray) -> FloatArray:
-    U: FloatArray = np.triu(M)
-    return np.asarray(np.swapaxes(U, 1, 2) @ U)
-
-
-def _turned(factor: float) -> Callable[[FloatArray], FloatArray]:
-    def read(M: FloatArray) -> FloatArray:
-        unit = np.repeat([1.0, math.sqrt(factor)], 3)
-        return np.asarray(M * np.outer(unit, unit))
-
-    return read
-
-
-_BY_ROWS = "write the upper triangle row by row, translation before rotation"
-
-
-def orders(d: int) -> tuple[Meaning, ...]:
-    """Orders of the numbers of a matrix."""
-    kind, p = "information-order", d * (d + 1) // 2
-    lower = Meaning(kind, "are lower triangles, row by row", _BY_ROWS, _reordered(_lower(p)))
-    if d == 3:
-        turned = Meaning(
-            kind,
-            "have rotation before translation, as GTSAM's",
-            "write translation before rotation, or read the file as GTSAM's",
-            _permuted([3, 4, 5, 0, 1, 2]),
-        )
-        return turned, lower
-    return (
-        Meaning(
-            kind,
-            "are in TORO's order: xx xy yy tt xt yt",
-            "write xx xy xt yy yt tt, or EDGE2 instead of EDGE_SE2",
-            _reordered(((0, 1, 4), (1, 2, 5), (4, 5, 3))),
-        ),
-        Meaning(
-            kind,
-            "are in g2o's order: xx xy xt yy yt tt",
-            "write xx xy yy tt xt yt, or EDGE_SE2 instead of EDGE2",
-            _reordered(((0, 1, 3), (1, 5, 2), (3, 2, 4))),
-        ),
-        lower,
-        Meaning(kind, "have the angle first", _BY_ROWS, _permuted([1, 2, 0])),
-    )
-
-
-OTHERS = (
-    Meaning(
-        "covariance",
-        "are covariances, not information",
-        "invert them, or read with --weights-are covariance",
-        lambda M: np.asarray(np.linalg.pinv(M, hermitian=True), dtype=np.float64),
-    ),
-    Meaning(
-        "square-root",
-        "are square roots of information",
-        "square them, or read with --weights-are sqrt-information",
-        _of_cholesky,
-    ),
-)
-#: In space, of the residual of the cost: a quaternion's vector part is half of a tangent vector.
-OF_QUATERNIONS = {
-    "quaternion": Meaning(
-        "quaternion-information",
-        "are about tangent vectors, not about quaternions as g2o takes them",
-        "take another cost, such as --cost gtsam or --cost chordal, or multiply them by 4",
-        _turned(4.0),
-    ),
-    "tangent": Meaning(
-        "quaternion-information",
-        "are about quaternions, not about tangent vectors",
-        "read with --rotation-information quaternion, or divide them by 4",
-        _turned(0.25),
-    ),
-}
-
-
-def undefined(examined: Examined) -> Finding | None:
-    """An order with which all matrices are definite, where some are not as they are read."""
-    graph = examined.instance.graph
-    if graph.information is None:
-        return None
-    rows = np.flatnonzero(examined.whole | _of_poses(graph))
-    given = _positive(graph.information_matrices[rows])
-    if given.all():
-        return None
-    for order in orders(graph.d):
-        examined.trying(order.kind)
-        if _positive(order.read(graph.information_matrices[rows])).all():
-            bad = int((~given).sum())
-            what = "information matrix" if bad == 1 else "information matrices"
-            said = (
-                f"{bad} {what} of {len(rows)} are not positive definite as read; all are if they "
-                f"{order.said}"
-            )
-            return Finding(order.kind, said, order.next, strength=STRONG)
-    return None
-
-
-def _of_poses(graph: Graph) -> BoolArray:
-    """(m,) which edges were read with matrices of poses, also if a block of these is zero."""
-    seen = graph.is_point[graph.edges].any(axis=1) | graph.from_world
-    return np.asarray(~seen & graph.is_measured)
-
-
-def _positive(M: FloatArray) -> BoolArray:
-    """(k,) which matrices have positive eigenvalues, whatever the units of their entries."""
-    scale = np.sqrt(np.abs(np.einsum("kaa->ka", M)))
-    unit = np.where(scale > 0.0, scale, 1.0)
-    values = np.linalg.eigvalsh(M / (unit[:, :, None] * unit[:, None, :]))
-    return np.asarray((values[:, 0] > 1e-9) & (scale > 0.0).all(axis=1))
+#: Strength of a factor of rotations.
+WEAK = 0.3
 
 
 def other_meaning(examined: Examined) -> tuple[float, Finding] | None:

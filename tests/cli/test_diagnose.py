@@ -72,3 +72,26 @@ def test_solve_names_the_offset_of_the_truths_clock(certpgo, tmp_path):
     done = certpgo("solve", graph, "--timestamps", times, "--truth", late)
     assert done.code == 1
     assert f"with --truth-offset {offset:.4g} positions are off by 0.0" in done.err
+
+
+def test_info_outliers_and_solve_name_causes(certpgo, tmp_path):
+    """What stands in the graph, and what explains all measurements that contradict one another."""
+    loops, stiff = REPORTS / "loops_from_target.g2o", tmp_path / "stiff.g2o"
+    assert "likely cause" not in certpgo("info", loops).out
+    assert "All loop closures are inverses" in certpgo("outliers", loops).out
+    text = (REPORTS / "square_roots.g2o").read_text()
+    stiff.write_text(text.replace("44.72135955 0 0 44.72135955 0", "1e12 0 0 1e12 0", 1))
+    assert "likely cause    1 measurement (0-1) weighs up to 1e+12" in certpgo("info", stiff).out
+    [found] = certpgo("info", stiff, "--json").json["findings"]
+    assert found["kind"] == "stiff-edge"
+    made = clean(3, 1)
+    edges = made.graph.edges.copy()
+    loop = abs(edges[:, 0] - edges[:, 1]) > 1
+    edges[loop] = edges[loop, ::-1]
+    path = tmp_path / "inverted.g2o"
+    graph = replace(made.graph, edges=edges)
+    package.write(path, replace(made, graph=graph, truth=None, initial=None))
+    done = certpgo("solve", path)
+    assert "likely cause      All loop closures are inverses" in done.out
+    [found] = certpgo("outliers", path, "--json").json["findings"]
+    assert found["kind"] == "inverted-closures"
