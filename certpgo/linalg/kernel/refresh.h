@@ -1,5 +1,5 @@
 /* The optimum near a point and its bound, of a graph of poses with isotropic weights: all that a
- * session does when a measurement closes a loop. `certpgo.solve.compiled_refresh` has the calls.
+ * session does when a measurement closes a loop. `certpgo.objective.plain_graph` has the calls.
  *
  * The descent is Newton's with few factors, of rotations and translations together; then the
  * translations are solved for. `certpgo.optimize` and `certpgo.certify.dual` have the general ways.
@@ -31,7 +31,8 @@ typedef struct {
     const double *spread, *first, *degree;
 } Whole;
 
-/* The graph, and its sums at nodes: `certpgo.objective.operators.NodeSums`. */
+/* The graph, and its sums at nodes: `certpgo.objective.operators.NodeSums`. Both sums of a diagonal
+ * entry are added up first, so that no product is rounded more often than `entry_errors` says. */
 static int whole_of(Held *held, PyObject *edges, Int d, PyObject *places, Whole *w)
 {
     Array at = {held, INTS}, p[] = {at, at, at};
@@ -43,20 +44,22 @@ static int whole_of(Held *held, PyObject *edges, Int d, PyObject *places, Whole 
         !are_pointers(w->indptr, n + 1, w->indptr[n]) || p[2].length != 2 * m ||
         !are_places(n, m, w->indptr, w->own, w->slots, g->pairs))
         return refuse("a graph of poses with isotropic weights expected") != NULL;
-    double *spread = memory(held, n * (d * d + d + 1), sizeof(double));
+    double *spread = memory(held, n * (d * d + d + 2), sizeof(double));
     if (!spread) return 0;
-    double *first = spread + n * d * d, *degree = first + n * d;
-    memset(spread, 0, (size_t)(n * (d * d + d + 1)) * sizeof(double));
+    double *first = spread + n * d * d, *degree = first + n * d, *turning = degree + n;
+    memset(spread, 0, (size_t)(n * (d * d + d + 2)) * sizeof(double));
     for (Int e = 0; e < m; e++) {
         Int i = g->pairs[2 * e], j = g->pairs[2 * e + 1];
         const double *lever = g->moved + e * d;
         degree[i] += g->tau[e], degree[j] += g->tau[e];
+        turning[i] += g->kappa[e], turning[j] += g->kappa[e];
         for (Int a = 0; a < d; a++) {
             first[i * d + a] += g->tau[e] * lever[a];
-            spread[(i * d + a) * d + a] += g->kappa[e], spread[(j * d + a) * d + a] += g->kappa[e];
             for (Int b = 0; b < d; b++) spread[(i * d + a) * d + b] += g->tau[e] * lever[a] * lever[b];
         }
     }
+    for (Int i = 0; i < n; i++)
+        for (Int a = 0; a < d; a++) spread[(i * d + a) * d + a] += turning[i];
     w->spread = spread, w->first = first, w->degree = degree;
     return 1;
 }
