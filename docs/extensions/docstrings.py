@@ -112,10 +112,8 @@ def _complete(name: str) -> None:
         if not (isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"):
             continue
         for line in node.body:
-            if isinstance(line, ast.ImportFrom) and line.module:
-                source = importlib.import_module(line.module)
-                for alias in line.names:
-                    setattr(module, alias.asname or alias.name, getattr(source, alias.name))
+            if isinstance(line, ast.ImportFrom):
+                exec(ast.unparse(line), vars(module))
 
 
 def shortened(
