@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from certpgo.certify.certificate import Verdict
-from certpgo.certify.proof_file import check, provable
+from certpgo.certify.proof_file import provable
 from certpgo.checker import Answer
 from certpgo.errors import CertPGOError, NumericalError
 from certpgo.graph import Instance
 from certpgo.graph.components import require_pose
 from certpgo.io.accept_paths import AnyPath
-from certpgo.io.pipes import readable
 from certpgo.io.reading import read
 from certpgo.io.writing import folder_to_write
 from certpgo.objective.choose_cost import own_cost
@@ -79,12 +78,11 @@ def _proven(
     within: Within | None,
     seen: int | None,
 ) -> Answer:
-    """The bounds of a graph's answer, as the checker accepts them from files alone."""
+    """The bounds of a graph's answer, as the checker accepts them before the file is in place."""
     if answer.solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
     if answer.verdict is not Verdict.CERTIFIED or answer.instance is None:
         raise NumericalError(answer.certificate.reason)
     folder_to_write(proof.parent)
     proven = answer.instance, answer.estimate, answer.certificate
-    write_proof(proof, graph, *proven, within=within, reference=seen)
-    return check(readable(Path(graph)), proof)
+    return write_proof(proof, graph, *proven, within=within, reference=seen)
