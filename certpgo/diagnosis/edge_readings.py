@@ -1,4 +1,4 @@
-"""Conventions that measured poses may have been written in."""
+"""Conventions that measured poses, or distances, may have been written in."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Columns = tuple[IntArray, FloatArray, FloatArray]
 
 @dataclass(frozen=True)
 class EdgeReading:
-    """A convention of measured poses.
+    """A convention of measured poses, or a unit of theirs or of distances.
 
     Attributes
     ----------
@@ -24,7 +24,7 @@ class EdgeReading:
     next : what to do about them
     read : edges (k, 2), rotations and translations as they are meant, from those that are given
     dimensions : of spaces that it is for
-    is_scale : whether it is a unit of length
+    metres : what lengths are multiplied by; 1 where it is no unit
     """
 
     kind: str
@@ -32,7 +32,7 @@ class EdgeReading:
     next: str
     read: Callable[[IntArray, FloatArray, FloatArray], Columns]
     dimensions: tuple[int, ...] = (2, 3)
-    is_scale: bool = False
+    metres: float = 1.0
 
 
 def _apply(R: FloatArray, t: FloatArray) -> FloatArray:

@@ -63,16 +63,21 @@ NAMES = {
     ("inverted-edges", "closures"): "inverted-closures",
     ("inverted-edges", "odometry"): "inverted-odometry",
 }
-SCOPES = {"all": "all edges", "closures": "all loop closures", "odometry": "all odometry edges"}
+SCOPES = {
+    "all": "all edges",
+    "closures": "all loop closures",
+    "odometry": "all odometry edges",
+    "distances": "all distances",
+}
 
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """A reading of some edges.
+    """A reading of some edges, or of the distances.
 
     Attributes
     ----------
-    scope : which, a key of `SCOPES`
+    scope : of which, a key of `SCOPES`
     rows : (m,) these
     in_degrees : (m, 2, 2) rotations of all edges by angles in degrees, if they are to be read so
     """
@@ -84,6 +89,11 @@ class _Trial:
 
     def of(self, graph: Graph, among: IntArray | slice = slice(None)) -> Graph:
         """Measurements so read, of which the graph may have some alone: those ``among`` all."""
+        if self.scope == "distances":
+            ranges, metres = graph.ranges, self.reading.metres
+            others = (block for block in graph.blocks if block is not ranges)
+            longer = ranges and replace(ranges, distances=metres * ranges.distances)
+            return graph.with_blocks(*others, longer)
         rows = self.rows[among]
         columns = [getattr(graph, name).copy() for name in ("edges", "rotations", "translations")]
         given = [column[rows] for column in columns]
@@ -195,7 +205,7 @@ def _by_nodes(examined: Examined, nodes: Estimate, given: float) -> Finding | No
         problem = _posed(examined, trial.of(graph))
         cost = problem.cost(nodes)
         fitted = descend(problem, nodes, monitor=examined.monitor).cost
-        agrees = trial.reading.is_scale or fitted < CONTRADICTED * examined.best
+        agrees = trial.reading.metres != 1.0 or fitted < CONTRADICTED * examined.best
         if cost < SHARE * given and agrees:
             costs_read = f"the file's own poses cost {cost_shown(cost)} so read"
             return _finding(trial, f"{costs_read}, {cost_shown(given)} as it stands", cost, given)
@@ -215,23 +225,26 @@ def _in_unit_of(examined: Examined, nodes: Estimate) -> Iterator[_Trial]:
         yield from _in_unit(examined, along / size, "those of the file's poses")
 
 
-def _in_unit(examined: Examined, factor: float, others: str) -> Iterator[_Trial]:
-    """Translations times a factor that turns them into metres, if that is another unit."""
+def _in_unit(
+    examined: Examined, factor: float, others: str, scope: str = "all"
+) -> Iterator[_Trial]:
+    """Lengths times a factor that turns them into metres, if that is another unit."""
     if abs(math.log(factor)) < math.log(RESCALED):
         return
     near = (name for name, metres in UNITS.items() if 1 / ABOUT < factor / metres < ABOUT)
     unit = next(near, "scaled")
     factor = UNITS.get(unit, factor)
     said = f"in {unit}" if unit in UNITS else f"{1.0 / factor:.4g} times as long"
+    whose, lengths = ("edges", "their translations") if scope == "all" else (scope, "them")
     reading = EdgeReading(
-        f"edges-{unit}",
+        f"{whose}-{unit}",
         f"{said}, if {others} are in metres",
-        f"multiply their translations by {factor:.4g}",
+        f"multiply {lengths} by {factor:.4g}",
         lambda E, R, t: (E, R, factor * t),
-        is_scale=True,
+        metres=factor,
     )
     examined.trying(reading.kind)
-    yield _Trial(reading, "all", examined.whole)
+    yield _Trial(reading, scope, examined.whole)
 
 
 # --- By the best fit ------------------------------------------------------------------------------
@@ -285,7 +298,9 @@ def _by_others(examined: Examined, loops: Loops) -> Iterator[_Trial]:
         known = lengths > 0.0
         if known.sum() > 2:
             factor = float(np.median(ranges.distances[both][known] / lengths[known]))
-            yield from _in_unit(examined, factor, "measured distances")
+            if factor > 0.0:
+                yield from _in_unit(examined, 1.0 / factor, "the edges", "distances")
+                yield from _in_unit(examined, factor, "measured distances")
 
 
 # --- Angles ---------------------------------------------------------------------------------------

@@ -90,6 +90,19 @@ def test_lengths_are_told_by_positions(d):
     assert "0.3048" in found.next
 
 
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize(("unit", "kind"), [(1 / 0.3048, "distances-feet"), (1.0, None)])
+def test_the_unit_of_distances_is_told_by_the_edges(unit, kind, d):
+    instance, rng = walk(d), np.random.default_rng(d)
+    t = certpgo.solve(instance).estimate.translations
+    edges = np.array([rng.choice(N, 2, replace=False) for _ in range(25)])
+    lengths = np.linalg.norm(t[edges[:, 1]] - t[edges[:, 0]], axis=1)
+    distances = unit * np.abs(lengths + 0.05 * rng.standard_normal(25))
+    ranges = certpgo.Ranges(N, edges, distances, np.full(25, 400.0))
+    found = certpgo.diagnose(replace(instance, graph=instance.graph.with_blocks(ranges))).findings
+    assert [finding.kind for finding in found[:1]] == ([kind] if kind else [])
+
+
 def test_degrees_are_read_again_from_the_file(tmp_path):
     graph = walk(2).graph
     lines = []
