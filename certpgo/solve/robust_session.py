@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from certpgo.errors import InputError
 from certpgo.graph import Graph
 from certpgo.graph.capabilities import require_capable
 from certpgo.graph.concatenate import joined
@@ -46,7 +47,12 @@ class RobustSession(Session):
 
     Parameters
     ----------
-    settings, every, options : as in `Session`
+    settings, every, options : as in `Session`, but for the cost, which is F
+
+    Raises
+    ------
+    InputError
+        A cost is given.
 
     Examples
     --------
@@ -65,6 +71,8 @@ class RobustSession(Session):
     def __init__(
         self, settings: SolveSettings | None = None, *, every: int | None = 100, **options: Any
     ) -> None:
+        if "cost" in options:
+            raise InputError("a robust session is about the chordal cost F, not about another")
         super().__init__(settings, every=every, cost=CHORDAL, **options)
         #: Each rejected measurement, with the names of its nodes.
         self._put_aside: dict[int, tuple[Graph, list[Label]]] = {}

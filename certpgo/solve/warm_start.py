@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -43,12 +44,18 @@ class Found:
     estimate: Estimate
     cost: float
     lower_bound: float
-    judge: Callable[[], Certificate]
+    judge: Callable[[], Certificate] | None
 
     @cached_property
     def certificate(self) -> Certificate:
         """What is proven about the estimate."""
+        if self.judge is None:
+            raise ValueError("a certificate is known, or made")
         return self.judge()
+
+    def __getstate__(self) -> dict[str, Any]:
+        # What makes a certificate cannot be pickled.
+        return vars(self) | {"certificate": self.certificate, "judge": None}
 
 
 def descended(

@@ -8,6 +8,7 @@ from mixtures import mixture, scaled_mixture
 from strategies import pose_graph, rng_of, rotation_graph
 
 import certpgo
+from certpgo.graph.streaming import streamed
 from certpgo.io.datasets.monocular import random_maps
 from certpgo.io.datasets.synthetic import grid3d
 from certpgo.objective.choose_cost import objective_of
@@ -58,3 +59,16 @@ def test_they_are_the_same_there(kind):
     assert (sent.verdict, sent.gap) == (judged.verdict, judged.gap)
     if judged.distance is not None:
         np.testing.assert_array_equal(sent.distance.degrees, judged.distance.degrees)
+
+
+def test_sessions_go_on_there():
+    graph = grid3d(2, np.random.default_rng(0)).graph
+    session = certpgo.Session(every=None)
+    for one, nodes in streamed(graph):
+        session.add(one, nodes)
+        session.refresh()
+        there = pickle.loads(pickle.dumps(session))
+        assert there.standing.cost == session.standing.cost
+        assert there.certificate.verdict is session.certificate.verdict
+    there.add(graph, np.arange(graph.num_nodes))
+    assert there.refresh().verdict.value == "CERTIFIED"

@@ -287,3 +287,8 @@ def test_files_of_attitudes_alone_are_read_written_and_merged(tmp_path, d):
     certificate = certpgo.certify(instance, certpgo.solve(instance, cost="chordal").estimate)
     with pytest.raises(InputError, match="attitudes with positions"):
         certpgo.write_proof(tmp_path / "p", path, instance, certificate.best, certificate)
+
+
+def test_robust_sessions_refuse_another_cost():
+    with pytest.raises(InputError, match="about the chordal cost F"):
+        certpgo.RobustSession(cost="g2o")
