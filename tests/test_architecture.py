@@ -61,7 +61,11 @@ HOMES = {
     "rosbags": ("certpgo/io/bags.py",),
     "typer": ("certpgo/cli/", "reports/harness/commands/"),
     "rich": ("certpgo/cli/", "reports/harness/commands/"),
-    "threadpoolctl": ("certpgo/linalg/threads.py", "reports/harness/experiments/timing.py"),
+    "threadpoolctl": (
+        "certpgo/linalg/threads.py",
+        "certpgo/solve/comparison.py",
+        "reports/harness/experiments/timing.py",
+    ),
     "jinja2": ("certpgo/view/page.py",),
     "flint": ("reports/harness/certifiers/oracle.py",),
     "matplotlib": ("certpgo/view/", "reports/harness/experiments/figure.py"),

@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from certpgo.diagnosis import estimates, ids, measurements, optimizer, priors, structure, wrong
+from certpgo.diagnosis import estimates, ids, measurements, optimizer, priors, structure
 from certpgo.diagnosis import truth as of_truth
 from certpgo.diagnosis.detectability import detectable
 from certpgo.diagnosis.examined import Examined, KnownTruth
 from certpgo.diagnosis.finding import Costs, Diagnosis, Finding
+from certpgo.diagnosis.judged import single
 from certpgo.diagnosis.standing import apart, undefined
 from certpgo.errors import FormatError, GraphError, InputError
 from certpgo.graph import Estimate, Graph, Instance
@@ -64,7 +65,7 @@ def cause_in_measurements(examined: Examined) -> Finding | None:
     graph = examined.instance.graph
     if (order := undefined(graph, examined.trying)) is not None or graph.has_scales:
         return order
-    return measurements.convention(examined, wrong.single(examined) is None)
+    return measurements.convention(examined, single(examined) is None)
 
 
 def diagnose(

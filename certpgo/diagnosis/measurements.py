@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo.diagnosis import noise, weights, wrong
+from certpgo.diagnosis import judged, noise, weights, wrong
 from certpgo.diagnosis.edge_readings import IN_DEGREES, READINGS, EdgeReading
 from certpgo.diagnosis.estimates import HARDLY, LIKELY, SHARE, UNITS
 from certpgo.diagnosis.examined import Examined
@@ -118,31 +118,31 @@ def found(examined: Examined) -> Iterator[Finding]:
         return
     if examined.instance.graph.has_scales:
         return
-    single = wrong.single(examined)
+    single = judged.single(examined)
     if (told := convention(examined, single is None)) is not None:
         yield told
         return
     examined.trying("stiff-edge")
     yield from stiff(examined.instance)
-    judged, meaning = single, None
-    if judged is None:
-        judged = wrong.judged(examined)
+    suspects, meaning = single, None
+    if suspects is None:
+        suspects = judged.judged(examined)
     if single is None or single.fit.fit.is_unusual:  # else there is nothing else to explain
         meaning = weights.other_meaning(examined)
-    if judged is None:
+    if suspects is None:
         return
-    gain, unusual = noise.found(examined, judged.fit)
+    gain, unusual = noise.found(examined, suspects.fit)
     # The noise has a number more to fit, and is more often misstated.
-    bar = gain - math.log(judged.fit.fit.freedom) if unusual else -weights.RARER
+    bar = gain - math.log(suspects.fit.fit.freedom) if unusual else -weights.RARER
     if meaning is not None:
-        ahead, explained = meaning[0] - bar, meaning[0] > judged.gain(examined.best)
+        ahead, explained = meaning[0] - bar, meaning[0] > suspects.gain(examined.best)
         if explained and ahead > weights.RARER:
             yield meaning[1]  # all else is as if measured so
             return
-        if explained and ahead > -weights.RARER and not judged.wrong.any():
+        if explained and ahead > -weights.RARER and not suspects.wrong.any():
             yield weights.either(meaning[1], unusual)
             return
-    yield from wrong.found(examined, judged)
+    yield from wrong.found(examined, suspects)
     yield from unusual
 
 

@@ -1,9 +1,9 @@
-"""Single measurements that are wrong, and what would make them right."""
+"""Findings of single measurements that are wrong, and what would make them right."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -14,30 +14,17 @@ from scipy import special
 from certpgo.diagnosis.conventions import with_w_first
 from certpgo.diagnosis.examined import Examined
 from certpgo.diagnosis.finding import Finding
-from certpgo.diagnosis.noise import kinds_of
-from certpgo.diagnosis.study import Study, study
+from certpgo.diagnosis.judged import Judged, limit
+from certpgo.diagnosis.study import study
 from certpgo.errors import CertPGOError
-from certpgo.graph import Estimate, Graph
+from certpgo.graph import Graph
 from certpgo.graph.phrases import cost_shown, counted
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.truncated_cost import TruncatedCost
 from certpgo.optimize.descent import descend
 from certpgo.optimize.progress import Stop
 from certpgo.solve.inconsistency import budgets, proven_rises
-from certpgo.solve.outliers import select
 
-#: Probability that noise makes any right measurement look wrong.
-LEVEL = 1e-4
-#: Multiple of the noise's variance from which a measurement is wrong, where noise is as stated, and
-#: where it is estimated: real residuals have heavier tails than normal ones.
-WIDE, WIDER = 1.5, 4.0
-#: Nodes up to which a robust fit is tried at the least suspicion, and rounds until it settles.
-FEW, SETTLING = 1000, 3
-#: Measurements that are left out one by one, before a robust fit is tried; and surprise of two, one
-#: over the other, that may both be the wrong one.
-LEFT_OUT, AS_LIKELY = 3, 0.98
-#: Ratio of variances up to which noise is as stated, and from which it is seldom misstated.
-STATED, HUGE = 1.5, 50.0
 #: A right reading is within what is exceeded with this chance, and has this share of the cost.
 FITS, SHARE = 1e-3, 0.05
 #: The same share where few nodes were tried, and where all were.
@@ -48,132 +35,10 @@ MOST, NAMED = 50, 4
 PROVABLE, PROVING = 3000, 1.0
 #: Neighbours that an id may be off to.
 OFF = 2
-
-
-@dataclass(frozen=True, eq=False)
-class Judged:
-    """Which measurements are wrong, and the fit to the others.
-
-    Attributes
-    ----------
-    wrong : (m,) flags
-    fit : of all others
-    scales : (m,) variance of the noise over that stated, at least 1
-    """
-
-    wrong: BoolArray
-    fit: Study
-    scales: FloatArray
-
-    @property
-    def cost(self) -> float:
-        """chi^2 of the others, and what leaving the wrong ones out costs."""
-        price = float((self.scales * _limit(self.fit.numbers))[self.wrong].sum())
-        return float(self.fit.squares[~self.wrong].sum()) + price
-
-    def gain(self, first: float) -> float:
-        """How much less that is than chi^2 of all."""
-        return first - self.cost if self.wrong.any() else 0.0
-
-    @property
-    def rows(self) -> IntArray:
-        """(k,) the wrong measurements, the most surprising first."""
-        rows = np.flatnonzero(self.wrong)
-        return rows[np.argsort(-self.fit.surprises[rows], kind="stable")] if len(rows) else rows
-
-
-def single(examined: Examined) -> Judged | None:
-    """The one measurement without which chi^2 is not too large; None if there is none."""
-    if examined.first is None or not (best := _judged(examined, examined.first)).wrong.any():
-        return None
-    with suppress(CertPGOError, np.linalg.LinAlgError):
-        found = _without_few(examined, best, 1)
-        return None if found is None or found.fit.fit.is_unusually_large else found
-    return None
-
-
-def judged(examined: Examined) -> Judged | None:
-    """The wrong measurements: by their surprise at the fit to all, then at a robust one.
-
-    None where nothing is known of residuals.
-    """
-    if examined.first is None:
-        return None
-    best = _judged(examined, examined.first)
-    if not _is_suspicious(examined, best):
-        return best
-    with suppress(CertPGOError, np.linalg.LinAlgError):
-        few = _without_few(examined, best, LEFT_OUT)
-        found = [one for one in (_robustly(examined), few) if one is not None]
-        return min(found, key=lambda one: one.cost, default=best)
-    return best
-
-
-def _without_few(examined: Examined, at: Judged, most: int) -> Judged | None:
-    """One after another left out, each the most surprising one; None if more are wrong then."""
-    problem, kept = examined.problem, np.ones(len(at.wrong), dtype=bool)
-    for _ in range(most):
-        surprises = np.where(kept, at.fit.surprises, 0.0)
-        # Of two that are as likely, such as all that a node has, odometry is right.
-        surprises[: len(examined.steps)][examined.steps] *= AS_LIKELY
-        worst = int(np.argmax(surprises))
-        kept[worst] = False
-        fitted = descend(problem.reweighted(kept.astype(float)), at.fit.estimate)
-        found = _kept(examined, fitted.estimate, kept)
-        if found is None or (found.wrong == ~kept).all():
-            return found
-        at = found
-    return None
-
-
-def _robustly(examined: Examined) -> Judged | None:
-    """Those that a robust fit rejects, until the choice settles."""
-    chosen = select(examined.problem, fit=examined.answer.estimate, monitor=examined.monitor)
-    found = _kept(examined, chosen.estimate, ~chosen.rejected)
-    for _ in range(SETTLING):
-        if found is None or (found.wrong == ~found.fit.counts).all():
-            return found
-        found = _kept(examined, found.fit.estimate, ~found.wrong)
-    return None if found is None else replace(found, wrong=~found.fit.counts)
-
-
-def _kept(examined: Examined, estimate: Estimate, kept: BoolArray) -> Judged | None:
-    """The measurements at the fit to some of them; None where these leave nodes free."""
-    if examined.studied is None:
-        return None
-    fit = study(examined.studied, estimate, examined.anchor, counts=kept)
-    return None if fit is None else _judged(examined, fit)
-
-
-def _is_suspicious(examined: Examined, first: Judged) -> bool:
-    """Whether a robust fit may find wrong measurements, which a fit to all may spread and hide."""
-    if first.wrong.any():
-        return True
-    if examined.instance.graph.num_nodes > FEW:
-        return False
-    # Residuals that are larger by one factor throughout are misstated noise, unless that is huge.
-    fit, usual = first.fit, np.where(first.scales < HUGE, first.scales, 1.0)
-    return bool((fit.surprises > usual * _limit(fit.numbers)).any())
-
-
-def _judged(examined: Examined, fit: Study) -> Judged:
-    """Which measurements are too far from what the others say, and noise by their medians."""
-    known = fit.checked > 0
-    usual = 2.0 * special.gammaincinv(0.5 * np.maximum(fit.checked, 1), 0.5)
-    scales = np.ones(len(known))
-    for rows in kinds_of(examined).values():
-        own = rows & known
-        if own.any():
-            scales[rows] = max(float(np.median(fit.surprises[own] / usual[own])), 1.0)
-    wide = np.where(scales < STATED, WIDE, WIDER) * scales
-    wrong = known & (fit.surprises > wide * _limit(fit.checked))
-    return Judged(wrong, fit, scales)
-
-
-def _limit(numbers: IntArray) -> FloatArray:
-    """(m,) what surprises of right measurements hardly exceed."""
-    tail = LEVEL / len(numbers)
-    return np.asarray(2.0 * special.gammainccinv(0.5 * np.maximum(numbers, 1), tail))
+#: Chance that some node fits, and how much larger the region is in which they are counted.
+CHANCE, COUNTED = 0.05, 5.0
+#: Share of the largest surprise from which another measurement may be the wrong one as well.
+SAME = 0.999
 
 
 @dataclass(frozen=True)
@@ -193,6 +58,9 @@ def found(examined: Examined, of: Judged) -> Iterator[Finding]:
     rows = of.rows
     if not len(rows):
         return
+    if not of.explains(examined.best):
+        yield _disagreeing(examined, of, rows.tolist())
+        return
     mended = {one.row: one for one in _mended(examined, of, rows[:MOST])}
     proven = _proven(examined, of)
     kinds = {row: mended[row].kind if row in mended else "" for row in rows.tolist()}
@@ -209,31 +77,63 @@ def _finding(
     mended: dict[int, _Mended],
     proven: BoolArray,
 ) -> Finding:
-    instance = examined.instance
-    pairs = instance.pairs
+    verb, them = ("is", "it") if len(rows) == 1 else ("are", "them")
+    others = [] if kind or len(of.rows) > 1 else _as_likely(examined, of)
+    sure = bool(proven[rows].all()) and not others
+    wrong = f"{counted(len(rows), 'measurement{s}')} {verb} {'proven to be ' * sure}wrong"
+    said = f"{wrong}, if the others are right: {_named(examined, of, rows, mended)}"
+    if others:
+        pairs = ("-".join(map(str, examined.instance.pairs[row].tolist())) for row in others)
+        said += f", or instead {' or '.join(pairs)}: nothing tells which"
+    cost, numbers = of.left, examined.instance.known_numbers
+    given = max(examined.best, cost)
+    said += f"; without {them} the map costs {cost_shown(cost)}, as it stands {cost_shown(given)}"
+    next = f"correct {them} so" if kind else f"certpgo solve --robust leaves {them} out"
+    if not kind:
+        next += "; certpgo outliers says what is proven"
+    strength = 1.0 + min(1.0, math.log10(given / of.cost)) + 0.05 * bool(kind)
+    known = tuple(sorted(numbers[rows].tolist()))
+    return Finding(kind or "wrong-measurement", said, next, cost, given, strength, known, sure)
+
+
+def _disagreeing(examined: Examined, of: Judged, rows: list[int]) -> Finding:
+    """Measurements that are far from what the others say, in a map that is wrong without them."""
+    numbers = tuple(sorted(examined.instance.known_numbers[rows].tolist()))
+    verb, them = ("disagrees", "it") if len(rows) == 1 else ("disagree", "them")
+    said = (
+        f"{counted(len(rows), 'measurement{s}')} {verb} most with the others, but something else "
+        f"is wrong, too: without {them} the map costs {cost_shown(of.left)}, as it stands "
+        f"{cost_shown(examined.best)}: {_named(examined, of, rows, {})}"
+    )
+    next = "look for what the measurements of one sensor or one stretch have in common"
+    return Finding("wrong-measurement", said, next, of.left, examined.best, 0.2, numbers)
+
+
+def _named(examined: Examined, of: Judged, rows: list[int], mended: Mapping[int, _Mended]) -> str:
+    """The first few measurements, with what each costs and how it would fit."""
 
     def named(row: int) -> str:
-        i, j = pairs[row].tolist()
+        i, j = examined.instance.pairs[row].tolist()
         costs = f"{i}-{j} (cost {cost_shown(float(of.fit.squares[row]))}"
         more = f": {mended[row].said}" if row in mended else ""
         return f"{costs}{more})"
 
-    names = ", ".join(named(row) for row in rows[:NAMED])
-    more = ", ..." if len(rows) > NAMED else ""
-    verb = "is" if len(rows) == 1 else "are"
-    sure = bool(proven[rows].all())
-    wrong = f"{counted(len(rows), 'measurement{s}')} {verb} {'proven to be ' * sure}wrong"
-    said = f"{wrong}, if the others are right: "
-    numbers = tuple(sorted(instance.known_numbers[rows].tolist()))
-    cost = of.cost
-    given = max(examined.best, cost)
-    next = "correct them so" if kind else "certpgo solve --robust leaves them out"
-    if not kind:
-        next += "; certpgo outliers says what is proven"
-    strength = 1.0 + min(1.0, math.log10(given / cost)) + 0.05 * bool(kind)
-    name = kind or "wrong-measurement"
-    said = f"{said}{names}{more}"
-    return Finding(name, said, next, cost, given, strength, numbers, sure)
+    return ", ".join([*map(named, rows[:NAMED]), *["..."] * (len(rows) > NAMED)])
+
+
+def _as_likely(examined: Examined, of: Judged) -> list[int]:
+    """Measurements that may be the wrong one as well, such as others of a chain.
+
+    Of odometry and a loop closure, odometry is right.
+    """
+    first = examined.first
+    if first is None:
+        return []
+    row, steps = int(of.rows[0]), examined.steps
+    same = first.surprises >= SAME * first.surprises[row]
+    if not (row < len(steps) and steps[row]):
+        same[: len(steps)] &= ~steps
+    return [other for other in np.flatnonzero(same).tolist() if other != row][:NAMED]
 
 
 def _proven(examined: Examined, of: Judged) -> BoolArray:
@@ -242,7 +142,7 @@ def _proven(examined: Examined, of: Judged) -> BoolArray:
     if of.wrong.sum() > MOST or len(found) > PROVABLE:
         return found
     with suppress(CertPGOError, np.linalg.LinAlgError):
-        budget = np.maximum(budgets(problem), of.scales * _limit(of.fit.numbers))
+        budget = np.maximum(budgets(problem), of.scales * limit(of.fit.numbers))
         posed = TruncatedCost(problem, np.where(of.wrong, budget, np.inf))
         estimate = descend(posed.kept, of.fit.estimate).estimate
         stop = Stop(examined.monitor)
@@ -315,7 +215,7 @@ def _between_others(examined: Examined, of: Judged, rows: IntArray) -> Iterator[
     if t is None:
         return
     M, v = graph.rotations[rows], graph.translations[rows]
-    back = np.swapaxes(M, 1, 2)
+    back, numbers = np.swapaxes(M, 1, 2), of.fit.numbers[rows]
     for end in (1, 0):
         near, far = graph.edges[rows, 1 - end], graph.edges[rows, end]
         R = X[near] @ (M if end else back)
@@ -324,11 +224,18 @@ def _between_others(examined: Examined, of: Judged, rows: IntArray) -> Iterator[
         cost += graph.tau[rows, None] * _squared(at, t[poses])
         cost[(poses == far[:, None]) | (poses == near[:, None])] = np.inf
         off = np.abs(instance.ids[poses] - instance.ids[far][:, None])
-        anywhere = np.broadcast_to(~examined.steps[rows][:, None], off.shape)
-        for allowed, share in ((off <= OFF) & anywhere, FEW_TRIED), (anywhere, CLEARLY):
-            chosen = poses[np.argmin(np.where(allowed, cost, np.inf), axis=1)]
+        # Where many nodes are about there, one of them fits by chance.
+        wide = COUNTED**2 * 2.0 * special.gammainccinv(0.5 * numbers, FITS) * of.scales[rows]
+        expected = (cost < wide[:, None]).sum(axis=1) / COUNTED**numbers
+        closures = ~examined.steps[rows][:, None]
+        # A short motion fits between neighbours, whatever it was meant for.
+        beyond = np.abs(instance.ids[poses] - instance.ids[near][:, None]) > OFF
+        anywhere = closures & (expected < CHANCE)[:, None] & beyond
+        for allowed, share in ((off <= OFF) & closures, FEW_TRIED), (anywhere, CLEARLY):
+            costs = np.where(allowed, cost, np.inf)
+            chosen = poses[costs.argmin(axis=1)]
             edges = graph.edges[rows].copy()
-            edges[:, end] = np.where(chosen == near, far, chosen)
+            edges[:, end] = np.where(np.isfinite(costs.min(axis=1)), chosen, far)
             ids, was = instance.ids[edges], instance.ids[graph.edges[rows]]
 
             def said(k: int, ids: IntArray = ids, was: IntArray = was) -> str:

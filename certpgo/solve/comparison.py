@@ -15,7 +15,6 @@ from certpgo.certify.region import limits
 from certpgo.errors import CertPGOError, SpecError, require
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.io.accept_paths import AnyPath, as_instance
-from certpgo.linalg.threads import one_thread
 from certpgo.objective.choose_cost import (
     CHORDAL,
     COSTS,
@@ -331,10 +330,12 @@ def in_one_line(error: Exception) -> str:
     return f"{type(error).__name__}: {str(error).partition(chr(10))[0]}"
 
 
-@one_thread
 def _timed(solver: Solver, problem: Quadratic | Sum, initial: Estimate | None = None) -> Solution:
     """The method's solution, on one thread; if it reports no phases, it is timed as a whole."""
-    start = time.perf_counter()
-    solution = solver.solve(problem, initial=initial)  # type: ignore[arg-type]
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(limits=1):  # of OpenMP, too, which other programs use
+        start = time.perf_counter()
+        solution = solver.solve(problem, initial=initial)  # type: ignore[arg-type]
     elapsed = time.perf_counter() - start
     return solution if solution.seconds else replace(solution, seconds={"solve": elapsed})
