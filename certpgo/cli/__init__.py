@@ -11,7 +11,6 @@ import errno
 import functools
 import importlib
 import inspect
-import os
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -24,6 +23,7 @@ from certpgo import _start, registry
 from certpgo.cli._help import HelpfulCommand, HelpfulGroup
 from certpgo.cli._interrupting import heard_late, unmoved
 from certpgo.cli._rules import refuse
+from certpgo.cli._show import discard_stdout
 from certpgo.errors import CertPGOError
 
 Command = Callable[..., int | None]
@@ -192,7 +192,7 @@ def _code_of(run: Callable[[], int | None]) -> int:
     try:
         sys.stdout.flush()
     except OSError:  # discard what Python flushes at exit
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        discard_stdout()
     return code or 0
 
 

@@ -140,7 +140,11 @@ def write_reconstruction(out: Path, found: Reconstruction | Fused, graph: Path |
     given, problem, kept = averaged.instance, answer.problem, averaged.kept
     instance = given.with_edges(kept)
     assessment = assess(
-        problem, averaged.estimate, answer.certificate, instance=instance, fit=answer.fit
+        problem,
+        averaged.estimate,
+        answer.certificate,
+        instance=instance,
+        fitting=answer.fit_at,
     )
     remarks = [f"{name}: {said}." for name, said in found.consistency()]
     if rejected := found.rejected_named():

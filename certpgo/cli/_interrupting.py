@@ -9,13 +9,14 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
 import typer
 
 from certpgo._start import INTERRUPTED as INTERRUPTED
+from certpgo.cli._show import outlasting_reader
 
 #: Seconds after which Ctrl-C that was dropped is delivered again.
 LATER = 0.01
@@ -45,6 +46,8 @@ def tells_unwritten(
 ) -> Callable[[Callable[..., int | None]], Callable[..., int | None]]:
     """Let Ctrl-C, where it aborts a command, name the outputs that are written, and the others.
 
+    Where any is asked for, the command goes on if nobody reads stdout any more.
+
     Parameters
     ----------
     names : the command's parameters that are paths of outputs
@@ -56,7 +59,8 @@ def tells_unwritten(
             asked = [options[name] for name in names if options.get(name) is not None]
             before = [_state(path) for path in asked]
             try:
-                return command(**options)
+                with outlasting_reader() if asked else nullcontext():
+                    return command(**options)
             except KeyboardInterrupt:
                 raise KeyboardInterrupt(*_told(asked, before)) from None
 

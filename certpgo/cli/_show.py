@@ -10,7 +10,7 @@ import textwrap
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO, cast
 
 import typer
 
@@ -64,6 +64,55 @@ def paragraph(text: str) -> None:
     width = shutil.get_terminal_size().columns if "COLUMNS" in os.environ else _terminal()
     lines = [text] if width is None else textwrap.wrap(text, width, break_long_words=False)
     typer.echo("\n".join(lines))
+
+
+@contextmanager
+def outlasting_reader() -> Iterator[None]:
+    """Finish the block even if the reader of stdout is gone (| head); only then raise that error.
+
+    What is printed since is discarded, so that files that were asked for are all written.
+    """
+    stream = _Outlasting(sys.stdout)
+    sys.stdout = cast("TextIO", stream)
+    try:
+        yield
+    finally:
+        sys.stdout = stream.of
+    if stream.gone is not None:
+        raise stream.gone
+
+
+class _Outlasting:
+    """A stream whose reader may go."""
+
+    def __init__(self, of: TextIO) -> None:
+        self.of = of
+        self.gone: BrokenPipeError | None = None
+
+    def write(self, text: str) -> int:
+        with self._discarding():
+            self.of.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        with self._discarding():
+            self.of.flush()
+
+    @contextmanager
+    def _discarding(self) -> Iterator[None]:
+        try:
+            yield
+        except BrokenPipeError as gone:
+            self.gone = gone
+            discard_stdout()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.of, name)
+
+
+def discard_stdout() -> None:
+    """Discard what is still buffered for stdout, and all that is printed later."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _terminal() -> int | None:

@@ -22,7 +22,7 @@ from certpgo.cli._truth import KnownPoses
 if TYPE_CHECKING:
     from certpgo.certify.region import ProvenDistance
     from certpgo.diagnosis import Finding
-    from certpgo.graph import Instance
+    from certpgo.graph import Estimate, Instance
     from certpgo.objective.choose_cost import Certifiable
     from certpgo.optimize.solution import Solution
     from certpgo.solve.assessment import Assessment
@@ -95,10 +95,17 @@ class Solved(Result):
     @cached_property
     def fit(self) -> Fit | None:
         """chi^2 of the certified measurements."""
+        return self._fit_at(self.solution.estimate)
+
+    def _fit_at(self, estimate: Estimate) -> Fit | None:
         from certpgo.solve.fit import fit_of
 
-        weights = self.solution.weights
-        return fit_of(self.part, self._judged, self.solution.estimate, weights)
+        return fit_of(self.part, self._judged, estimate, self.solution.weights)
+
+    @property
+    def _best_fit(self) -> Fit | None:
+        """The same of the best estimate known, which certifying that of a method may find."""
+        return self.fit if self.assessment is None else self.assessment.best_fit
 
     @cached_property
     def cause(self) -> Finding | None:
@@ -124,8 +131,8 @@ class Solved(Result):
 
         if self.certificate is None:
             return None
-        kept, estimate = self.solution.judged_instance(self.part), self.solution.estimate
-        return assess(self._problem, estimate, self.certificate, instance=kept, fit=self.fit)
+        kept, at = self.solution.judged_instance(self.part), self.solution.estimate
+        return assess(self._problem, at, self.certificate, instance=kept, fitting=self._fit_at)
 
     def write(self, outputs: Outputs) -> None:
         """Write the estimate."""
@@ -133,21 +140,21 @@ class Solved(Result):
 
     def notices(self, outputs: Outputs) -> list[str]:
         """What the verdict does not say."""
-        return _verdict.warnings(self.fit, len(self.solution.rejected), self._count_kept or 0)
+        return _verdict.warnings(self._best_fit, len(self.solution.rejected), self._count_kept or 0)
 
     def report(self, outputs: Outputs) -> dict[str, Any]:
         """The result for --json."""
         solution, found = self.solution, self.found
         levels = () if found is None else found.levels
-        certificate, disagreement = self.certificate, self.disagreement
         return {
             **_verdict.as_json(
                 self.part,
-                certificate,
+                self.certificate,
                 self.certified_cost,
-                disagreement=disagreement,
+                disagreement=self.disagreement,
                 accuracy=self.accuracy,
                 fit=self.fit,
+                best_fit=self._best_fit,
                 under=self._of_all,
             ),
             **_verdict.distance_as_json(self.distance, self.part),
@@ -276,8 +283,7 @@ class Solved(Result):
 
     def _own_bound(self) -> str:
         """The method's own bound, in words."""
-        bound = self.solution.lower_bound
-        if bound is None:
+        if (bound := self.solution.lower_bound) is None:
             return "the gap to the optimum is not known"
         return f"the method's own lower bound, which ignores rounding, is {bound:.12g}"
 
@@ -307,9 +313,8 @@ class Solved(Result):
 
     def write_covariances(self, out: Path, *, quiet: bool) -> None:
         """Write the covariances of all nodes."""
-        _uncertainty.write_covariances(
-            out, self.part, self._judged, self.solution.estimate, quiet=quiet
-        )
+        of = self.part, self._judged, self.solution.estimate
+        _uncertainty.write_covariances(out, *of, quiet=quiet)
 
     def write_regions(self, out: Path, *, quiet: bool) -> bool:
         """Write how far each node is in all estimates of low cost; False if that is not known."""
@@ -340,9 +345,8 @@ class Solved(Result):
         from certpgo.objective.choose_cost import objective_of
 
         posed: Any = objective_of(self.part, self.asked.cost)
-        if self.solution.weights is None:
-            return cast("Certifiable", posed)
-        return cast("Certifiable", self.solution.judged(posed))
+        rejects = self.solution.weights is not None
+        return cast("Certifiable", self.solution.judged(posed) if rejects else posed)
 
     def write_page(self, out: Path, outputs: Outputs) -> None:
         """Write the page of the certificate."""

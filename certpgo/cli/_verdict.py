@@ -68,7 +68,7 @@ def show(
         [
             *numbers(certificate, farthest, length_unit(part.graph)),
             *reasons(certificate),
-            *([] if fit is None else [("chi^2", str(fit))]),
+            *([] if fit is None else [("chi^2", f"{fit}{_of_best(assessment)}")]),
             *wording.redundancy(part),
             *more,
             *(
@@ -84,6 +84,12 @@ def show(
             *(("" if k else "next", step) for k, step in enumerate(steps)),
         ]
     )
+
+
+def _of_best(assessment: Assessment | None) -> str:
+    """chi^2 of a better estimate, beside that of the one that is judged; empty without one."""
+    best = None if assessment is None else assessment.best_fit
+    return f"; that of {best.of} is {best.chi2:.4g}" if best is not None and best.of else ""
 
 
 def pose_called(name: int | None, part: Instance) -> int | None:
@@ -150,6 +156,7 @@ def as_json(
     assessment: Assessment | None = None,
     accuracy: TrajectoryErrors | None = None,
     fit: Fit | None = None,
+    best_fit: Fit | None = None,
     under: str | None = None,
 ) -> dict[str, Any]:
     """An estimate of a connected graph: the verdict first, then its details.
@@ -181,7 +188,7 @@ def as_json(
         "relative_gap": None if c is None else c.relative_gap,
         "angles": "radians",
         "certificate": None if c is None else _details(c),
-        "fit": None if fit is None else fit_as_json(fit),
+        "fit": None if fit is None else fit_as_json(fit, best_fit),
         "accuracy": None if accuracy is None else asdict(accuracy),
         "disagreement": None if disagreement is None else _disagreement(part, disagreement),
         "averaged": _averaged(part, certificate),
@@ -201,12 +208,12 @@ def in_short(certificate: Certificate) -> dict[str, Any]:
     }
 
 
-def fit_as_json(fit: Fit) -> dict[str, Any]:
-    """chi^2 with its degrees of freedom, and a warning or null."""
+def fit_as_json(fit: Fit, best: Fit | None = None) -> dict[str, Any]:
+    """chi^2 with its degrees of freedom, and a warning, of the best estimate if given, or null."""
     return {
         "chi2": fit.chi2,
         "degrees_of_freedom": fit.freedom,
-        "warning": fit.warning or None,
+        "warning": (best or fit).warning or None,
     }
 
 

@@ -287,13 +287,14 @@ class _Assessed(Result):
             assessment=self.found,
             accuracy=self.accuracy,
             fit=self.found.fit,
+            best_fit=self.found.best_fit,
             under=self.asked.cost,
         )
         far = _verdict.distance_as_json(self.distance, self.part.instance)
         return {**judged, **far, **cause_as_json(self.cause)}
 
     def notices(self, outputs: Outputs) -> Iterator[str]:
-        yield from _verdict.warnings(self.found.fit)
+        yield from _verdict.warnings(self.found.best_fit)
         if outputs.estimate is not None:
             yield f"best estimate written to {outputs.estimate}"
         elif is_better_known(self.found, outputs.json):

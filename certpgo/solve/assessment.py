@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import warnings
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -98,6 +99,7 @@ class Assessment:
     rounding : effect of the file's digits; None for an estimate in full precision
     farthest : the largest translation residual, metres; None where no translation is measured
     fit : chi^2 of the estimate as given; None where that is not known, see `certpgo.solve.fit`
+    best_fit : the same of ``best``: what says something of measurements and their noise
     """
 
     certificate: Certificate
@@ -111,6 +113,7 @@ class Assessment:
     rounding: Rounding | None
     farthest: float | None = None
     fit: Fit | None = None
+    best_fit: Fit | None = None
 
     @property
     def relative_excess(self) -> float:
@@ -125,7 +128,7 @@ def assess(
     *,
     instance: Instance | None = None,
     writing: Writing | None = None,
-    fit: Fit | None = None,
+    fitting: Callable[[Estimate], Fit | None] | None = None,
 ) -> Assessment:
     """Compare an estimate with the best one found while certifying it.
 
@@ -135,13 +138,19 @@ def assess(
     instance : whose problem it is: names edges, and its `poses` are those between which the
         distance is; by default nodes have the ids 0 ... n-1, and all count
     writing : number format of the estimate's file, see `certpgo.io.digits.writing_of`
-    fit : chi^2 of the estimate
+    fitting : returns chi^2 of an estimate
     """
     c = certificate
     nodes = _poses(problem) if instance is None else instance.poses
     best, cost = c.best, c.best_cost
     if not cost < c.cost_upper:  # any improvement is rounding
         best, cost = estimate, c.cost_upper
+    fit = best_fit = None if fitting is None else fitting(estimate)
+    if fitting is not None and not c.cost_upper - cost <= c.tolerance:
+        found, which = fitting(best), "the best estimate found"
+        if c.proves_optimal(cost):
+            which = "the optimum"
+        best_fit = None if found is None else replace(found, of=which)
     return Assessment(
         certificate=c,
         cost=problem.cost(estimate),
@@ -156,6 +165,7 @@ def assess(
         rounding=None if writing is None else rounding_cost(problem, estimate, best, writing),
         farthest=_farthest(problem, estimate),
         fit=fit,
+        best_fit=best_fit,
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields
+from functools import partial
 from pathlib import Path
 
 from certpgo.certify.certificate import of_instance
@@ -78,7 +79,7 @@ class JudgedPart:
             certificate,
             instance=self.instance,
             writing=writing,
-            fit=fit_of(self.instance, self.problem, estimate),
+            fitting=partial(fit_of, self.instance, self.problem),
         )
 
 

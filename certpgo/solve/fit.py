@@ -53,6 +53,7 @@ class Fit:
     spread : variance over that of a chi^2 variable; 1 unless weights average over directions
     as_roots : chi^2 at this estimate if the numbers of the file were square roots of information;
         None if that is not known
+    of : the estimate, in words, where it is not the one that is asked about
 
     Examples
     --------
@@ -68,6 +69,7 @@ class Fit:
     freedom: int
     spread: float = 1.0
     as_roots: float | None = None
+    of: str = ""
 
     def __str__(self) -> str:
         chi2 = f"{self.chi2:.0f}" if WHOLE[0] <= self.chi2 < WHOLE[1] else f"{self.chi2:.4g}"
@@ -91,7 +93,8 @@ class Fit:
     @property
     def warning(self) -> str:
         """What is unusual, in a sentence; or empty."""
-        said = f"chi^2 is {self}: residuals are {self.ratio:.3g} times the stated noise"
+        which = f"chi^2 of {self.of}" if self.of else "chi^2"
+        said = f"{which} is {self}: residuals are {self.ratio:.3g} times the stated noise"
         if self._fits_as_roots:
             return (
                 f"{said}; the file's numbers may be square roots of information, with which it is "

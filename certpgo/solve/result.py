@@ -188,11 +188,15 @@ class CertifiedSolution(Speaking):
     @cached_property
     def fit(self) -> Fit | None:
         """chi^2 and its degrees of freedom, where the source of the graph states the noise."""
+        return self.fit_at(self.estimate)
+
+    def fit_at(self, estimate: Estimate) -> Fit | None:
+        """The same of another estimate of these measurements."""
         instance = self.instance
         if instance is None:
             graph = self.problem.measured
             instance = Instance("graph", graph, np.arange(graph.num_nodes))
-        return fit_of(instance, self.problem, self.estimate, self.solution.weights)
+        return fit_of(instance, self.problem, estimate, self.solution.weights)
 
     def _picture(self) -> str:
         graph, t = self.graph, self.estimate.translations

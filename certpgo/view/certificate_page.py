@@ -228,8 +228,9 @@ def _cost(problem: Certifiable) -> Iterable[str]:
 
 def _misfit(assessment: Assessment) -> Iterable[str]:
     """The warning of an unusual chi^2."""
-    if assessment.fit is not None and assessment.fit.warning:
-        yield f"{assessment.fit.warning}."
+    fit = assessment.best_fit
+    if fit is not None and fit.warning:
+        yield f"{fit.warning}."
 
 
 def _rungs(problem: Certifiable, estimate: Estimate, certificate: Certificate) -> tuple[Rung, ...]:

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import certpgo as package
@@ -95,3 +96,27 @@ def test_info_outliers_and_solve_name_causes(certpgo, tmp_path):
     assert "likely cause      All loop closures are inverses" in done.out
     [found] = certpgo("outliers", path, "--json").json["findings"]
     assert found["kind"] == "inverted-closures"
+
+
+def test_a_bad_estimate_says_nothing_of_the_measurements(certpgo, tmp_path):
+    """chi^2 that is about measurements and their noise is that of the optimum."""
+    path, bad = tmp_path / "g.g2o", tmp_path / "bad.tum"
+    made = clean(3, 1)
+    package.write(path, replace(made, truth=None))
+    best = package.solve(package.read(path)).estimate
+    rng = np.random.default_rng(0)
+    off = best.translations + 0.5 * rng.standard_normal(best.translations.shape)
+    package.write(bad, Estimate(best.rotations, off))
+    done = certpgo("certify", path, bad)
+    assert "that of the optimum is" in done.out
+    assert "measurements may be wrong" not in done.err
+    fit = certpgo("certify", path, bad, "--json").json["fit"]
+    assert fit["chi2"] > 10.0 * fit["degrees_of_freedom"]
+    assert fit["warning"] is None
+    edges = made.graph.translations.copy()
+    edges[-1] += 30.0
+    graph = replace(made.graph, translations=edges)
+    package.write(path, replace(made, graph=graph, truth=None))
+    done = certpgo("certify", path, bad)
+    assert "chi^2 of the " in done.err
+    assert "measurements may be wrong" in done.err

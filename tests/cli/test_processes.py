@@ -9,9 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 
 import certpgo as package
 from certpgo.cli import EXIT_CODES
+from certpgo.cli._show import outlasting_reader
 from certpgo.errors import FormatError
 from certpgo.io.datasets.synthetic import helix
 
@@ -214,3 +216,34 @@ def test_scans_may_come_through_pipes(tmp_path):
     assert done.returncode == 1
     assert done.stderr.startswith(b"certpgo: /dev/fd/")
     assert done.stderr.count(b"\n") == 1
+
+
+def test_outputs_are_written_though_the_reader_is_gone(graph, tmp_path):
+    outputs = "-o out.g2o --proof out.cert --covariances out.csv --html out.html"
+    line = f"certpgo solve helix.g2o --cost chordal {outputs} > pipe; echo $? > code"
+    done = shell(f"mkfifo pipe; head -1 pipe > first & {line}; wait", tmp_path)
+    assert b"Traceback" not in done.stderr
+    assert (tmp_path / "first").read_text().startswith("CERTIFIED")
+    assert (tmp_path / "code").read_text() in ("141\n", "0\n")  # 0 if the pipe took it all
+    for name in ("out.g2o", "out.cert", "out.csv", "out.html"):
+        assert (tmp_path / name).stat().st_size > 0, name
+
+
+def test_a_reader_that_is_gone_ends_the_command_after_its_outputs(monkeypatch):
+    """The error comes after all that follows the first print that nobody reads."""
+    read, write = os.pipe()
+    os.close(read)
+    with os.fdopen(write, "w") as stream:
+        monkeypatch.setattr(sys, "stdout", stream)
+        done = []
+
+        @outlasting_reader()
+        def work():
+            for said in ("nobody reads this", "nor this"):
+                typer.echo(said)
+                done.append("written")
+
+        with pytest.raises(BrokenPipeError):
+            work()
+        assert sys.stdout is stream
+    assert done == ["written"] * 2
