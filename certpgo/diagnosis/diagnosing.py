@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import numpy as np
 
 from certpgo.diagnosis import estimates, ids, measurements, optimizer, priors, structure
 from certpgo.diagnosis import truth as of_truth
+from certpgo.diagnosis.agreement import agreement
 from certpgo.diagnosis.detectability import detectable
 from certpgo.diagnosis.examined import Examined, KnownTruth
 from certpgo.diagnosis.finding import Costs, Diagnosis, Finding
@@ -139,7 +141,8 @@ def diagnose(
     tried = len(whole.tried)
     said = f"{instance.name}, by {counted(tried, 'trial{s}')}"
     costs = None if found or several else _costs(sized[0])
-    return Diagnosis(tuple(found), tried, said, could, costs)
+    against = "; ".join(filter(None, (_against(one, several) for one in sized)))
+    return Diagnosis(tuple(found), tried, said, could, costs, against)
 
 
 def _costs(examined: Examined) -> Costs:
@@ -202,6 +205,14 @@ def _of(part: Examined, instance: Instance, given: Estimate) -> Estimate | None:
 def _named(examined: Examined, finding: Finding) -> Finding:
     """The finding, which says of which part it is."""
     return replace(finding, said=f"{examined.instance.name}: {finding.said}")
+
+
+def _against(examined: Examined, named: bool) -> str:
+    """How far off a part is from its truth; or empty."""
+    with suppress(GraphError):
+        said = agreement(examined)
+        return f"{examined.instance.name}: {said}" if named and said else said
+    return ""
 
 
 def _detectable(examined: Examined, named: bool) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from certpgo.graph.display import Speaking
@@ -14,6 +14,9 @@ from certpgo.io.json_values import plain
 
 #: Findings that are shown.
 SHOWN = 5
+COMMAND = "certpgo"
+#: The noise is overstated, and what is remarked where anything is found: these spoil no map.
+OVERSTATED, REMARK = "noise-too-large", "bridge"
 
 
 @dataclass(frozen=True)
@@ -55,7 +58,14 @@ class Finding:
 
     def __str__(self) -> str:
         sentences = (self.said, self.next) if self.next else (self.said,)
-        return ". ".join(f"{one[:1].upper()}{one[1:]}" for one in sentences)
+        return ". ".join(map(_begun, sentences))
+
+
+def _begun(sentence: str) -> str:
+    """A sentence with its first letter large, unless it begins with a command to type."""
+    if sentence.startswith(f"{COMMAND} "):
+        return sentence
+    return f"{sentence[:1].upper()}{sentence[1:]}"
 
 
 def explained(cost: float | None, as_given: float | None) -> float:
@@ -111,6 +121,7 @@ class Diagnosis(Speaking):
     about : what was examined, in a phrase
     detectable : what sizes of errors would have been found, in words
     costs : of the map that is asked about and of the best one known, where there is no finding
+    truth : of how many poses it is known, and how far off these are, in words; empty without one
 
     Examples
     --------
@@ -129,12 +140,21 @@ class Diagnosis(Speaking):
     about: str
     detectable: str = ""
     costs: Costs | None = None
+    truth: str = ""
+
+    @property
+    def _kinds(self) -> set[str]:
+        return {finding.kind for finding in self.findings}
 
     @property
     def headline(self) -> str:
         """The first finding, or that there is none, in sentences without the last full stop."""
         if self.findings:
-            return str(self.findings[0]).removesuffix(".")
+            first = self.findings[0]
+            if first.kind == OVERSTATED and self._kinds <= {OVERSTATED, REMARK}:
+                said = f"nothing is wrong with the map but its stated noise: {first.said}"
+                first = replace(first, said=said)
+            return str(first).removesuffix(".")
         said = f"None of {counted(self.tried, 'known mistake{s}')} explains anything here"
         return said if self.costs is None else f"{said}: {self.costs}"
 
@@ -148,6 +168,8 @@ class Diagnosis(Speaking):
         yield "examined", self.about
         for number, finding in enumerate(self.findings[1:shown], 2):
             yield f"or {number}", str(finding)
+        if self.truth:
+            yield "truth", self.truth
         if self.detectable:
             yield "detectable", self.detectable
 
@@ -164,6 +186,7 @@ class Diagnosis(Speaking):
             "about": self.about,
             "tried": self.tried,
             "detectable": self.detectable or None,
+            "truth": self.truth or None,
             "costs": None if self.costs is None else asdict(self.costs),
             "findings": [asdict(finding) for finding in self.findings],
         }

@@ -17,7 +17,7 @@ import numpy as np
 from scipy import special
 
 from certpgo.diagnosis.examined import Examined
-from certpgo.diagnosis.finding import Finding
+from certpgo.diagnosis.finding import OVERSTATED, Finding
 from certpgo.diagnosis.study import Coupling, Study
 from certpgo.graph import Instance
 from certpgo.graph.kinds import RELATIVE, Kind
@@ -194,7 +194,7 @@ def found(examined: Examined, first: Study) -> tuple[float, list[Finding]]:
 
 def _finding(noise: Noise) -> Finding:
     chi2 = noise.ratio**2 * noise.freedom
-    kind = "noise-too-small" if noise.ratio > 1.0 else "noise-too-large"
+    kind = "noise-too-small" if noise.ratio > 1.0 else OVERSTATED
     by = f"{noise.ratio:.3g}, its information by {noise.ratio**-2:.3g}"
     next = f"multiply the standard deviations of {noise.of} by {by}"
     most = STRONGEST if noise.ratio > 1.0 else HARMLESS

@@ -114,10 +114,11 @@ def _stopped_early(examined: Examined, given: float, end: Solution) -> Finding:
     which = "the optimum" if examined.answer.verdict is Verdict.CERTIFIED else "the best known"
     return Finding(
         "stopped-early",
-        f"the optimizer stopped early: the estimate costs {cost_shown(given)}, and descent from "
-        f"it reaches {which}, {best}, in {steps}",
-        "allow more iterations or a smaller tolerance (if it says that it converged, check its "
-        "derivatives), or take the end of descent: certpgo certify GRAPH ESTIMATE --best OUT",
+        f"the estimate is not at the optimum: it costs {cost_shown(given)}, and descent from it "
+        f"reaches {which}, {best}, in {steps}",
+        "an optimizer may have stopped early, or the poses were never optimised: allow more "
+        "iterations or a smaller tolerance (if it says that it converged, check its derivatives), "
+        "or take the end of descent: certpgo certify GRAPH ESTIMATE --best OUT",
         examined.best,
         given,
         _weakened(examined.best, given),

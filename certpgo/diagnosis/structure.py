@@ -11,12 +11,12 @@ from scipy.sparse import csgraph
 
 from certpgo.diagnosis.detectability import information_of, noise_at, noise_of
 from certpgo.diagnosis.examined import Examined
-from certpgo.diagnosis.finding import Finding
+from certpgo.diagnosis.finding import REMARK, Finding
 from certpgo.graph import Instance
 from certpgo.graph.bridges import bridges
 from certpgo.graph.edges import adjacency, components_of
 from certpgo.graph.kinds import Measurements
-from certpgo.graph.phrases import counted
+from certpgo.graph.phrases import counted, few
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.choose_cost import objective_of
@@ -29,6 +29,8 @@ RARE = 1e-6
 LEFT_OUT = 10
 #: Share and number of nodes from which what hangs on a bridge is large.
 SHARE, MANY = 0.1, 10
+#: Nodes that are named where their ids are not consecutive.
+FEW = 4
 
 
 def found(examined: Examined) -> Iterator[Finding]:
@@ -92,13 +94,13 @@ def _contradictions(examined: Examined) -> Iterator[Finding]:
     if not len(excluded):
         return
     worst = excluded[np.argmax(apart[excluded])]
-    one = pairs[worst, 0]
+    i, j = instance.pairs[pairs[worst, 0]].tolist()
     costs = examined.problem.edge_costs(examined.answer.estimate)[pairs[worst]]
     numbers = instance.known_numbers[pairs]
     yield Finding(
         "contradictory-edges",
         f"{counted(len(excluded), 'pair{s}')} of parallel measurements cannot both be right; the "
-        f"worst is between {ends(instance, *instance.pairs[one].tolist())}: chi^2 of their "
+        f"worst is between {ends(instance, i, j, 'and')}: chi^2 of their "
         f"difference is {apart[worst]:.4g}, where {most:.3g} is rare; measurements "
         f"{numbers[worst, 0]} and {numbers[worst, 1]} cost {costs[0]:.3g} and {costs[1]:.3g} in "
         "the best map",
@@ -171,16 +173,27 @@ def remarks(examined: Examined) -> Iterator[Finding]:
     hanging = _hanging(instance.measurements)
     if hanging is None:
         return
-    (i, j), count = hanging
+    (i, j), nodes = hanging
+    between = ends(instance, int(instance.ids[i]), int(instance.ids[j]), "and")
+    if instance.world is not None:
+        nodes = nodes[nodes != instance.world]
+    ids = np.sort(instance.ids[nodes])
     yield Finding(
-        "bridge",
-        f"all of {counted(count, 'node{s}')} hang on what is measured between "
-        f"{ends(instance, int(instance.ids[i]), int(instance.ids[j]))}, which nothing checks",
+        REMARK,
+        f"all of {counted(len(ids), 'node{s}')} ({_in_short(ids.tolist())}) hang on what is "
+        f"measured between {between}, which nothing checks",
         "measure them once more from elsewhere",
         strength=0.0,
         edges=_numbers_of(instance, i, j),
         proven=True,
     )
+
+
+def _in_short(ids: list[int]) -> str:
+    """Ascending ids: from which to which if none is missing, else the first few."""
+    if ids[-1] - ids[0] == len(ids) - 1:
+        return f"{ids[0]} to {ids[-1]}"
+    return few(ids, FEW)
 
 
 def _numbers_of(instance: Instance, i: int, j: int) -> tuple[int, ...]:
@@ -189,8 +202,8 @@ def _numbers_of(instance: Instance, i: int, j: int) -> tuple[int, ...]:
     return tuple(instance.known_numbers[rows].tolist())
 
 
-def _hanging(measured: Measurements) -> tuple[tuple[int, int], int] | None:
-    """The bridge that splits off most nodes, and how many: the smaller part, if that is large."""
+def _hanging(measured: Measurements) -> tuple[tuple[int, int], IntArray] | None:
+    """The bridge that splits off most nodes, and which: the smaller part, if that is large."""
     alone, n = bridges(measured), measured.num_nodes
     if not len(alone):
         return None
@@ -209,4 +222,7 @@ def _hanging(measured: Measurements) -> tuple[tuple[int, int], int] | None:
     if smaller[k] < max(SHARE * n, MANY):
         return None
     first, second = alone[k].tolist()
-    return (first, second), int(smaller[k])
+    others = (pairs != alone[k]).any(axis=1)
+    sides = components_of(n, measured.edges[others])
+    is_first = sides == sides[first]
+    return (first, second), np.flatnonzero(is_first if 2 * is_first.sum() < n else ~is_first)

@@ -69,10 +69,10 @@ def few_edges(instance: Instance, edges: IntArray) -> str:
     return f"{named} and {more} more" if more else named
 
 
-def ends(instance: Instance, first: int, second: int) -> str:
+def ends(instance: Instance, first: int, second: int, joint: str = "to") -> str:
     """An edge by the ids of its nodes, the world by this name."""
     of_world = instance.world is not None and first == instance.ids[instance.world]
-    return f"{'the world' if of_world else first} to {second}"
+    return f"{'the world' if of_world else first} {joint} {second}"
 
 
 def accuracy(errors: TrajectoryErrors) -> Iterable[tuple[str, str]]:

@@ -1,5 +1,6 @@
 """certpgo diagnose, and the likely cause that solve and certify print."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -120,3 +121,33 @@ def test_a_bad_estimate_says_nothing_of_the_measurements(certpgo, tmp_path):
     done = certpgo("certify", path, bad)
     assert "chi^2 of the " in done.err
     assert "measurements may be wrong" in done.err
+
+
+def test_commands_can_be_pasted_from_the_beginning_of_a_sentence():
+    found = package.Finding("kind", "it is wrong", "certpgo solve GRAPH --robust leaves it out")
+    assert str(found) == "It is wrong. certpgo solve GRAPH --robust leaves it out"
+
+
+def test_truth_is_compared_where_nothing_is_wrong_with_it(certpgo, tmp_path):
+    """As `solve` says it: of how many poses, and how far off these are."""
+    path, truth, made = tmp_path / "g.g2o", tmp_path / "truth.tum", clean(3, 1)
+    package.write(path, replace(made, truth=None))
+    n = made.graph.num_nodes - 2
+    package.write(truth, made.truth.subset(np.arange(n)))
+    done = certpgo("diagnose", path, "--truth", truth)
+    [line] = [line for line in done.out.splitlines() if line.startswith("truth")]
+    assert line.split(maxsplit=1)[1].startswith(f"of {n} of {n + 2} poses: ATE ")
+    solved = certpgo("solve", path, "--truth", truth).out
+    [ate] = [line for line in solved.splitlines() if line.startswith("ATE")]
+    metres = float(re.search("ATE +([^ ]+) m", ate)[1])
+    assert float(re.search("ATE ([^ ]+) m", line)[1]) == pytest.approx(metres, rel=1e-4)
+    assert certpgo("diagnose", path, "--json").json["truth"] is None
+
+
+def test_overstated_noise_alone_spoils_no_map(certpgo, tmp_path):
+    path, made = tmp_path / "g.g2o", clean(3, 1)
+    graph = made.graph
+    graph = replace(graph, kappa=0.01 * graph.kappa, tau=0.01 * graph.tau, information=None)
+    package.write(path, replace(made, graph=graph, truth=None))
+    done = certpgo("diagnose", path)
+    assert done.out.startswith("Nothing is wrong with the map but its stated noise: residuals of")

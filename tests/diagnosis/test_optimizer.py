@@ -63,6 +63,7 @@ def test_an_optimizer_that_stopped_early(d):
     assert first.kind == "stopped-early"
     assert first.cost == pytest.approx(best.cost)
     assert first.cost_as_given == pytest.approx(best.problem.cost(begun))
+    assert first.said.startswith("the estimate is not at the optimum")
     assert "step" in first.said
 
 

@@ -6,7 +6,8 @@ from strategies import pose_graph, rng_of
 
 import certpgo
 from certpgo import Estimate, PoseGraph, RotationGraph
-from certpgo.diagnosis.structure import _hanging
+from certpgo.diagnosis.examined import Examined
+from certpgo.diagnosis.structure import _hanging, remarks
 from certpgo.graph.concatenate import joined
 from certpgo.graph.keys import Keys
 from certpgo.io.datasets.synthetic import helix
@@ -122,9 +123,17 @@ def test_a_bridge_is_remarked_where_something_is_wrong():
     whole = joined([graph, other, link], 2 * N)
     assert not found_in(whole)
     instance = certpgo.Instance("two", whole, np.arange(2 * N))
-    assert _hanging(instance.measurements) == ((4, N + 6), N)
+    pair, nodes = _hanging(instance.measurements)
+    assert pair == (4, N + 6)
+    np.testing.assert_array_equal(nodes, np.arange(N, 2 * N))
     found = found_in(whole.with_edges(np.r_[np.arange(2 * m + 1), 0]))
     assert found["bridge"].edges == (2 * m,)
+    assert "all of 20 nodes (20 to 39) hang on what is measured between 4 and 26," in (
+        found["bridge"].said
+    )
+    ends = certpgo.Instance("two", whole, 3 * np.arange(2 * N))
+    [bridge] = remarks(Examined(ends))
+    assert "20 nodes (60, 63, 66, 69, ...)" in bridge.said
 
 
 def test_held_nodes_leave_nothing(tmp_path):
