@@ -19,7 +19,7 @@ from certpgo.cli._options import CostOption, Json, tier_for, time_limit_option
 from certpgo.cli._outputs import Outputs, refuse_overwriting
 from certpgo.cli._proving import REFUSED
 from certpgo.cli._rules import Rule
-from certpgo.cli._show import document, notice, working
+from certpgo.cli._show import document, notice, outlasting_reader, working
 from certpgo.cli.check import claims, rounded
 from certpgo.errors import (
     CertPGOError,
@@ -120,6 +120,8 @@ def command(
     found: dict[str, str | Answer] = {}
     unread = False
     with ExitStack() as stack:
+        if out is not None:
+            stack.enter_context(outlasting_reader())
         folder = out or Path(stack.enter_context(TemporaryDirectory()))
         proofs = _proofs(graphs, folder)
         refuse_overwriting(proofs.values(), *map(Path, graphs))

@@ -247,3 +247,13 @@ def test_a_reader_that_is_gone_ends_the_command_after_its_outputs(monkeypatch):
             work()
         assert sys.stdout is stream
     assert done == ["written"] * 2
+
+
+def test_all_proofs_of_a_folder_are_written_though_the_reader_is_gone(graph, tmp_path):
+    names = [f"g{k}.g2o" for k in range(3)]
+    for name in names:
+        (tmp_path / name).write_bytes(graph.read_bytes())
+    line = f"certpgo prove {' '.join(names)} --cost chordal -o proofs > pipe"
+    done = shell(f"mkfifo pipe; head -0 pipe & {line}; wait", tmp_path)
+    assert b"Traceback" not in done.stderr
+    assert len([*(tmp_path / "proofs").rglob("g*.g2o*")]) == 3
