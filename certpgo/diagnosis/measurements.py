@@ -31,6 +31,7 @@ from certpgo.io.build_graph import instance_from_lines
 from certpgo.io.exact import quaternion
 from certpgo.io.format import ReadOptions, format_of
 from certpgo.io.formats import g2o, toro
+from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import (
     BoolArray,
     FloatArray,
@@ -56,6 +57,9 @@ CONTRADICTED = 30.0
 ORDINARY = 0.4
 #: Ratio of units that is asked about, and how closely a rough one meets one.
 RESCALED, ABOUT = 1.5, 1.4
+#: Angles, radians, by which degrees are told from radians, and mean cosine of what they are off by
+#: in degrees: that of noise of 1.8 degrees; of radians it is about zero.
+TURNED, AGREEING = 0.01, 0.2
 #: Formats whose angles can be read in degrees.
 DIALECTS = {"g2o": g2o.DIALECT, "toro": toro.DIALECT}
 #: Readings that have names of their own where they are of some edges alone.
@@ -161,17 +165,21 @@ def convention(examined: Examined, by_fit: bool) -> Finding | None:
     return None
 
 
-def _trials(examined: Examined) -> Iterator[_Trial]:
-    """All readings of all scopes."""
+def _trials(examined: Examined, nodes: Estimate | None = None) -> Iterator[_Trial]:
+    """All readings of all scopes, but for those that the file's poses exclude."""
     instance, steps, whole = examined.instance, examined.steps, examined.whole
     d, scopes = instance.graph.d, {"all": whole}
     if (whole & steps).any() and (whole & ~steps).any():
         scopes |= {"closures": whole & ~steps, "odometry": whole & steps}
-    in_degrees = _by_degrees(instance) if d in IN_DEGREES.dimensions else None
+    in_degrees = None
+    if d in IN_DEGREES.dimensions and (nodes is None or _may_be_in_degrees(examined, nodes)):
+        in_degrees = _by_degrees(instance)
     for scope, rows in scopes.items():
         for reading in READINGS:
             if d in reading.dimensions:
                 examined.trying(reading.kind)
+                if reading is IN_DEGREES and in_degrees is None:
+                    continue
                 yield _Trial(reading, scope, rows, in_degrees if reading is IN_DEGREES else None)
 
 
@@ -191,7 +199,10 @@ def _finding(trial: _Trial, costs: str, cost: float, given: float) -> Finding:
 
 def _by_nodes(examined: Examined, nodes: Estimate, given: float) -> Finding | None:
     """The reading that explains the poses of the file."""
-    trials, graph = [*_trials(examined), *_in_unit_of(examined, nodes)], examined.instance.graph
+    trials, graph = (
+        [*_trials(examined, nodes), *_in_unit_of(examined, nodes)],
+        examined.instance.graph,
+    )
     rows = np.flatnonzero(examined.whole)
     some = rows[np.linspace(0, len(rows) - 1, min(SAMPLED, len(rows))).astype(np.intp)]
     few = graph.with_blocks().with_information(None).with_edges(some)
@@ -304,6 +315,19 @@ def _by_others(examined: Examined, loops: Loops) -> Iterator[_Trial]:
 
 
 # --- Angles ---------------------------------------------------------------------------------------
+
+
+def _may_be_in_degrees(examined: Examined, nodes: Estimate) -> bool:
+    """Whether the angles between poses of the file, in degrees, are about those that were read.
+
+    These are known but for full turns of two pi.
+    """
+    graph, whole = examined.instance.graph, examined.whole
+    i, j = graph.edges[whole].T
+    theta = so.log(np.swapaxes(nodes.rotations[i], 1, 2) @ nodes.rotations[j])[:, 0]
+    off = np.degrees(theta) - so.log(graph.rotations[whole])[:, 0]
+    turned = np.abs(theta) > TURNED
+    return turned.sum() < FEWEST or bool(np.cos(off[turned]).mean() > AGREEING)
 
 
 def _by_degrees(instance: Instance) -> FloatArray:

@@ -11,15 +11,22 @@ from certpgo.graph.edges import adjacency
 from certpgo.graph.graph import Graph
 from certpgo.graph.kinds import Measurements
 from certpgo.linalg import compiled
-from certpgo.linalg.arrays import IntArray
+from certpgo.linalg.arrays import IntArray, frozen_indices
 
 
 def bridges(graph: Graph | Measurements) -> IntArray:
     """(k, 2) node pairs, smaller first, of the bridges, in linear time (up to sorting).
 
     The tree edge above v is a bridge if all other edges from v's subtree end in that subtree.
-    Subtrees are intervals of preorder numbers, in any spanning tree.
+    Subtrees are intervals of preorder numbers, in any spanning tree. A graph keeps what was found.
     """
+    kept: dict[str, IntArray] = vars(graph)
+    if "bridges" not in kept:
+        kept["bridges"] = frozen_indices(_bridges(graph))
+    return kept["bridges"]
+
+
+def _bridges(graph: Graph | Measurements) -> IntArray:
     n = graph.num_nodes
     low, high = np.sort(graph.edges, axis=1).T
     pairs, copies = np.unique(low * n + high, return_counts=True)
@@ -32,12 +39,13 @@ def bridges(graph: Graph | Measurements) -> IntArray:
     for a, b in ((low[other], high[other]), (high[other], low[other])):
         np.minimum.at(least, a, number[b])
         np.maximum.at(most, a, number[b])
-    for v in order[::-1]:
-        p = parent[v]
+    lowest, highest, up = least.tolist(), most.tolist(), parent.tolist()
+    for v in order[::-1].tolist():
+        p = up[v]
         if p >= 0:
-            least[p] = min(least[p], least[v])
-            most[p] = max(most[p], most[v])
-    inside = (least >= number) & (most < number + size) & (parent >= 0)
+            lowest[p] = min(lowest[p], lowest[v])
+            highest[p] = max(highest[p], highest[v])
+    inside = (lowest >= number) & (highest < number + size) & (parent >= 0)
     nodes = np.flatnonzero(inside)
     return np.unique(np.sort(np.stack([nodes, parent[nodes]], axis=1), axis=1), axis=0)
 
