@@ -188,8 +188,7 @@ class Attempts:
 
     def rows_of(self, node: int) -> IntArray:
         """The rows of a node."""
-        layout = self.problem.pattern.layout_of(self.problem.matrix)
-        return layout.first_row(node) + np.arange(layout.sizes[node])
+        return self.problem.pattern.layout_of(self.problem.matrix).rows_of(node)
 
     def loses_to_rounding(self) -> bool:
         """Whether a bound by shifts is expected to lose much, and an anchored one may not."""
@@ -359,16 +358,16 @@ class Attempts:
         """The bound by multipliers whose diagonals are reduced by ``reduction`` (N,)."""
         d, poses, proven = self.problem.d, self.problem.held, multipliers.copy()
         # Rounded down: a smaller Lam' only adds to the diagonal of S.
-        diagonal = _diagonals(multipliers)[poses] - reduction[self.is_rotation].reshape(-1, d)
-        _diagonals(proven)[poses] = np.nextafter(diagonal, -np.inf)
+        diagonal = diagonals(multipliers)[poses] - reduction[self.is_rotation].reshape(-1, d)
+        diagonals(proven)[poses] = np.nextafter(diagonal, -np.inf)
         return self.of_multipliers(proven)
 
     def of_multipliers(self, proven: FloatArray) -> DualBound:
         """The bound by multipliers with S >= 0."""
         poses = self.problem.held
-        diagonal = _diagonals(proven)[poses]
+        diagonal = diagonals(proven)[poses]
         value = self.problem.kinds.proven(diagonal)
-        taken = _diagonals(self.shifted.multipliers)[poses] - diagonal
+        taken = diagonals(self.shifted.multipliers)[poses] - diagonal
         return DualBound(
             value,
             proven,
@@ -380,6 +379,6 @@ class Attempts:
         )
 
 
-def _diagonals(blocks: FloatArray) -> FloatArray:
+def diagonals(blocks: FloatArray) -> FloatArray:
     """(n, d) diagonals of blocks (n, d, d): the same memory."""
     return np.asarray(np.einsum("nii->ni", blocks))

@@ -156,7 +156,7 @@ def together(found: Resistances, W: FloatArray, part: IntArray, room: FloatArray
 
 def _anchor(problem: Quadratic) -> IntArray:
     layout = problem.pattern.layout_of(problem.matrix)
-    return layout.first_row(problem.anchor) + np.arange(layout.sizes[problem.anchor])
+    return layout.rows_of(problem.anchor)
 
 
 def _ends(at: Truncation) -> FloatArray:

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from certpgo.linalg.blocks import Layout, pinned, scatter_sum
 from certpgo.linalg.factor import Factor
 from certpgo.linalg.selected_inverse import blocks_of_pairs
 from certpgo.objective.choose_cost import Certifiable
-from certpgo.objective.costs import COSTS
+from certpgo.objective.costs import CHORDAL, COSTS
 from certpgo.objective.edge_equations import linearized
 from certpgo.objective.sum import Sum
 from certpgo.objective.terms import gathered
@@ -117,7 +117,7 @@ class Study:
     def _free(self) -> FloatArray:
         """(N,) zeros for the anchor, else ones."""
         free = np.ones(self.layout.size)
-        free[self.layout.first_row(self.anchor) + np.arange(self.layout.sizes[self.anchor])] = 0.0
+        free[self.layout.rows_of(self.anchor)] = 0.0
         return free
 
     @cached_property
@@ -322,8 +322,8 @@ def studied_problem(problem: Certifiable) -> Sum | None:
     F is none: in the plane it counts the square of a turn twice. Its weights are those of g2o's.
     """
     graph = problem.measured
-    if isinstance(problem, Sum) and problem.cost_name != "chordal":
-        return problem
+    if problem.cost_name != CHORDAL:
+        return cast("Sum", problem)
     if not graph.has_positions or graph.has_scales or graph.has_others or graph.has_couplings:
         return None
     with suppress(CertPGOError):
@@ -353,7 +353,7 @@ def study(
     weights = np.where(kept, f, IDLE * f)
     weighed = problem if (weights == 1.0).all() else problem.reweighted(weights)
     layout = weighed.tangent_layout
-    still = layout.first_row(anchor) + np.arange(layout.sizes[anchor])
+    still = layout.rows_of(anchor)
     free = np.ones(layout.size)
     free[still] = 0.0
     model, factor = weighed.normal_equations(estimate), None

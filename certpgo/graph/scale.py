@@ -75,10 +75,6 @@ class Scale:
     @cached_property
     def total(self) -> float:
         """W."""
-        if not self.is_far.any():
-            moved = float(_limited(_limited(self.move) * self.squares).sum())
-            relative = float(_limited(self.turn).sum()) + moved
-            return relative if relative > 0.0 else 0.0  # signed weights may add up to less
         far, near, move = self.is_far, ~self.is_far, _limited(self.move)
         lever = _limited(move[near] * self.squares[near])
         moved = float(lever.sum())

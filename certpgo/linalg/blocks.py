@@ -94,10 +94,9 @@ class BlockPattern:
 
     def layout_of(self, A: CSC) -> Layout:
         """That of a matrix which this pattern assembled, or of one with equal blocks."""
-        size = A.shape[0]
         # A copy, as another thread may add to them.
-        found = (known for known in list(self._layouts.values()) if known.size == size)
-        return next(found, None) or self.layout(size // self.num_nodes)
+        found = (known for known in list(self._layouts.values()) if known.size == A.shape[0])
+        return next(found, None) or self.layout(A.shape[0] // self.num_nodes)
 
     @cached_property
     def _layouts(self) -> dict[tuple[int, int], Layout]:
@@ -202,6 +201,10 @@ class Layout:
         """The first row of a node."""
         return int(self.sizes[:node].sum())
 
+    def rows_of(self, node: int) -> IntArray:
+        """The rows of a node, ascending."""
+        return self.first_row(node) + np.arange(self.sizes[node])
+
     def trailing(self, k: int) -> BoolArray:
         """(N,) which rows are among the last k of whole blocks."""
         last = np.arange(self._b) >= self._b - k
@@ -212,8 +215,7 @@ class Layout:
         """Which entries of the padded matrix are those of the matrix; None for all."""
         if self._rows is None:
             return None
-        row = np.zeros(len(self.sizes) * self._b, dtype=bool)
-        row[self._rows] = True
+        row = np.isin(np.arange(len(self.sizes) * self._b), self._rows)
         indptr, indices = self._padded_pattern
         column = np.repeat(row, np.diff(indptr))
         return np.flatnonzero(row[indices] & column)
@@ -312,10 +314,9 @@ def integers_for(entries: int) -> type[np.integer[Any]]:
 
 def scatter_sum(index: IntArray, values: FloatArray, n: int) -> FloatArray:
     """Sum ``values`` (m, ...) into (n, ...) by ``index`` (m,)."""
-    flat = values.reshape(len(index), -1)
+    flat = np.ascontiguousarray(values.reshape(len(index), -1), dtype=np.float64)
     if compiled.AVAILABLE:
         sums, rows = np.zeros((n, flat.shape[1])), np.ascontiguousarray(index, dtype=np.int64)
-        flat = np.ascontiguousarray(flat, dtype=np.float64)
         compiled.kernel.scatter_sum(rows, flat, sums, flat.shape[1])
         return sums.reshape(n, *values.shape[1:])
     out = np.empty((n, flat.shape[1]))
@@ -380,8 +381,7 @@ def pinned(A: CSC, rows: IntArray) -> CSC:
         rows = np.ascontiguousarray(rows, dtype=np.int64)
         compiled.kernel.pin(A.indptr, A.indices, data, rows)
         return with_entries(A, data)
-    cut = np.zeros(A.shape[0], dtype=bool)
-    cut[rows] = True
+    cut = np.isin(np.arange(A.shape[0]), rows)
     diagonal = diagonal_places(A)[rows]
     kept = data[diagonal]
     own = _entries(A, rows)

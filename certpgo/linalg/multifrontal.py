@@ -215,8 +215,7 @@ class Fronts:
         scale = None if scale is None else _aligned(scale)
         options: Any = scale, panels, summed, wish, keep == "single"
         data = _aligned(data)
-        # Threads of BLAS only wait for each other in small fronts.
-        with one_thread.lifted() if self.is_parallel else one_thread:
+        with one_thread.unless(self.is_parallel):
             done = compiled.kernel.factor(self.arrays, data, *options)
         return Elimination(panels, sums, squares, residual) if done else None
 

@@ -70,9 +70,8 @@ def _blocks(L: CSC, at: IntArray, *, above: bool = False) -> FloatArray:
     if compiled.AVAILABLE:
         parts = L.indptr, L.indices, at, order
         indptr, indices, of, by = (np.ascontiguousarray(part, dtype=np.int64) for part in parts)
-        # Threads of BLAS only wait for each other in small fronts.
         is_large = float((np.diff(indptr) ** 2.0).sum()) >= PARALLEL
-        with one_thread.lifted() if is_large else one_thread:
+        with one_thread.unless(is_large):
             done = compiled.kernel.inverse_blocks(indptr, indices, L.data, of, by, above, blocks)
         if done:
             return blocks

@@ -7,7 +7,7 @@ they wait: on two cores a solve of sphere2500 takes three times the processor's 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import ContextDecorator, contextmanager
+from contextlib import AbstractContextManager, ContextDecorator, contextmanager
 from functools import cached_property
 from threading import Lock
 from typing import Any
@@ -39,6 +39,10 @@ class _OneThread(ContextDecorator):
             if not self._within:
                 self._restore()
                 self._before = []
+
+    def unless(self, is_large: bool) -> AbstractContextManager[object]:
+        """One thread, or all for large work: in small fronts they only wait for each other."""
+        return self.lifted() if is_large else self
 
     @contextmanager
     def lifted(self) -> Iterator[None]:

@@ -125,7 +125,7 @@ class Marginals:
         for node in nodes:
             self._require(node)
         layout = self._layout
-        rows = [layout.first_row(node) + np.arange(layout.sizes[node]) for node in nodes]
+        rows = [layout.rows_of(node) for node in nodes]
         chosen = np.concatenate(rows)
         right = np.zeros((layout.size, len(chosen)))
         right[chosen, np.arange(len(chosen))] = 1.0
@@ -224,10 +224,7 @@ class Marginals:
     def _information(self) -> CSC:
         """The Gauss-Newton matrix, rows and columns of fixed nodes cut off."""
         H, layout = self.problem.gauss_newton(self.estimate), self._layout
-        rows = [
-            layout.first_row(node) + np.arange(layout.sizes[node])
-            for node in {self.anchor, *self.held}
-        ]
+        rows = [layout.rows_of(node) for node in {self.anchor, *self.held}]
         return pinned(H, np.concatenate(rows))
 
     def _require_determined(self, variances: FloatArray, rows: IntArray) -> None:

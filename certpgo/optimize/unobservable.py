@@ -90,7 +90,7 @@ def undetermined(problem: Measured, estimate: Estimate, anchor: int) -> Undeterm
     (('rotation', 0),)
     """
     layout = problem.tangent_layout
-    fixed = layout.first_row(anchor) + np.arange(layout.sizes[anchor])
+    fixed = layout.rows_of(anchor)
     H = pinned(problem.gauss_newton(estimate), fixed)
     basis = _kernel(problem, H)
     if not basis.shape[1]:

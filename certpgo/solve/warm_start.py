@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from certpgo.certify import Certificate, Tier
-from certpgo.certify.dual import DualBound
+from certpgo.certify.dual import DualBound, diagonals
 from certpgo.certify.local_minimum import LocalMinimum
 from certpgo.certify.normalized import NormalizedProblem
 from certpgo.certify.tolerances import allowed
@@ -18,7 +18,6 @@ from certpgo.certify.units import scaled_down, scaled_up
 from certpgo.certify.verdict import verdict
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
-from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.manifolds import sum_of
 from certpgo.objective.plain_graph import PlainGraph, Settled
 from certpgo.objective.quadratic import Quadratic
@@ -44,18 +43,18 @@ class Found:
     estimate: Estimate
     cost: float
     lower_bound: float
-    judge: Callable[[], Certificate] | None
+    judge: Callable[[], Certificate]
 
     @cached_property
     def certificate(self) -> Certificate:
         """What is proven about the estimate."""
-        if self.judge is None:
-            raise ValueError("a certificate is known, or made")
         return self.judge()
 
     def __getstate__(self) -> dict[str, Any]:
-        # What makes a certificate cannot be pickled.
-        return vars(self) | {"certificate": self.certificate, "judge": None}
+        # What makes a certificate cannot be pickled, and is not needed once there is one.
+        known = vars(self) | {"certificate": self.certificate}
+        del known["judge"]
+        return known
 
 
 def descended(
@@ -106,24 +105,20 @@ def _at_once(
     tier, rtol, atol = settings.tier or Tier.STANDARD, settings.rtol, settings.atol
     if proven is None or tier is not Tier.STANDARD:
         return None
-    value = sum_of(_diagonals(proven))
+    value = sum_of(diagonals(proven))
     if not cost - value <= allowed(cost, rtol, 0.0):
         return None
 
     def judged() -> Certificate:
         normalized = NormalizedProblem.of(problem(), tier, rtol, atol)
         less, form = 1.0 / normalized.unit, normalized.problem
-        shift = less * float((_diagonals(multipliers) - _diagonals(proven)).max())
+        shift = less * float((diagonals(multipliers) - diagonals(proven)).max())
         nonzeros = int(form.symbolic(form.matrix).lengths.sum())
         proof = less * value, less * proven, form, shift, 1, nonzeros
         bound = DualBound(*proof, attained=form.cost(point))
         return verdict(normalized, point, LocalMinimum(point, less * cost, True, bound))
 
     return Found(point, cost, value, judged)
-
-
-def _diagonals(multipliers: FloatArray) -> FloatArray:
-    return np.asarray(np.einsum("nii->ni", multipliers))
 
 
 def searched(problem: Quadratic | Sum, settings: SolveSettings, start: Start | None) -> Found:
