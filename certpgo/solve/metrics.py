@@ -37,7 +37,8 @@ def symmetry(graph: Graph, estimate: Estimate) -> FloatArray:
     """(m,) symmetry s in [-1, 1] of each edge, thesis section 4.4; 1 supports Hypothesis 4.1.1.
 
     s(X) = (|X_sym| - |X_anti|) / (|X_sym| + |X_anti|) in Frobenius norms, of
-    S_ij = t_j (t_i - t_ij)^T R_ji in the thesis' frame, where translations are -R_i^T t_i.
+    S_ij = t_j (t_i - t_ij)^T R_ij in the thesis' frame, where translations are -R_i^T t_i and the
+    measured R_ij is ours; it prints R_ji, which is not symmetric without noise.
     A zero S_ij, as where a pose is the origin, counts as symmetric.
     """
     R, (i, j) = estimate.rotations, graph.edges.T
@@ -227,22 +228,25 @@ def _rms_degrees(a: Estimate, b: Estimate) -> float:
     return float(np.sqrt(np.mean(angles**2))) if len(angles) else 0.0
 
 
-def f_gt(estimate: Estimate, truth: Estimate) -> float:
+def f_gt(estimate: Estimate, truth: Estimate, *, anchored: bool = False) -> float:
     """The thesis' ground-truth error, eq. 5.1: sum ||M_i - Mhat_i||_F^2 over poses.
 
     M_i is the inverse of pose i, [R_i^T, -R_i^T t_i]. The estimate is first aligned to minimise the
-    sum, by one rotation and one shift in closed form. Without translations only rotations count.
+    sum, by one rotation and one shift in closed form; or, if ``anchored``, so that the first poses
+    are the same. Without translations only rotations count.
     """
-    S = align(estimate, truth)
-    R, true = S @ estimate.rotations, truth.rotations
+    _require_as_many(estimate, truth)
+    estimate = estimate.anchored(0, truth) if anchored else estimate.moved(align(estimate, truth))
+    R, true = estimate.rotations, truth.rotations
     total = float(((R - true) ** 2).sum())
     if estimate.translations is None or truth.translations is None:
         return total
     # A shift s moves R_i^T t_i by R_i^T s: the best s is the mean of R_i times the errors.
     errors = np.einsum("nba,nb->na", true, truth.translations)
-    errors -= np.einsum("nba,nb->na", R, estimate.translations @ S.T)
-    shift = np.einsum("nab,nb->na", R, errors).mean(axis=0)
-    errors -= np.einsum("nba,b->na", R, shift)
+    errors -= np.einsum("nba,nb->na", R, estimate.translations)
+    if not anchored:
+        shift = np.einsum("nab,nb->na", R, errors).mean(axis=0)
+        errors -= np.einsum("nba,b->na", R, shift)
     return total + float((errors**2).sum())
 
 

@@ -37,8 +37,9 @@ TABLE = Table(
         "numeric factorization of the pinned certificate matrix at the optimum, its analysis "
         "excluded, timed in turn with the method.",
     ),
-    explained={
-        "manhattan": "the proven optimum is 6431.39, a unit of the last printed digit below",
+    remarks={
+        "manhattan": "tried: a proof, by which the optimum is 6431.39, a unit of the last printed "
+        "digit below",
         **dict.fromkeys(("CSAIL", "grid3D", "rim"), "file not here"),
     },
 )

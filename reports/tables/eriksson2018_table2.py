@@ -159,5 +159,5 @@ TABLE = Table(
         "without them. Interior points are run up to 50 cameras.",
     ),
     claims=CLAIMS,
-    explained={SPHINX: f"{NO_EDGES}, and the public graph of that name has another"},
+    remarks={SPHINX: f"{NO_EDGES}, and the public graph of that name has another"},
 )

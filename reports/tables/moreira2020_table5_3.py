@@ -137,9 +137,9 @@ TABLE = Table(
         "other scenes the truth is not here.",
     ),
     claims=CLAIMS,
-    explained={
-        "Ellis_Island, cameras of known truth": "the Fiedler value is 1.998, of which the "
-        "printed number has the first three digits, not rounded",
+    remarks={
+        "Ellis_Island, cameras of known truth": "tried: cutting digits off, which "
+        "gives the printed 1.99 of 1.998; but the eigenvalues, 1.986 to 1.988, are rounded to it",
         "the measurements": WHOLE,
         "the viewing graph": WHOLE,
         **dict.fromkeys(DRAWN.values(), NOT_HERE),

@@ -121,7 +121,7 @@ TABLE = Table(
         "trained by its authors, and is not run.",
     ),
     claims=CLAIMS,
-    explained={
+    remarks={
         ROBUST: "EigenRAO differs from its print in every reading of Algorithm 3 that we tried",
         L1_IRLS: "printed from its authors' own paper, of another implementation",
         IRLS: "our own implementation of its paper",

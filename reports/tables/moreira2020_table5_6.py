@@ -91,10 +91,10 @@ TABLE = Table(
         "their sum (9.1e-06).",
     ),
     claims=CLAIMS,
-    explained={
-        "cubicle": "the printed value lies between those of the last of parallel edges (8.7e-06) "
-        "and of their sum (9.1e-06)",
-        "sphere_bignoise_vertex3": "the printed value repeats the eigenvalues and is that of no "
-        "reading of the public file",
+    remarks={
+        "cubicle": "tried: the last of parallel edges (8.7e-06) and their sum (9.1e-06), on both "
+        "sides of the printed value",
+        "sphere_bignoise_vertex3": "tried: every reading of the public file's edges; the printed "
+        "value repeats the eigenvalues",
     },
 )

@@ -67,8 +67,8 @@ TABLE = Table(
         "tr(R L R^T), and n times the sum of the three smallest eigenvalues.",
     ),
     claims=CLAIMS,
-    explained={
-        "EigenMA": "ours is 0.9958, of which the printed number has the first two digits, not "
-        "rounded"
+    remarks={
+        "EigenMA": "tried: cutting digits off, which gives the printed 0.99 of 0.9958; but Table "
+        "5.7 rounds its symmetries"
     },
 )

@@ -15,7 +15,7 @@ from reports.harness.rendering.results import gather
 
 TABLE = """\
 from reports.harness.experiments.claims import Claim, within
-from reports.harness.experiments.spec import Column, Method, Row, Table
+from reports.harness.experiments.spec import Cause, Column, Method, Row, Table
 
 TABLE = Table(
     "paper_table1",
@@ -30,7 +30,7 @@ TABLE = Table(
         Claim("F is at most 1", within("cost", "m", 0.0, 1.0), "p. 1", each=True),
         Claim("F is at least 9", within("cost", "m", 9.0, 10.0), "p. 2", remark="It is not"),
     ),
-    explained={"b": "another b"},
+    remarks={"b": "another b"},
 )
 """
 FIGURE = """\
@@ -79,14 +79,14 @@ def test_the_index_says_first_what_was_reproduced(results):
     text = dict(publication.report_files(gather(results)))["index.md"].decode()
     assert text.split("\n")[2] == (
         "**Of 2 values that the papers print of their own methods and that were run, 1 are "
-        "reproduced (50 %), 0 better, 1 different, each with what is known of it. Of 3 claims "
+        "reproduced (50 %), 0 better, 1 different (0 explained, 1 unexplained). Of 3 claims "
         "tried, 1 hold and 2 differ. Not run: 0 printed values and 0 claims.**"
     )
     for line in (
-        "| [paper_table1](paper_table1.md) | 2 | 1 | 0 | 0 | 1 | 0 |",
-        "| all of the two papers, of their own methods | 2 | 1 | 0 | 0 | 1 | 0 |",
-        "| all of the two papers, of other programs | 0 | 0 | 0 | 0 | 0 | 0 |",
-        "| all of other sources | 0 | 0 | 0 | 0 | 0 | 0 |",
+        "| [paper_table1](paper_table1.md) | 2 | 1 | 0 | 0 | 0 | 1 | 0 |",
+        "| all of the two papers, of their own methods | 2 | 1 | 0 | 0 | 0 | 1 | 0 |",
+        "| all of the two papers, of other programs | 0 | 0 | 0 | 0 | 0 | 0 | 0 |",
+        "| all of other sources | 0 | 0 | 0 | 0 | 0 | 0 | 0 |",
         "| paper_table1 | 1 | another b |",
         "| paper_table1 | F is at most 1 | p. 1 | differs: holds in 1 of 2 rows |",
         "| paper_table1 | F is at least 9 | p. 2 | differs. It is not |",
@@ -140,12 +140,21 @@ def test_what_was_not_run_is_counted_and_said(results):
     assert "paper_table1.md" not in files
 
 
-def test_what_differs_without_explanation_is_said(results):
+def test_what_differs_and_was_never_looked_into_is_said(results):
     path = registry.repository() / "reports/tables/paper_table1.py"
     path.write_text(TABLE.replace("another b", ""))
     text = dict(publication.report_files(gather(results)))["index.md"].decode()
-    assert "1 different, 1 of them unexplained. Of" in text
-    assert "| paper_table1 | 1 | not explained |" in text
+    assert "1 different (0 explained, 1 unexplained). Of" in text
+    assert "| paper_table1 | 1 | nothing was tried |" in text
+
+
+def test_what_is_explained_names_the_page_that_shows_it(results):
+    path = registry.repository() / "reports/tables/paper_table1.py"
+    explained = TABLE.replace('remarks={"b": "another b"}', 'explained={"b": Cause("b", "p")}')
+    path.write_text(explained)
+    text = dict(publication.report_files(gather(results)))["index.md"].decode()
+    assert "1 different (1 explained, 0 unexplained). Of" in text
+    assert "| paper_table1 | 1 | b (shown in p) |" in text
 
 
 def test_the_command_writes_the_report(results, tmp_path, certpgo):

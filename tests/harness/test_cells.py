@@ -7,7 +7,7 @@ import pytest
 from certpgo import registry
 from reports.harness.experiments.absence import Absence
 from reports.harness.experiments.records import Record
-from reports.harness.experiments.spec import Column, Method, Row, Table
+from reports.harness.experiments.spec import Cause, Column, Method, Row, Table
 from reports.harness.rendering import cells
 from reports.harness.rendering.cells import CellStatus
 from reports.harness.rendering.findings import findings
@@ -61,26 +61,26 @@ def test_every_printed_value_is_counted_and_nothing_else():
 def test_values_are_reproduced_better_different_or_not_run():
     records = [record(cost=1.504, mean_symmetry=2.06), record("b", cost=2.9)]
     values = found(
-        records, explained={"a": "read otherwise", "three": "lost", "b": "a program of today"}
+        records, remarks={"a": "read otherwise", "three": "lost", "b": "a program of today"}
     )
     assert {key: (c.found, c.reason) for key, c in values.items()} == {
         ("one", "x_f"): (CellStatus.REPRODUCED, ""),
-        ("one", "x_g"): (CellStatus.DIFFERS, "read otherwise"),
+        ("one", "x_g"): (CellStatus.UNEXPLAINED, "read otherwise"),
         ("two", "x_f"): (CellStatus.BETTER, "a program of today"),
         ("two", "x_g"): (CellStatus.NOT_RUN, "a program of today"),
         ("three", "x_f"): (CellStatus.NOT_RUN, "lost"),
     }
     assert values["one", "x_g"].ours == 2.06
-    assert cells.tally(values.values()) == dict(zip(CellStatus, (1, 0, 1, 1, 2), strict=True))
+    assert cells.tally(values.values()) == dict(zip(CellStatus, (1, 0, 1, 0, 1, 2), strict=True))
 
 
 def test_what_is_worse_is_not_better():
-    assert found([record("b", cost=3.1)])["two", "x_f"].found is CellStatus.DIFFERS
+    assert found([record("b", cost=3.1)])["two", "x_f"].found is CellStatus.UNEXPLAINED
 
 
 def test_a_failure_says_why_before_any_explanation():
     absent = replace(record(), absence=Absence.NOT_HERE, error="file not here")
-    values = found([absent], explained={"m": "another program"})
+    values = found([absent], remarks={"m": "another program"})
     assert values["one", "x_f"].reason == "file not here"
     assert values["two", "x_f"].reason == "no record"
     assert values["three", "x_f"].reason == "not among our rows"
@@ -88,15 +88,25 @@ def test_a_failure_says_why_before_any_explanation():
 
 def test_explanations_are_of_both_then_the_row_then_the_method():
     said = {"a/m": "both", "a": "the row", "m": "the method"}
-    spec = table(explained=said)
-    assert cells.explanation(spec, "a", "m") == "both"
-    assert cells.explanation(spec, "a", "other") == "the row"
-    assert cells.explanation(spec, "b", "m") == "the method"
-    assert cells.explanation(spec, "b", "other") == ""
+    spec = table(remarks=said)
+    assert cells.explanation(spec, "a", "m") == ("both", None)
+    assert cells.explanation(spec, "a", "other") == ("the row", None)
+    assert cells.explanation(spec, "b", "m") == ("the method", None)
+    assert cells.explanation(spec, "b", "other") == ("", None)
+
+
+def test_only_a_cause_that_an_experiment_shows_explains():
+    cause = Cause("it is cut off", "t")
+    values = found([record(mean_symmetry=9.0)], explained={"a": cause}, remarks={"a/m": "tried"})
+    # what is said of both comes first, and a remark is no cause
+    assert values["one", "x_g"].found is CellStatus.UNEXPLAINED
+    values = found([record(mean_symmetry=9.0)], explained={"a": cause}, remarks={"m": "tried"})
+    value = values["one", "x_g"]
+    assert (value.found, value.reason) == (CellStatus.EXPLAINED, "it is cut off (shown in t)")
 
 
 @pytest.mark.parametrize(
-    ("offset", "expected"), [(0.199, CellStatus.REPRODUCED), (0.201, CellStatus.DIFFERS)]
+    ("offset", "expected"), [(0.199, CellStatus.REPRODUCED), (0.201, CellStatus.UNEXPLAINED)]
 )
 def test_two_standard_errors_of_the_mean_over_the_seeds(offset, expected):
     # Mean 4 + offset; deviation 0.2 of four, hence a standard error of 0.1.
@@ -116,15 +126,15 @@ def test_two_standard_errors_of_the_mean_over_the_seeds(offset, expected):
     [
         ((3.96, 4.04, 90.0), CellStatus.REPRODUCED, ""),
         # the mean and its error, which would reach 4.0, do not count
-        ((5.0, 6.0, 90.0), CellStatus.DIFFERS, "none of 3 draws reaches it; of the row"),
-        ((3.0, 3.2, 3.94), CellStatus.DIFFERS, "none of 3 draws reaches it; of the row"),
+        ((5.0, 6.0, 90.0), CellStatus.UNEXPLAINED, "none of 3 draws reaches it; of the row"),
+        ((3.0, 3.2, 3.94), CellStatus.UNEXPLAINED, "none of 3 draws reaches it; of the row"),
         ((3.0, 3.2, 3.95), CellStatus.AMONG, "3 of 3 draws are lower"),
         ((3.0, 5.2, 9.0), CellStatus.AMONG, "1 of 3 draws are lower"),
     ],
 )
 def test_a_printed_number_of_unknown_statistic_is_compared_with_the_draws(draws, expected, reason):
     records = [record("b", seed=k, mean_symmetry=value) for k, value in enumerate(draws)]
-    value = found(records, summary="median", explained={"b": "of the row"})["two", "x_g"]
+    value = found(records, summary="median", remarks={"b": "of the row"})["two", "x_g"]
     assert (value.ours, value.found, value.reason) == (draws[1], expected, reason)
     assert (value.draws, value.standard_error) == ((draws[0], draws[2]), None)
 
@@ -137,13 +147,13 @@ def test_where_no_reading_reaches_it_all_draws_are_counted():
         for k, value in enumerate(values)
     ]
     [cell] = [c for c in cells.cells(spec, records) if (c.key, c.column) == ("two", "x_g")]
-    assert (cell.row, cell.found) == ("b", CellStatus.DIFFERS)
+    assert (cell.row, cell.found) == ("b", CellStatus.UNEXPLAINED)
     assert cell.reason == "none of 5 draws of 2 readings reaches it"
 
 
 def test_one_draw_is_a_number():
     value = found([record("b", seed=0, mean_symmetry=4.2)], summary="median")["two", "x_g"]
-    assert (value.found, value.draws) == (CellStatus.DIFFERS, None)
+    assert (value.found, value.draws) == (CellStatus.UNEXPLAINED, None)
 
 
 def test_values_of_other_programs_are_marked_by_column_or_key():
@@ -184,7 +194,7 @@ def test_of_lines_of_methods_the_key_names_both(tmp_path):
         *("t", "", (Row("a", published="one"),), (method,), (Column("cost", "f"),)),
         published="paper_table2",
         key="set,by",
-        explained={"them": "weights are not public"},
+        remarks={"them": "weights are not public"},
     )
     ours, theirs = cells.cells(spec, [record(cost=1.0)])
     assert ours.found is CellStatus.REPRODUCED
@@ -193,14 +203,15 @@ def test_of_lines_of_methods_the_key_names_both(tmp_path):
 
 def test_the_findings_to_the_byte():
     records = [record(cost=1.504, mean_symmetry=2.06), record("b", cost=2.9)]
-    assert findings(table(explained={"a": "read | otherwise"}), records) == [
+    assert findings(table(remarks={"a": "read | otherwise"}), records) == [
         "## Printed values",
         "",
-        "Of 5 printed values 1 reproduced, 1 better, 1 different, 2 not run.",
+        "Of 5 printed values 1 reproduced, 1 better, 1 different (0 explained, 1 unexplained), 2 "
+        "not run.",
         "",
-        "| row | method | metric | printed | ours | found | why they differ |",
+        "| row | method | metric | printed | ours | found | why, or what was tried |",
         "| --- | --- | --- | --- | --- | --- | --- |",
-        "| a | m | mean_symmetry | 2.0 | 2.06 | differs | read \\| otherwise |",
+        "| a | m | mean_symmetry | 2.0 | 2.06 | differs, unexplained | read \\| otherwise |",
         "| b | m | cost | 3.0 | 2.9 | better |  |",
         "",
         "| not run, because | values |",

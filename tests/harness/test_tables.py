@@ -112,7 +112,9 @@ def test_explanations_are_of_something(table):
     both = {f"{row}/{method}" for row in rows for method in methods}
     lines = published(table.published, table.key) if table.published else {}
     of_lines = {*lines, *(part for key in lines for part in key.split("/"))}
-    assert set(table.explained) <= both | {*rows, *methods} | of_lines
+    assert set(table.explained) <= both | {*rows, *methods}
+    assert set(table.remarks) <= both | {*rows, *methods} | of_lines
+    assert all((RESULTS / f"{cause.shown}.md").is_file() for cause in table.explained.values())
 
 
 def committed(table):
@@ -122,9 +124,9 @@ def committed(table):
     return latest(read_entries(path, Record))
 
 
-def test_every_committed_value_that_differs_is_explained(table):
+def test_of_every_committed_value_that_differs_the_cause_is_known_or_what_was_tried(table):
     found = cells.cells(table, committed(table))
-    assert [c for c in found if c.found is cells.CellStatus.DIFFERS and not c.reason] == []
+    assert [cell for cell in found if cell.found.differs and not cell.reason] == []
 
 
 def test_committed_results_name_engines_that_exist(table):

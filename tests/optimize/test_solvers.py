@@ -134,6 +134,20 @@ def test_fixed_point_descends_to_stationarity_and_newton_agrees():
     assert stopped.status is Status.INTERRUPTED
 
 
+def test_fixed_point_need_not_converge_as_the_thesis_says():
+    # Half turns about one axis on K_8, with 5 degrees of noise: Rtilde has eigenvalues near -6.
+    rng = np.random.default_rng(0)
+    edges = np.argwhere(np.tri(8, k=-1).T)
+    noise = so.exp(np.radians(5.0) * rng.standard_normal((len(edges), 3)))
+    turned = noise @ np.diag([-1.0, -1.0, 1.0])
+    problem = Quadratic(RotationGraph(8, edges, turned, np.ones(len(edges))))
+    solution = FixedPoint(max_iterations=300).solve(problem)
+    assert solution.status is Status.ITERATION_LIMIT
+    assert solution.trace[0].cost == pytest.approx(92.5288, abs=1e-4)
+    assert solution.cost == pytest.approx(223.784, abs=1e-3)
+    assert solution.trace[-1].step > 1.0  # radians: two points alternate
+
+
 def test_newton_starts_from_the_eigenvectors_or_where_told():
     graph, R, t = pose_graph(np.random.default_rng(3), 12, 3)
     problem = Quadratic(graph)

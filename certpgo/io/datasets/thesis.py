@@ -28,6 +28,7 @@ def langevin_scene(
     *,
     outliers: float = 0.0,
     per_axis: bool = False,
+    turned: bool = False,
     data: str | Path | None = None,
 ) -> Instance:
     """Rotations on a real scene's viewing graph; 553 nodes and 103932 edges are Notre_Dame.mat's.
@@ -39,11 +40,13 @@ def langevin_scene(
     outliers : probability that a measurement is a uniformly random rotation
     per_axis : sigma_R is the deviation of a rotation vector per axis, as the thesis' remark on
         eq. 2.5 has it: concentration 1/(2 sigma_R^2) instead of the equation's 1/sigma_R^2
+    turned : an outlier is instead the true rotation, turned about a random axis by an angle that is
+        uniform between 0 and 180 degrees
     data : folder to search first
     """
     stem, n, edges = viewing_edges(name, data)
-    deviation = np.sqrt(2.0) * sigma_deg if per_axis else sigma_deg
-    return _rotations(f"{stem}-langevin", so.random(rng, n, 3), edges, deviation, outliers, rng)
+    R, deviation = so.random(rng, n, 3), _deviation(sigma_deg, per_axis)
+    return _rotations(f"{stem}-langevin", R, edges, deviation, outliers, rng, turned=turned)
 
 
 def langevin_graph(
@@ -82,6 +85,8 @@ def spherical_path(
     n: int = 1000,
     radius: float = 100.0,
     turns: int = 10,
+    per_axis: bool = False,
+    from_origin: bool = False,
 ) -> Instance:
     """The path of a robot on a sphere with most pairs of poses unmeasured; section 5.4.1.
 
@@ -97,6 +102,8 @@ def spherical_path(
     sigma_t : standard deviation of a measured translation per axis, metres
     radius : metres
     turns : of the spiral
+    per_axis : as in `langevin_scene`
+    from_origin : the first pose, not the centre of the sphere, is at the origin
     """
     pairs = n * (n - 1) // 2
     m = round((1.0 - missing) * pairs)
@@ -105,9 +112,10 @@ def spherical_path(
     if not sigma_t >= 0.0:
         raise InputError(f"sigma_t must not be negative: {sigma_t}")
     R, t = _spiral(n, radius, turns)
+    t = t - t[0] if from_origin else t
     edges = path_with_closures(n, m, rng)
     i, j = edges.T
-    measured = _langevin_measurements(R, edges, sigma_deg, rng)
+    measured = _langevin_measurements(R, edges, _deviation(sigma_deg, per_axis), rng)
     steps = np.einsum("mba,mb->ma", R[i], t[j] - t[i]) + sigma_t * rng.standard_normal((m, 3))
     graph = PoseGraph(RotationGraph(n, edges, measured, np.ones(m)), steps, np.ones(m))
     return instance(f"spherical_path-{n}-{m}", graph, Estimate(R, t))
@@ -120,14 +128,29 @@ def _rotations(
     sigma_deg: float,
     outliers: float,
     rng: np.random.Generator,
+    *,
+    turned: bool = False,
 ) -> Instance:
     if not 0.0 <= outliers <= 1.0:
         raise InputError(f"the probability of outliers must lie between 0 and 1: {outliers}")
     measured = _langevin_measurements(R, edges, sigma_deg, rng)
     wrong = rng.random(len(edges)) < outliers
-    measured[wrong] = so.random(rng, int(wrong.sum()), R.shape[-1])
+    count, d = int(wrong.sum()), R.shape[-1]
+    if turned:
+        axes = rng.standard_normal((count, so.tangent_dim(d)))
+        axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+        i, j = edges[wrong].T
+        turn = so.exp(rng.uniform(0.0, np.pi, (count, 1)) * axes)
+        measured[wrong] = turn @ np.swapaxes(R[i], 1, 2) @ R[j]
+    else:
+        measured[wrong] = so.random(rng, count, d)
     graph = RotationGraph(len(R), edges, measured, np.ones(len(edges)))
     return instance(name, graph, Estimate(R), wrong)
+
+
+def _deviation(sigma_deg: float, per_axis: bool) -> float:
+    """The sigma_R of eq. 2.5 that gives the reading's noise, degrees."""
+    return float(np.sqrt(2.0)) * sigma_deg if per_axis else sigma_deg
 
 
 def _langevin_measurements(

@@ -20,7 +20,9 @@ from certpgo.optimize.solution import Solution
 class FixedPoint(Iterative):
     """R <- projection of Rtilde R, block by block; Moreira 2020, section 4.2.
 
-    Converges to a stationary point of the rotation objective; initialized by EigenRA by default.
+    Initialized by EigenRA by default. Where it converges, the limit is a stationary point of the
+    rotation objective; the thesis says that it always does, but it can also end in two points that
+    alternate, of a higher cost than where it began: Rtilde need not be positive semidefinite.
     Translations, if any, are optimal for the rotations.
 
     Attributes

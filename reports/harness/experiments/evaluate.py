@@ -137,6 +137,8 @@ def of_estimate(
         values["apart_deg"] = metrics.angular_errors(estimate, other, norm="l1").median_deg
     if best is not None:
         values["error"] = cost - best
+        if solution.relaxation is not None:
+            values["relaxation_error"] = solution.relaxation.value - best
         reached = cost - best <= SAME * best + SAME_SCALE * problem.scale
         values["global_percent"] = 100.0 * reached
     if needing(keys, Needs.RESIDUAL_BOUND):
@@ -164,7 +166,10 @@ def of_estimate(
 def _against_truth(estimate: Estimate, truth: Truth) -> dict[str, float]:
     nodes, true = truth
     known = estimate.subset(nodes)
-    values = {"f_gt": metrics.f_gt(known, true)}
+    values = {
+        "f_gt": metrics.f_gt(known, true),
+        "f_gt_anchored": metrics.f_gt(known, true, anchored=True),
+    }
     norms: tuple[tuple[str, Literal["l2", "l1"]], ...] = (("", "l2"), ("_l1", "l1"))
     for suffix, norm in norms:
         errors = metrics.angular_errors(known, true, norm=norm)

@@ -129,11 +129,15 @@ def _registry() -> Iterable[Metric]:
     yield Metric("certify_seconds", "s", "", Tolerance.MACHINE, Needs.CERTIFICATE)
     # F above the optimum; and 100 where F is the optimum, so that the mean is a share.
     yield Metric("error", "F", "lower", Tolerance.COST_DIFFERENCE, Needs.OPTIMUM)
+    # The relaxation's value at the point found, less the optimum: negative where that point is not
+    # feasible.
+    yield Metric("relaxation_error", "F", "", Tolerance.COST_DIFFERENCE, Needs.OPTIMUM)
     yield Metric("global_percent", "%", "higher", Tolerance.ANGLE, Needs.OPTIMUM)
     for norm in ("", "_l1"):
         for which in ("mean", "median", "rmse"):
             yield Metric(f"{which}{norm}_deg", "deg", "lower", Tolerance.ANGLE, Needs.TRUTH)
-    yield Metric("f_gt", "", "lower", Tolerance.ANGLE, Needs.TRUTH)
+    for key in ("f_gt", "f_gt_anchored"):
+        yield Metric(key, "", "lower", Tolerance.ANGLE, Needs.TRUTH)
     yield Metric("kept_percent", "%", "", Tolerance.ANGLE, Needs.WEIGHTS)
     for key in ("precision", "recall"):
         yield Metric(key, "", "higher", Tolerance.ANGLE, Needs.WEIGHTS)

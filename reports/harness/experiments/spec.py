@@ -6,7 +6,7 @@ import copyreg
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from certpgo.errors import SpecError
 from certpgo.graph.components import Components
@@ -115,6 +115,19 @@ def extended(method: comparison.Competitor) -> Method:
     return Method(**{**vars(method), "start": start})
 
 
+class Cause(NamedTuple):
+    """Why a printed number differs, where an experiment shows it.
+
+    Attributes
+    ----------
+    text : the cause
+    shown : the page of ``reports/results``, without suffix, that prints the experiment's numbers
+    """
+
+    text: str
+    shown: str
+
+
 @dataclass(frozen=True)
 class Column:
     """A metric with its title and number format.
@@ -178,8 +191,10 @@ class Table:
     quick : labels of the rows that the quick profile keeps
     notes : sentences printed below the table
     claims : what the paper says of it in words
-    explained : why printed numbers differ or cannot be had, by row, by method or by both with a
-        slash between; of lines that none of the rows corresponds to, by their key or a part of it
+    explained : why printed numbers differ, where that was checked, by row, by method or by both
+        with a slash between
+    remarks : what was tried where it is not explained, or why a number cannot be had, by the same;
+        of lines that none of the rows corresponds to, by their key or a part of it
     """
 
     name: str
@@ -203,10 +218,12 @@ class Table:
     quick: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     claims: tuple[Claim, ...] = ()
-    explained: Mapping[str, str] = field(default_factory=dict)
+    explained: Mapping[str, Cause] = field(default_factory=dict)
+    remarks: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "explained", _frozen(self.explained))
+        for name in ("explained", "remarks"):
+            object.__setattr__(self, name, _frozen(getattr(self, name)))
         if not (self.rows and self.methods and self.columns):
             raise SpecError(f"table {self.name}: rows, methods and columns must not be empty")
         labels = [row.label for row in self.rows + self.stand_ins]

@@ -4,7 +4,7 @@ One rule for each statistic of ours:
 
 - A single number is compared to the printed digits.
 - A mean over the seeds, where the paper prints a mean: it reproduces what rounds to the same digits
-  or lies within two of its standard errors.
+  or lies within two of its standard errors, if these are at most half of it.
 - A median over the seeds, where the paper prints one number and does not say of how many draws: it
   reproduces what rounds to the same digits. What does not, and lies between our lowest draw and our
   highest, is among our draws: it may be of a single draw like ours, and that is all that is known.
@@ -23,11 +23,13 @@ from statistics import fmean, median, stdev
 
 from reports.harness.experiments.metrics import metric_of
 from reports.harness.experiments.records import Record
-from reports.harness.experiments.spec import Method, Row, Table
+from reports.harness.experiments.spec import Cause, Method, Row, Table
 from reports.harness.rendering.published import Printed, published
 
 #: A printed number is reproduced within this many standard errors of our mean over the seeds.
 ERRORS = 2.0
+#: If that error is at most this part of it: a mean that rare draws decide agrees with anything.
+SHARPEST = 0.5
 
 
 class CellStatus(StrEnum):
@@ -36,8 +38,14 @@ class CellStatus(StrEnum):
     REPRODUCED = "reproduced"
     AMONG = "among our draws"
     BETTER = "better"
-    DIFFERS = "differs"
+    EXPLAINED = "differs, explained"
+    UNEXPLAINED = "differs, unexplained"
     NOT_RUN = "not run"
+
+    @property
+    def differs(self) -> bool:
+        """Whether ours is another number, and not a better one."""
+        return self in (CellStatus.EXPLAINED, CellStatus.UNEXPLAINED)
 
 
 @dataclass(frozen=True)
@@ -54,7 +62,7 @@ class Cell:
     standard_error : of our mean over the seeds, or None
     draws : the lowest and highest, where ours is their median, or None
     draws_in_all : how many there are
-    reason : why it differs, is better or was not run
+    reason : why it differs or was not run, or what was tried where that is not known
     of_other : it is of a program that the paper compares its own methods with
     """
 
@@ -142,7 +150,7 @@ def judged(
     """The outcome of a printed value, by the records of the method on the row."""
     mine = [r for r in records if (r.row, r.method) == (row.label, method.label)]
     values = [value for r in mine if (value := r.metrics.get(metric)) is not None]
-    said = explanation(table, row.label, method.label)
+    said, cause = explanation(table, row.label, method.label)
     cell = replace(blank, row=row.label, method=method.label, metric=metric)
     if not values:
         failed = next((r.error for r in mine if r.absence), "")
@@ -167,14 +175,17 @@ def judged(
         reason = f"{lower} of {len(values)} draws are lower"
         return replace(cell, found=CellStatus.AMONG, reason=reason)
     better = {column.key: column.better for column in table.columns}.get(metric, "")
-    found = CellStatus.BETTER if printed.is_worse_than(ours, better) else CellStatus.DIFFERS
+    if printed.is_worse_than(ours, better):
+        return replace(cell, found=CellStatus.BETTER, reason=said)
+    found = CellStatus.UNEXPLAINED if cause is None else CellStatus.EXPLAINED
     return replace(cell, found=found, reason=said)
 
 
 def _is_near_mean(cell: Cell, printed: float) -> bool:
-    if cell.ours is None or cell.standard_error is None:
+    error = cell.standard_error
+    if cell.ours is None or error is None or error > SHARPEST * abs(printed):
         return False
-    return abs(cell.ours - printed) <= ERRORS * cell.standard_error
+    return abs(cell.ours - printed) <= ERRORS * error
 
 
 def _standard_error(values: Sequence[float]) -> float | None:
@@ -182,15 +193,22 @@ def _standard_error(values: Sequence[float]) -> float | None:
     return float(stdev(values) / count**0.5) if count > 1 else None
 
 
-def explanation(table: Table, row: str, method: str) -> str:
-    """What the table says of the method on that row, of the row, or of the method."""
-    said = (table.explained.get(key, "") for key in (f"{row}/{method}", row, method))
-    return next(filter(None, said), "")
+def explanation(table: Table, row: str, method: str) -> tuple[str, Cause | None]:
+    """What the table says of the method on that row, of the row, or of the method.
+
+    The second is the cause, where one was checked.
+    """
+    for key in (f"{row}/{method}", row, method):
+        if (cause := table.explained.get(key)) is not None:
+            return f"{cause.text} (shown in {cause.shown})", cause
+        if said := table.remarks.get(key, ""):
+            return said, None
+    return "", None
 
 
 def _said_of_line(table: Table, key: str) -> str:
     """What the table says of a line that none of its rows corresponds to."""
-    said = (table.explained.get(part, "") for part in (key, *key.split("/")))
+    said = (table.remarks.get(part, "") for part in (key, *key.split("/")))
     return next(filter(None, said), "not among our rows")
 
 

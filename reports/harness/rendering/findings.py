@@ -15,7 +15,7 @@ from reports.harness.rendering import cells
 from reports.harness.rendering.cells import Cell, CellStatus
 
 #: Titles of the columns of `differing`.
-DIFFERING = ("row", "method", "metric", "printed", "ours", "found", "why they differ")
+DIFFERING = ("row", "method", "metric", "printed", "ours", "found", "why, or what was tried")
 
 
 def findings(table: Table, records: Sequence[Record]) -> list[str]:
@@ -36,8 +36,8 @@ def in_words(found: Sequence[Cell]) -> str:
     counts = cells.tally(found)
     return (
         f"Of {counted(len(found), 'printed value{s}')} {counts[CellStatus.REPRODUCED]} reproduced, "
-        f"{among(counts)}{counts[CellStatus.BETTER]} better, {counts[CellStatus.DIFFERS]} "
-        f"different, {counts[CellStatus.NOT_RUN]} not run."
+        f"{among(counts)}{counts[CellStatus.BETTER]} better, {different(counts)}, "
+        f"{counts[CellStatus.NOT_RUN]} not run."
     )
 
 
@@ -45,6 +45,14 @@ def among(counts: Mapping[CellStatus, int]) -> str:
     """How many lie among our draws, if any, with a comma."""
     count = counts[CellStatus.AMONG]
     return f"{count} among our draws, " if count else ""
+
+
+def different(counts: Mapping[CellStatus, int]) -> str:
+    """How many differ, and of how many it was checked why."""
+    explained, unexplained = counts[CellStatus.EXPLAINED], counts[CellStatus.UNEXPLAINED]
+    if not explained + unexplained:
+        return "0 different"
+    return f"{explained + unexplained} different ({explained} explained, {unexplained} unexplained)"
 
 
 def differing(found: Iterable[Cell]) -> tuple[tuple[str, ...], ...]:
@@ -70,7 +78,7 @@ def claims_table(found: Iterable[ClaimOutcome]) -> list[str]:
 
 
 def _why(cell: Cell) -> str:
-    return cell.reason or ("not explained" if cell.found is CellStatus.DIFFERS else "")
+    return cell.reason or ("nothing was tried" if cell.found is CellStatus.UNEXPLAINED else "")
 
 
 def our_number(cell: Cell) -> str:

@@ -13,7 +13,7 @@ from reports.harness.experiments.spec import Table
 from reports.harness.rendering import cells
 from reports.harness.rendering.cells import Cell, CellStatus
 from reports.harness.rendering.citations import citation
-from reports.harness.rendering.findings import among
+from reports.harness.rendering.findings import among, different
 from reports.harness.rendering.results import FigureResult, TableResult
 
 #: Figures that the page opens with.
@@ -33,15 +33,17 @@ Each statistic has one rule, the same in every table:
 
 - **A single number** of ours reproduces a printed one when it rounds to the printed digits.
 - **A mean** over seeds is compared where the paper prints a mean: it reproduces what rounds to the
-  same digits or lies within two of its standard errors.
+  same digits or lies within two of its standard errors, each at most half of it.
 - **A median** over seeds is compared where the paper prints one number and does not say of how many
   draws: it reproduces what rounds to the same digits. Another printed value that lies between our
   lowest and highest draw is *among our draws*: it may be a single draw like ours. No more is known
   of it, and it does not count as reproduced.
 
-Better means that lower or higher numbers are better, and ours is; it does not count as reproduced
-either. Where several of our readings correspond to one value, the best outcome counts, and of equal
-ones the nearest; each table names the reading.
+A value that differs is *explained* only by a cause that an experiment here shows, on the page that
+is named; otherwise it is *unexplained*, with what was tried. Better means that lower or higher
+numbers are better, and ours is; it does not count as reproduced either. Where several of our
+readings correspond to one value, the best outcome counts, and of equal ones the nearest; each table
+names the reading.
 
 The headline counts what Moreira 2020 and Eriksson et al. 2018 print of their own methods. What they
 print of other programs is counted apart, and so are the tables of other sources: certified_factors
@@ -58,7 +60,8 @@ def index(tables: Sequence[TableResult], figures: Sequence[FigureResult]) -> str
         lines += ["**Results of the quick profile: of a part of the rows alone.**", ""]
     lines += ["## Claims", "", *_claims(tables, figures), ""]
     lines += ["## Printed values by table", "", *_by_table(tables), ""]
-    lines += ["## Printed values that differ", "", *_reasons(tables, CellStatus.DIFFERS), ""]
+    for found in (CellStatus.EXPLAINED, CellStatus.UNEXPLAINED):
+        lines += [f"## Printed values: {found.value}", "", *_reasons(tables, found), ""]
     lines += ["## Tables", "", *_tables(tables), ""]
     lines += ["## Figures", "", *_figures(figures), ""]
     lines += ["## How values are counted", "", RULES, ""]
@@ -112,16 +115,12 @@ def _ran(counts: Mapping[CellStatus, int]) -> int:
 
 def _of_cells(found: Sequence[Cell]) -> str:
     counts = cells.tally(found)
-    unexplained = sum(c.found is CellStatus.DIFFERS and not c.reason for c in found)
-    why = f"{unexplained} of them unexplained" if unexplained else "each with what is known of it"
-    reproduced, differing = counts[CellStatus.REPRODUCED], counts[CellStatus.DIFFERS]
-    ran = _ran(counts)
+    reproduced, ran = counts[CellStatus.REPRODUCED], _ran(counts)
     share = f" ({100 * reproduced / ran:.0f} %)" if ran else ""
     return (
         f"Of {counted(ran, 'value{s}')} that the papers print of their own methods and that were "
         f"run, {reproduced} are reproduced{share}, {among(counts)}"
-        f"{counts[CellStatus.BETTER]} better, {differing} different"
-        f"{f', {why}' if differing else ''}."
+        f"{counts[CellStatus.BETTER]} better, {different(counts)}."
     )
 
 
@@ -149,15 +148,16 @@ def _numbers(counts: Mapping[CellStatus, int]) -> tuple[str, ...]:
 
 
 def _reasons(tables: Iterable[TableResult], found: CellStatus) -> list[str]:
-    """Why values differ or were not run, and how many of each table."""
+    """Why values differ or were not run, or what was tried, and how many of each table."""
     counts = Counter(
-        (result.table.name, cell.reason or "not explained")
+        (result.table.name, cell.reason or "nothing was tried")
         for result in tables
         for cell in result.cells
         if cell.found is found
     )
     rows = [(name, str(count), reason) for (name, reason), count in counts.items()]
-    return markdown_table(("table", "values", "because"), rows) if rows else ["None."]
+    said = "what was tried" if found is CellStatus.UNEXPLAINED else "because"
+    return markdown_table(("table", "values", said), rows) if rows else ["None."]
 
 
 def _claims(tables: Iterable[TableResult], figures: Iterable[FigureResult]) -> list[str]:

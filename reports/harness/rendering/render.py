@@ -30,7 +30,8 @@ COMPARED = {
     CellStatus.REPRODUCED: " agrees",
     CellStatus.AMONG: " is among our draws",
     CellStatus.BETTER: " differs, better",
-    CellStatus.DIFFERS: " differs",
+    CellStatus.EXPLAINED: " differs",
+    CellStatus.UNEXPLAINED: " differs",
     CellStatus.NOT_RUN: "",
 }
 #: A warning about times taken while more ran than there are cores, or an unknown number.
