@@ -42,8 +42,9 @@ def joined(
     if points is not None:
         kinds[points] = Node.POINT
     for graph, to in zip(graphs, own, strict=True):
-        others = graph.is_other & (to >= 0)
-        kinds[to[others]] = graph.nodes[others]
+        if graph.has_others:
+            others = graph.is_other & (to >= 0)
+            kinds[to[others]] = graph.nodes[others]
     kinds[_unknown_scales(graphs, own, num_nodes)] = Node.SCALED
 
     def rows(name: str) -> Any:

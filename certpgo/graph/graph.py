@@ -53,6 +53,7 @@ from certpgo.linalg.arrays import (
 #: What is computed of nodes and edges, whatever their weights.
 _CONNECTIVITY = ("components", "component_sizes")
 _OF_NODES = ("has_positions", "has_scales", "has_others", "is_point", "free", "pose_nodes")
+_OF_WEIGHTS = ("measures_rotation", "measures_translation", "is_partial")
 #: Attributes without a row for each edge.
 _OF_ALL = ("nodes", "blocks", "is_signed")
 
@@ -201,7 +202,9 @@ class Graph(Speaking, GraphData):
         residual = None if cost == "chordal" else cost
         if self.information is None or self.information.residual == residual:
             return self
-        return self._with(information=self.information.of_residual(residual))
+        other = self._with(information=self.information.of_residual(residual))
+        self.sharing(other, *_OF_WEIGHTS)
+        return other
 
     def with_weights(
         self, kappa: FloatArray | float | None = None, tau: FloatArray | float | None = None

@@ -79,8 +79,11 @@ class PlainGraph:
         return self
 
     @one_thread
-    def settled(self, start: Estimate, enough: float) -> Settled | None:
+    def settled(self, start: Estimate, enough: float, first: int | None = None) -> Settled | None:
         """The minimum near an estimate; None if there is none near.
+
+        Nodes from the number ``first`` on are placed anew, one after another, where measurements
+        from nodes before them say on average: chains that were composed drift.
 
         By Newton's method with few factors, whose last step promised to lower F by a share of at
         most ``enough``; then with the best translations. The bound is that of
@@ -102,6 +105,7 @@ class PlainGraph:
             fronts[-1].lengths,
             self._defect,
             enough,
+            n if first is None else first,
             R,
             t,
             multipliers,

@@ -33,6 +33,7 @@ class Track:
         self.kinds: list[int] = []
         self.num_scaled = 0  #: Nodes of unknown scale.
         self.newest: int | None = None  #: The last pose of the last graph with new ones.
+        self.num_given = 0  #: Poses of the last estimate; those after them were composed.
         self._num_known = 0  # nodes that are neither such nor points
         self._unit = np.eye(d)
         self._rotations = np.tile(self._unit, (FIRST, 1, 1))
@@ -65,7 +66,7 @@ class Track:
         room = FIRST + 2 * len(self)
         self._rotations = np.tile(np.eye(better.d), (room, 1, 1))
         self._translations, self._scales = np.zeros((room, better.d)), np.ones(room)
-        self._rotations[: len(self)] = better.rotations
+        self._rotations[: len(self)], self.num_given = better.rotations, len(self)
         if better.translations is not None:
             self._translations[: len(self)] = better.translations
         if better.scales is not None:

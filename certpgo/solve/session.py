@@ -385,7 +385,8 @@ class Session(Speaking):
         best, settings, found = self.estimate, self.settings, None
         if self._settled >= (1.0 - NEW) * len(self._numbers):
             plain = self._measured.plain(self._poses, self._terms)
-            found = descended(plain, lambda: self._problem, best, settings)
+            composed = self._poses.num_given
+            found = descended(plain, lambda: self._problem, best, settings, composed)
         begin = Start(best, GIVEN) if self._settled else None
         found = found or searched(self._problem, settings, begin)
         self._poses.estimate = found.estimate

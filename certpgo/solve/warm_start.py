@@ -62,14 +62,17 @@ def descended(
     problem: Callable[[], Quadratic | Sum],
     start: Estimate,
     settings: SolveSettings,
+    composed: int,
 ) -> Found | None:
     """The end of descent from an estimate, if that is certified.
 
     Parameters
     ----------
     plain : the graph of the ``problem``, if that is F and compiled code takes it
+    composed : number of the first of the nodes whose poses were composed from measurements
     """
-    near = None if plain is None else plain.settled(start, max(ENOUGH, settings.newton.enough))
+    enough = max(ENOUGH, settings.newton.enough)
+    near = None if plain is None else plain.settled(start, enough, composed)
     found = None if near is None else _at_once(near, problem, settings)
     return found or _by_steps(problem(), start if near is None else near.estimate, settings)
 

@@ -84,3 +84,18 @@ def test_a_start_that_is_far_is_left_to_others():
 def test_graphs_with_more_are_left_to_others(feature):
     graph = having(feature)
     assert PlainGraph(graph.d).extended(graph, np.arange(graph.num_nodes)) is None
+
+
+@given(seeds, dimensions)
+def test_new_nodes_begin_where_measurements_put_them(seed, d):
+    rng = rng_of(seed)
+    graph, *truth = pose_graph(rng, 9, d, extra=9, noise=0.03)
+    plain = PlainGraph(d).extended(graph, np.arange(9))
+    best = rested(Quadratic(graph), Estimate(*truth))
+    R, t = np.array(best.rotations), np.array(best.translations)
+    R[4:], t[4:] = so.random(rng, 5, d), rng.standard_normal((5, d))
+    found = plain.settled(Estimate(R, t), 1e-10, 4)
+    assert found is not None
+    assert found.cost == pytest.approx(Quadratic(graph).cost(best), rel=1e-9)
+    with pytest.raises(ValueError, match="the first of the nodes"):
+        plain.settled(best, 1e-10, 10)

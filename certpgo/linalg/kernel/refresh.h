@@ -22,6 +22,8 @@
 #define STEPS 12
 #define GAIN 0.5
 #define SLOW 0.1
+/* Steps towards the nearest rotation in space, of a start only. */
+#define ALIGNING 4
 
 /* What all matrices of a graph share. */
 typedef struct {
@@ -142,22 +144,121 @@ static int solve_translations(const Whole *w, Int d, const Fronts *f, double *L,
     return 1;
 }
 
-/* Room for a descent: gradient, terms, blocks of nodes and edges, matrix, factor, step, turns. */
+/* R becomes the rotation nearest to M, from near it: a rotation to rounding, as by a step of Newton and
+ * Schulz, then the turn of it that aligns them, by its skew part. */
+static void align(Int d, const double *M, double *R)
+{
+    double Q[9];
+    for (Int a = 0; a < d; a++)
+        for (Int b = 0; b < d; b++) {
+            Q[a * d + b] = 1.5 * R[a * d + b];
+            for (Int c = 0; c < d; c++)
+                for (Int k = 0; k < d; k++)
+                    Q[a * d + b] -= 0.5 * R[a * d + c] * R[k * d + c] * R[k * d + b];
+        }
+    memcpy(R, Q, (size_t)(d * d) * sizeof(double));
+    for (int step = d == 2 ? ALIGNING - 1 : 0; step < ALIGNING; step++) {
+        double B[9], turn[3], turned[9], trace = 0.0;
+        for (Int a = 0; a < d; a++)
+            for (Int b = 0; b < d; b++) {
+                B[a * d + b] = 0.0;
+                for (Int k = 0; k < d; k++) B[a * d + b] += R[k * d + a] * M[k * d + b];
+            }
+        for (Int a = 0; a < d; a++) trace += B[a * d + a];
+        if (d == 2)
+            turn[0] = atan2(B[2] - B[1], trace);
+        else if (trace > 0.0)
+            for (Int a = 0; a < 3; a++) {
+                Int b = (a + 1) % 3, c = (a + 2) % 3;
+                turn[a] = 1.5 * (B[3 * c + b] - B[3 * b + c]) / trace;
+            }
+        else
+            return;
+        turn_by(1, d, R, turn, 0, turned);
+        memcpy(R, turned, (size_t)(d * d) * sizeof(double));
+    }
+}
+
+/* The nodes from `first` on, one after another, are placed anew: where measurements from nodes before
+ * them say on average. 0 without memory. */
+static int place_anew(const Edges *g, Int n, Int d, Int first, Place *x)
+{
+    Int *last = malloc((size_t)(n + g->m) * sizeof(Int)), *previous = last + n;
+    if (!last) return 0;
+    for (Int i = first; i < n; i++) last[i] = -1;
+    for (Int e = 0; e < g->m; e++) {
+        Int i = g->pairs[2 * e], j = g->pairs[2 * e + 1], later = i > j ? i : j;
+        if (later >= first) previous[e] = last[later], last[later] = e;
+    }
+    for (Int k = first; k < n; k++) {
+        double M[9] = {0.0}, t[3] = {0.0}, tau = 0.0, *own = x->R + k * d * d;
+        if (last[k] < 0) continue;
+        for (Int e = last[k]; e >= 0; e = previous[e]) {
+            Int ends = g->pairs[2 * e + 1] == k, other = g->pairs[2 * e + !ends];
+            const double *R = x->R + other * d * d, *P = g->P + e * d * d;
+            double said[9];
+            for (Int a = 0; a < d; a++)
+                for (Int b = 0; b < d; b++) {
+                    said[a * d + b] = 0.0;
+                    for (Int c = 0; c < d; c++)
+                        said[a * d + b] += R[a * d + c] * (ends ? P[c * d + b] : P[b * d + c]);
+                    M[a * d + b] += g->kappa[e] * said[a * d + b];
+                }
+            if (previous[e] < 0) memcpy(own, said, (size_t)(d * d) * sizeof(double));
+        }
+        align(d, M, own);
+        for (Int e = last[k]; e >= 0; e = previous[e]) {
+            Int ends = g->pairs[2 * e + 1] == k, other = g->pairs[2 * e + !ends];
+            const double *R = x->R + g->pairs[2 * e] * d * d, *lever = g->moved + e * d;
+            for (Int a = 0; a < d; a++) {
+                double step = 0.0;
+                for (Int b = 0; b < d; b++) step += R[a * d + b] * lever[b];
+                t[a] += g->tau[e] * (x->t[other * d + a] + (ends ? step : -step));
+            }
+            tau += g->tau[e];
+        }
+        for (Int a = 0; a < d && tau > 0.0; a++) x->t[k * d + a] = t[a] / tau;
+    }
+    free(last);
+    return 1;
+}
+
+/* Room for a descent: gradient, terms, blocks of nodes and edges, matrix, factor and its scale, step,
+ * turns. */
 typedef struct {
-    double *G, *terms, *diagonal, *upper, *data, *L, *step, *turn;
+    double *G, *terms, *diagonal, *upper, *data, *scale, *step, *turn;
+    void *L;
 } Room;
+
+/* L of the Hessian, in single precision with rows and columns scaled by powers of two. */
+static int factor_single(const Whole *w, Int b, const Fronts *f, const Room *of)
+{
+    const Sums none = {0, NULL, NULL, NULL};
+    for (Int k = 0; k < w->n; k++) {
+        Int node = f->order[k], height = b * (w->indptr[node + 1] - w->indptr[node]);
+        const double *block = of->data + f->entry[node] + b * (w->own[node] - w->indptr[node]);
+        for (Int r = 0; r < b; r++) {
+            double entry = block[r * height + r];
+            if (!(entry > 0.0 && entry < INFINITY)) return 0;
+            of->scale[f->offset[k] + r] = ldexp(1.0, -(int)nearbyint(0.5 * log2(entry)));
+        }
+    }
+    return factor_float(f, of->data, of->scale, of->L, &none, NULL, NULL);
+}
 
 /* Steps with the factor of the Hessian at x, or near it, while they make progress. 1 if the last one
  * promised to lower F by at most the share `enough`; 0 if another factor must follow, and `taken` is
  * how many were taken; -1 without memory. */
 static int take_chords(const Whole *w, Int d, const Fronts *f, double enough, const Room *of, Place *x,
-                       Place *there, int *taken)
+                       Place *there, int single, int *taken)
 {
     Int n = w->n, p = d == 2 ? 1 : 3, b = p + d, N = n * b;
     double last = INFINITY;
     for (*taken = 0; *taken < STEPS; ++*taken) {
         double predicted = 0.0;
-        if (solve_double(f, of->L, NULL, x->tangent, of->step, 1) < 0) return -1;
+        int solved = single ? solve_float(f, of->L, of->scale, x->tangent, of->step, 1)
+                            : solve_double(f, of->L, NULL, x->tangent, of->step, 1);
+        if (solved < 0) return -1;
         for (Int r = 0; r < N; r++) predicted += of->step[r] * x->tangent[r];
         if (!(predicted < SLOW * last)) return 0;
         for (Int i = 0; i < n; i++) {
@@ -185,24 +286,29 @@ static int descend_near(const Whole *w, Int d, const Fronts *f, const Fronts *sc
 {
     Int n = w->n, m = w->edges.m, b = d + (d == 2 ? 1 : 3), N = n * b, entries = f->entry[n];
     Int rows = n * d, blocks = n * d * d, of_scalars = scalars->panel[scalars->many];
-    Int room = (d + 1) * rows + m + n * b * b + m * b * b + entries + f->panel[f->many] + 3 * N;
+    Int room = (d + 1) * rows + m + n * b * b + m * b * b + entries + f->panel[f->many] + 4 * N;
     double *all = malloc((size_t)(room + of_scalars + rows + 2 * blocks + 1) * sizeof(double));
     if (!all) return -1;
     Room of = {.G = all, .terms = all + (d + 1) * rows};
     of.diagonal = of.terms + m, of.upper = of.diagonal + n * b * b, of.data = of.upper + m * b * b;
-    of.L = of.data + entries, of.step = of.L + f->panel[f->many], of.turn = of.step + N;
+    of.L = of.data + entries, of.step = of.data + entries + f->panel[f->many];
+    of.turn = of.step + N, of.scale = of.turn + N;
     double *L1 = all + room;
-    Place there = {L1 + of_scalars, L1 + of_scalars + blocks, of.turn + N, NULL, 0.0};
+    Place there = {L1 + of_scalars, L1 + of_scalars + blocks, of.scale + N, NULL, 0.0};
     there.multipliers = there.t + rows;
     const Sums none = {0, NULL, NULL, NULL};
-    int outcome = 0, taken = 1;
+    int outcome = 0, taken = 1, single = 1;
     evaluate(w, d, of.G, of.terms, x);
     for (int k = 0; k < FACTORS && taken && !outcome; k++) {
         memset(of.data, 0, (size_t)entries * sizeof(double));
         assemble_hessian(w, d, x, of.diagonal, of.upper, of.data);
-        outcome = factor_double(f, of.data, NULL, of.L, &none, NULL, NULL);
+        if (single) outcome = factor_single(w, b, f, &of);
+        single = single && outcome;
+        if (!single) outcome = factor_double(f, of.data, NULL, of.L, &none, NULL, NULL);
         if (outcome != 1) break;
-        outcome = take_chords(w, d, f, enough, &of, x, &there, &taken);
+        outcome = take_chords(w, d, f, enough, &of, x, &there, single, &taken);
+        /* Where it made no progress, the precision may be why. */
+        if (single && taken < 2) single = 0, taken = 1;
     }
     if (outcome == 1)
         outcome = solve_translations(w, d, scalars, L1, x, of.diagonal, of.upper, of.data, there.t,
@@ -410,8 +516,8 @@ static double cost_above(const Whole *w, Int d, double defect, const Place *x, d
 }
 
 /* settle(edges, d, (indptr, own, slots), fronts of tangents, of scalars, of M, lengths, defect, enough,
- * R, t, multipliers, proven) -> F at the minimum near (R, t), which are changed, rounded up, where a
- * step has just promised to lower F by a share of at most `enough`, and whether its multipliers with the
+ * first, R, t, multipliers, proven) -> F at the minimum near (R, t), which are changed, rounded up, from
+ * where `place_anew` puts the nodes from `first` on, where a step has just promised to lower F by a share of at most `enough`, and whether its multipliers with the
  * first shift are proven; None if there is no minimum near */
 static PyObject *settle_of(Held *held, PyObject *args)
 {
@@ -421,10 +527,11 @@ static PyObject *settle_of(Held *held, PyObject *args)
     Whole w;
     Fronts of_tangents, of_scalars, of_form;
     double enough, defect;
+    long long first;
     int d, outcome, settled;
-    if (!PyArg_ParseTuple(args, "OiOOOOO&ddO&O&O&O&", &edges, &d, &places, &tangents, &scalars,
-                          &form, array, &lengths, &defect, &enough, array, &R, array, &t, array,
-                          &multipliers, array, &proven) ||
+    if (!PyArg_ParseTuple(args, "OiOOOOO&ddLO&O&O&O&", &edges, &d, &places, &tangents, &scalars,
+                          &form, array, &lengths, &defect, &enough, &first, array, &R, array, &t,
+                          array, &multipliers, array, &proven) ||
         !whole_of(held, edges, d, places, &w) ||
         !fronts_of(held, tangents, ASSEMBLY, &of_tangents) ||
         !fronts_of(held, scalars, ASSEMBLY, &of_scalars) ||
@@ -436,12 +543,15 @@ static PyObject *settle_of(Held *held, PyObject *args)
     if (R.length != n * d * d || t.length != n * d || multipliers.length != R.length ||
         proven.length != R.length || lengths.length != n * (d + 1))
         return refuse("poses of another graph");
+    if (first < 0 || first > n) return refuse("the first of the nodes expected");
     double *tangent = memory(held, of_tangents.offset[n] + 2 * m, sizeof(double));
     if (!tangent) return NULL;
     double *turned = tangent + of_tangents.offset[n];
     Place x = {R.at, t.at, tangent, multipliers.at, 0.0};
     Py_BEGIN_ALLOW_THREADS
-    outcome = descend_near(&w, d, &of_tangents, &of_scalars, enough, &x);
+    outcome = -1;
+    if (place_anew(&w.edges, n, d, first, &x))
+        outcome = descend_near(&w, d, &of_tangents, &of_scalars, enough, &x);
     settled = outcome == 1;
     if (settled) {
         memcpy(proven.at, multipliers.at, (size_t)(n * d * d) * sizeof(double));
