@@ -1,8 +1,9 @@
 """The command line: one file per sub-command, found by scanning this folder.
 
 A command is a function ``command`` that returns an exit code or None. Its file imports nothing
-heavy at the top, so that ``certpgo --help`` is quick. It may have ``RULES``: combinations of
-options that are refused; and ``NUMERICS = False``, if it runs without NumPy and SciPy.
+heavy at the top, so that ``certpgo --help`` is quick. It has ``EXAMPLES``, command lines that its
+help begins with. It may have ``RULES``: combinations of options that are refused; and
+``NUMERICS = False``, if it runs without NumPy and SciPy.
 """
 
 from __future__ import annotations
@@ -92,7 +93,9 @@ def application(names: Sequence[str]) -> typer.Typer:
     app.callback()(_root)
     for name in names:
         function = _function(name)
-        app.command(name, cls=HelpfulCommand, help=_paragraphs(function))(_guarded(function))
+        does, examples = _paragraphs(function), _examples(function)
+        register = app.command(name, cls=HelpfulCommand, help=does, epilog=examples)
+        register(_guarded(function))
     return app
 
 
@@ -100,6 +103,12 @@ def _paragraphs(function: Command) -> str:
     """The docstring with a line a paragraph, so that its own line ends do not show in the help."""
     paragraphs = inspect.cleandoc(function.__doc__ or "").split("\n\n")
     return "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
+
+
+def _examples(function: Command) -> str:
+    """The example command lines of the command's file, a line each."""
+    examples: Sequence[str] = inspect.unwrap(function).__globals__.get("EXAMPLES", ())
+    return "\n".join(examples)
 
 
 def command_names() -> tuple[str, ...]:

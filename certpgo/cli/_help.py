@@ -5,6 +5,7 @@ Rich's panels give a third of 80 columns to the names of options, and break long
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from typing import Any
 
@@ -29,6 +30,10 @@ GROUPS = {
     "Reproduce": ("reproduce", "report", "gate", "bench"),
 }
 OTHERS = "Others"
+#: Lines of help, with 80 columns, that one can take in.
+LINES = 60
+#: Names and texts of options or commands, by the title of their section.
+Sections = dict[str, list[tuple[str, str]]]
 #: Columns that the longest name of an option or command takes before its text starts a new line.
 NAMES = 26
 
@@ -46,15 +51,57 @@ def _section_of(parameter: Any) -> str:
     return getattr(parameter, "rich_help_panel", None) or usual
 
 
-def _write(formatter: Any, sections: dict[str, list[tuple[str, str]]]) -> None:
+def _write(formatter: Any, sections: Sections) -> None:
     for title, records in sections.items():
         if records:
             with formatter.section(title):
                 formatter.write_dl(records, col_max=NAMES)
 
 
+def _write_names(formatter: Any, title: str, sections: Sections) -> None:
+    """Write the sections with the names of their options alone."""
+    with formatter.section(title):
+        for name, records in sections.items():
+            text = f"{name}: {', '.join(_primary(option) for option, _ in records)}"
+            lines = textwrap.wrap(
+                text,
+                formatter.width,
+                initial_indent="  ",
+                subsequent_indent="    ",
+                break_on_hyphens=False,
+            )
+            formatter.write("".join(f"{line}\n" for line in lines))
+
+
+def _primary(option: str) -> str:
+    """The long name of an option, without what it takes, its short name and its opposite."""
+    return next(word for word in option.replace(",", " ").split() if word.startswith("--"))
+
+
 class HelpfulCommand(typer.core.TyperCommand):
-    """A command whose help has its options in sections, common ones first."""
+    """A command whose help has examples first, then its options in sections, common ones first.
+
+    Help of more than `LINES` lines names the options of the last sections only; --help-all explains
+    them all. The epilog holds the examples, a line each.
+    """
+
+    _explains_all = False
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the command line, and whether all of the help is asked for."""
+        self._explains_all = "--help-all" in args
+        return super().parse_args(ctx, args)
+
+    def get_help_option_names(self, ctx: Any) -> list[str]:
+        """The names of the option --help, in order."""
+        return ["--help", "--help-all"]
+
+    def get_help_option(self, ctx: Any) -> Any:
+        """The option --help, which says what --help-all does."""
+        option = super().get_help_option(ctx)
+        if option is not None:
+            option.help = "Show this, or all options explained, and exit."
+        return option
 
     def get_params(self, ctx: Any) -> list[Any]:
         """The parameters, whose plain values are taken without Pydantic."""
@@ -67,16 +114,38 @@ class HelpfulCommand(typer.core.TyperCommand):
             for piece in super().collect_usage_pieces(ctx)
         ]
 
+    def format_help_text(self, ctx: Any, formatter: Any) -> None:
+        """Write what the command does, and the examples."""
+        super().format_help_text(ctx, formatter)
+        if self.epilog:
+            with formatter.section("Examples"):
+                for line in self.epilog.splitlines():
+                    formatter.write(f"  {line}\n")
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:
+        """Write nothing: the examples are above."""
+
     def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write arguments and options."""
-        sections: dict[str, list[tuple[str, str]]] = {title: [] for title in _ORDER}
+        """Write arguments and options: as many of the sections as there is room for."""
+        sections: Sections = {title: [] for title in _ORDER}
         for parameter in self.get_params(ctx):
             record = parameter.get_help_record(ctx)
             if record is not None:
                 if parameter.param_type_name == "argument":  # its metavar says what it is
                     record = parameter.metavar or record[0], record[1]
                 sections.setdefault(_section_of(parameter), []).append(record)
-        _write(formatter, sections)
+        given = [title for title, records in sections.items() if records]
+        usual = len([title for title in given if title in _ORDER[:2]])
+        above = formatter.getvalue()
+        for count in range(len(given), usual - 1, -1):
+            part = type(formatter)(width=formatter.width)
+            _write(part, {title: sections[title] for title in given[:count]})
+            if count < len(given):
+                rest = {title: sections[title] for title in given[count:]}
+                _write_names(part, f"More ({ctx.command_path} --help-all)", rest)
+            if self._explains_all or len((above + part.getvalue()).splitlines()) < LINES:
+                break
+        formatter.write(f"\n{part.getvalue()}")
 
 
 class HelpfulGroup(typer.core.TyperGroup):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from certpgo.cli._completion import graphs, one_of
 from certpgo.cli._help import JUDGING, MATCHING
 from certpgo.cli._show import notice
 from certpgo.errors import InputError, SpecError
@@ -16,23 +17,11 @@ if TYPE_CHECKING:
     from certpgo.graph import Instance
 
 
-def graphs_beginning_with(incomplete: str) -> list[str]:
-    """What a shell offers for a graph: files and folders, and names of datasets."""
-    from certpgo.io.datasets.catalogue import names
-
-    folder, _, beginning = incomplete.rpartition("/")
-    here = Path(folder or ("/" if incomplete.startswith("/") else "."))
-    found = sorted(p for p in here.glob("*") if p.name.startswith(beginning))
-    shown = [f"{folder}/{p.name}" if "/" in incomplete else p.name for p in found]
-    files = [name + "/" * path.is_dir() for name, path in zip(shown, found, strict=True)]
-    return [*files, *(name for name in names("graph") if name.startswith(incomplete))]
-
-
 GraphName = Annotated[
     str,
     typer.Argument(
         metavar="GRAPH",
-        autocompletion=graphs_beginning_with,
+        autocompletion=graphs,
         help="Graph file, or dataset name (certpgo list datasets).",
     ),
 ]
@@ -40,7 +29,7 @@ GraphNames = Annotated[
     list[str],
     typer.Argument(
         metavar="GRAPH...",
-        autocompletion=graphs_beginning_with,
+        autocompletion=graphs,
         help="Graph file, or dataset name (certpgo list datasets); several files are one graph.",
     ),
 ]
@@ -82,6 +71,7 @@ Timestamps = Annotated[
     typer.Option(
         "--timestamps",
         metavar="ids|index|FILE",
+        autocompletion=one_of(("ids", "index")),
         rich_help_panel=MATCHING,
         show_default="node ids if they can be",
         help="How to match poses, and those of the truth, with nodes: timestamps are node ids "
@@ -113,9 +103,10 @@ CostOption = Annotated[
         "--cost",
         parser=_known,
         metavar="|".join(COSTS),
-        show_default="g2o for g2o files with information, chordal for others",
-        help="Cost to minimise or to judge by: chordal (F, with isotropic weights), or that of g2o "
-        "or GTSAM with the file's full information matrices.",
+        autocompletion=one_of(COSTS),
+        show_default="that of the file's program",
+        help="Cost to minimise or to judge by: chordal (F, one weight for rotation, one for "
+        "translation), g2o's or GTSAM's.",
     ),
 ]
 
@@ -208,6 +199,7 @@ def tier_option(default: str) -> Any:
     return typer.Option(
         "--tier",
         metavar="standard|proof",
+        autocompletion=one_of(("standard", "proof")),
         rich_help_panel=JUDGING,
         show_default=default,
         help="What the verdict may rely on: the usual error bounds of linear algebra (standard), "

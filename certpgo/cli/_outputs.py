@@ -69,15 +69,15 @@ class Outputs:
         """
         from certpgo.io.format import format_to_write
 
+        for given in self.files:
+            if given.is_dir():
+                raise InputError(f"{given}: cannot be written: it is a folder, not a file")
         for path, format in ((self.estimate, self.format), (self.graph, None)):
             if path is not None:
                 format_to_write(path, format)
         for k, path in enumerate(self.files):
-            if path.is_dir():
-                raise InputError(f"{path}: cannot be written: it is a folder")
             if not _is_writable(path):
-                said = "no such folder, or no write permission"
-                raise InputError(f"{path}: cannot be written: {said}")
+                raise InputError(f"{path}: cannot be written: {_hindrance(path.parent)}")
             if any(_is_same(path, earlier) for earlier in self.files[:k]):
                 raise InputError(f"{path}: given for two outputs; one would overwrite the other")
         refuse_overwriting(self.files, *inputs)
@@ -211,6 +211,15 @@ def refuse_overwriting(files: Iterable[Path], *inputs: Source | Path | None) -> 
     for out in files:
         if any(_is_in(out, path) if path.is_dir() else _is_same(out, path) for path in read):
             raise InputError(f"{out}: is also an input, and would be overwritten")
+
+
+def _hindrance(folder: Path) -> str:
+    """Why no file can be written into a folder."""
+    if not folder.is_dir():
+        return f"{folder} is a file, not a folder" if folder.exists() else f"no folder {folder}"
+    if hasattr(os, "statvfs") and os.statvfs(folder).f_flag & os.ST_RDONLY:
+        return "the disk is read-only"
+    return f"no permission to write into {folder}"
 
 
 def _is_writable(out: Path) -> bool:

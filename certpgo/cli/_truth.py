@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from certpgo.cli._completion import inputs
 from certpgo.cli._help import MATCHING
 from certpgo.cli._rules import Rule
 from certpgo.cli._show import notice
@@ -27,6 +28,7 @@ TruthFile = Annotated[
     typer.Option(
         "--truth",
         metavar="FILE",
+        autocompletion=inputs,
         rich_help_panel=MATCHING,
         help="Ground truth of the poses, a file or dataset: print the absolute and relative "
         "trajectory errors (ATE, RPE). Matched by time where the nodes' times are known "

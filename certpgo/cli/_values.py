@@ -11,6 +11,8 @@ from enum import Enum
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
+import typer
+
 _INTEGER = re.compile(r"-?(0|[1-9][0-9]{0,17})")
 _NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?(e-?[0-9]{1,2})?")
 #: What a file may be asked to be, unless it is only named.
@@ -39,7 +41,15 @@ class _Plain:
             found = [] if listed else [_plain(value, asked, info)]
         if not found or None in found:
             param._runtime_param = None
-            return param.get_runtime_param().coerce(value, param=param, ctx=ctx)
+            try:
+                return param.get_runtime_param().coerce(value, param=param, ctx=ctx)
+            except typer.BadParameter as error:
+                listed_type = get_args(asked)[0] if listed else asked
+                if said := _wanted(listed_type, info):
+                    values = value if listed else [value]
+                    wrong = next(v for v in values if _plain(v, listed_type, info) is None)
+                    error.message = f"{wrong!r} is not {said}."
+                raise
         return found if listed else found[0]
 
 
@@ -69,6 +79,20 @@ def _plain(value: Any, asked: Any, info: Any) -> Any:
     if asked is Path and isinstance(value, str):
         return _named(value, info)
     return value if isinstance(value, asked) else None
+
+
+def _wanted(asked: Any, info: Any) -> str:
+    """What a value must be, in words; empty where Typer's are kept."""
+    if not isinstance(asked, type) or info.parser is not None:
+        return ""
+    if issubclass(asked, Enum):
+        return f"one of {', '.join(str(one.value) for one in asked)}"
+    if asked not in (int, float):
+        return ""
+    kind = "a whole number" if asked is int else "a number"
+    limits = [] if info.clamp else [(info.min, "at least"), (info.max, "at most")]
+    said = [f"{word} {limit:g}" for limit, word in limits if limit is not None]
+    return f"{kind} of {' and '.join(said)}" if said else kind
 
 
 def _named(value: str, info: Any) -> Path | None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from certpgo.cli._completion import inputs
 from certpgo.cli._interrupting import ends_at_once
 from certpgo.cli._options import GraphName, Json, MaxDifference, Timestamps
 from certpgo.cli._reading import Reading, covered, restricted_to, takes_reading
@@ -21,12 +22,22 @@ if TYPE_CHECKING:
     from certpgo.solve.bounds_table import Ladder, Rung
 
 
+EXAMPLES = (
+    "certpgo bounds graph.g2o",
+    "certpgo bounds graph.g2o estimate.tum",
+)
+
+
 @takes_reading
 def command(
     graph: GraphName,
     estimate: Annotated[
         str | None,
-        typer.Argument(metavar="ESTIMATE", help="Estimate to judge (default: the best found)."),
+        typer.Argument(
+            metavar="ESTIMATE",
+            autocompletion=inputs,
+            help="Estimate to judge (default: the best found).",
+        ),
     ] = None,
     sdp: Annotated[
         bool, typer.Option("--sdp", help="Also solve the semidefinite program (slow).")

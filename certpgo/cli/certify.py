@@ -12,6 +12,7 @@ import typer
 
 from certpgo.cli import _verdict
 from certpgo.cli._cause import cause, cause_as_json, cause_of, remark_of
+from certpgo.cli._completion import inputs
 from certpgo.cli._help import JUDGING
 from certpgo.cli._interrupting import INTERRUPTED, tell_interrupted, tells_unwritten
 from certpgo.cli._next import Asked, is_better_known, steps_after
@@ -54,6 +55,12 @@ if TYPE_CHECKING:
     from certpgo.solve.metrics import TrajectoryErrors
     from certpgo.solve.outliers import Disagreement
 
+EXAMPLES = (
+    "certpgo certify graph.g2o estimate.tum",
+    "certpgo certify graph.g2o estimate.tum --best better.g2o",
+    "certpgo certify graph.g2o estimate.tum --truth truth.tum",
+    "certpgo certify graph.g2o first.tum second.tum --csv verdicts.csv",
+)
 RULES = (
     Rule("--truth needs a single estimate, without --csv", "truth", "csv"),
     Rule(
@@ -82,7 +89,11 @@ def command(
     graph: GraphName,
     estimates: Annotated[
         list[str],
-        typer.Argument(metavar="ESTIMATE", help="File or dataset with poses; several need --csv."),
+        typer.Argument(
+            metavar="ESTIMATE",
+            autocompletion=inputs,
+            help="File or dataset with poses; several need --csv.",
+        ),
     ],
     cost: CostOption = None,
     best: Annotated[

@@ -14,6 +14,7 @@ from zipfile import is_zipfile
 
 import typer
 
+from certpgo.cli._completion import graphs
 from certpgo.cli._options import Data, Json
 from certpgo.cli._proving import REFUSED
 from certpgo.cli._show import document, working
@@ -23,6 +24,10 @@ if TYPE_CHECKING:
     from certpgo.checker import Answer
     from certpgo.integer_checker import Answer as InIntegers
 
+EXAMPLES = (
+    "certpgo check graph.g2o solution.cert",
+    "certpgo check graph.g2o solution.cert --exact",
+)
 #: The checker is another process.
 NUMERICS = False
 #: What the checker's line begins with if it cannot read a file.
@@ -32,7 +37,12 @@ ANY_BYTES = "surrogateescape"
 
 
 def command(
-    graph: Annotated[str, typer.Argument(metavar="GRAPH", help="g2o or 1DSfM file, or dataset.")],
+    graph: Annotated[
+        str,
+        typer.Argument(
+            metavar="GRAPH", autocompletion=graphs, help="g2o or 1DSfM file, or dataset."
+        ),
+    ],
     proof: Annotated[Path, typer.Argument(metavar="PROOF", help="Proof file written by --proof.")],
     data: Data = None,
     exact: Annotated[
@@ -49,6 +59,8 @@ def command(
 
     path = readable(Reading(data=data).resolve(graph).path())
     proof = readable(proof)
+    if proof.is_dir():
+        raise InputError(f"{proof}: a folder, not a proof file")
     if is_zipfile(path) and proof.is_file() and not is_zipfile(proof):
         line = f"certpgo check {proof} {path}"
         raise InputError(f"{proof}: not a proof file; the graph comes first: {line}")

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from certpgo.cli._completion import graphs as graphs_named
+from certpgo.cli._completion import methods as method_names
 from certpgo.cli._interrupting import INTERRUPTED, tell_interrupted
 from certpgo.cli._options import CostOption, Json, MaxDifference, Timestamps, chosen_cost
 from certpgo.cli._outputs import refuse_overwriting
@@ -25,6 +27,11 @@ if TYPE_CHECKING:
     from certpgo.io.datasets.source import Source
     from certpgo.solve.comparison import Competitor, MethodResult
 
+EXAMPLES = (
+    "certpgo compare",
+    "certpgo compare graph.g2o --methods certified,newton",
+    "certpgo compare graph.g2o --truth truth.tum --json",
+)
 #: Datasets compared by default, if available locally; otherwise small files of the gtsam wheel.
 USUAL = (
     "smallGrid3D",
@@ -53,11 +60,18 @@ def command(
     graphs: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="DATASET|FILE", help="Graphs (default: the usual datasets found locally)."
+            metavar="DATASET|FILE",
+            autocompletion=graphs_named,
+            help="Graphs (default: the usual datasets found locally).",
         ),
     ] = None,
     methods: Annotated[
-        str | None, typer.Option("--methods", help="Method names or labels, separated by commas.")
+        str | None,
+        typer.Option(
+            "--methods",
+            autocompletion=method_names,
+            help="Method names or labels, separated by commas.",
+        ),
     ] = None,
     cost: CostOption = None,
     out: Annotated[

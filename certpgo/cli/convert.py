@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from certpgo.cli._completion import formats, inputs
 from certpgo.cli._options import MaxDifference, Timestamps
 from certpgo.cli._outputs import Outputs
 from certpgo.cli._reading import Reading, takes_reading
@@ -19,6 +20,13 @@ from certpgo.errors import InputError, NoMeasurements
 if TYPE_CHECKING:
     from certpgo.graph import Instance
     from certpgo.io.datasets.source import Source
+
+
+EXAMPLES = (
+    "certpgo convert graph.g2o graph.npz",
+    "certpgo convert solution.g2o solution.tum --estimate",
+    "certpgo convert estimate.tum estimate.g2o --graph graph.g2o",
+)
 
 
 class Anchor(StrEnum):
@@ -33,11 +41,17 @@ class Anchor(StrEnum):
 @takes_reading
 def command(
     source: Annotated[
-        str, typer.Argument(metavar="IN", help="Graph or estimate: a file or dataset.")
+        str,
+        typer.Argument(
+            metavar="IN", autocompletion=inputs, help="Graph or estimate: a file or dataset."
+        ),
     ],
     target: Annotated[Path, typer.Argument(metavar="OUT", help="File to write.")],
     format: Annotated[
-        str | None, typer.Option("--format", help="Format of OUT; by default from its suffix.")
+        str | None,
+        typer.Option(
+            "--format", autocompletion=formats, help="Format of OUT; by default from its suffix."
+        ),
     ] = None,
     estimate: Annotated[
         bool, typer.Option("--estimate", help="Convert the poses even if IN also has measurements.")

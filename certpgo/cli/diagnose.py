@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from certpgo.cli._completion import inputs
 from certpgo.cli._options import (
     CostOption,
     GraphName,
@@ -27,6 +28,11 @@ if TYPE_CHECKING:
     from certpgo.io.datasets.source import Source
     from certpgo.io.matching import Matching
 
+EXAMPLES = (
+    "certpgo diagnose graph.g2o estimate.tum",
+    "certpgo diagnose graph.g2o estimate.tum --truth truth.tum",
+    "certpgo diagnose graph.g2o",
+)
 RULES = (OF_TRUTH,)
 
 
@@ -35,7 +41,11 @@ def command(
     graph: GraphName,
     estimate: Annotated[
         str | None,
-        typer.Argument(metavar="ESTIMATE", help="Estimate that is asked about: file or dataset."),
+        typer.Argument(
+            metavar="ESTIMATE",
+            autocompletion=inputs,
+            help="Estimate that is asked about: file or dataset.",
+        ),
     ] = None,
     cost: CostOption = None,
     truth: TruthFile = None,

@@ -6,15 +6,20 @@ from typing import Annotated
 
 import typer
 
+from certpgo.cli._completion import datasets as datasets_named
 from certpgo.cli._options import Data, Json
 from certpgo.cli._show import document, working
 
+EXAMPLES = ("certpgo fetch sphere2500",)
 NUMERICS = False
 
 
 def command(
     names: Annotated[
-        list[str], typer.Argument(metavar="NAME", help="Names from certpgo list datasets.")
+        list[str],
+        typer.Argument(
+            metavar="NAME", autocompletion=datasets_named, help="Names from certpgo list datasets."
+        ),
     ],
     data: Data = None,
     json: Json = False,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from certpgo.cli._completion import graphs
 from certpgo.cli._following import PIPE, Followed, Stream
 from certpgo.cli._interrupting import tell_interrupted, tells_unwritten
 from certpgo.cli._options import CostOption, Json, time_limit_option
@@ -21,6 +22,10 @@ from certpgo.cli._show import notice, working
 if TYPE_CHECKING:
     from certpgo.view.scene import Scene
 
+EXAMPLES = (
+    "certpgo follow graph.g2o --every 50",
+    "robot | certpgo follow - -o newest.g2o",
+)
 RULES = (chordal_only("robust"),)
 
 
@@ -28,7 +33,12 @@ RULES = (chordal_only("robust"),)
 @tells_unwritten("out")
 def command(
     graph: Annotated[
-        str, typer.Argument(metavar="GRAPH|-", help="Graph file or dataset name; - for a pipe.")
+        str,
+        typer.Argument(
+            metavar="GRAPH|-",
+            autocompletion=graphs,
+            help="Graph file or dataset name; - for a pipe.",
+        ),
     ],
     every: Annotated[
         int,

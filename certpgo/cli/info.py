@@ -20,6 +20,12 @@ if TYPE_CHECKING:
     from certpgo.solve.diagnostics import Spectrum, Structure, Symmetry
 
 
+EXAMPLES = (
+    "certpgo info graph.g2o",
+    "certpgo info sphere2500 --json",
+)
+
+
 @takes_reading
 def command(
     graphs: GraphNames,

@@ -18,6 +18,10 @@ from certpgo.errors import CertPGOError, how_to_install
 if TYPE_CHECKING:
     from certpgo.optimize.solution import Solver
 
+EXAMPLES = (
+    "certpgo list methods",
+    "certpgo list datasets formats",
+)
 Rows = list[dict[str, str]]
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from certpgo.cli import _verdict
+from certpgo.cli._completion import graphs
 from certpgo.cli._interrupting import tells_unwritten
 from certpgo.cli._options import Json
 from certpgo.cli._outputs import Outputs, Result, emit
@@ -20,11 +21,17 @@ if TYPE_CHECKING:
     from certpgo.solve.merging import Merged
 
 
+EXAMPLES = ("certpgo merge first.g2o second.g2o --between loops.g2o -o map.g2o",)
+
+
 @takes_reading
 @tells_unwritten("out")
 def command(
     maps: Annotated[
-        list[str], typer.Argument(metavar="MAP MAP...", help="Graphs: files or dataset names.")
+        list[str],
+        typer.Argument(
+            metavar="MAP MAP...", autocompletion=graphs, help="Graphs: files or dataset names."
+        ),
     ],
     between: Annotated[
         str, typer.Option("--between", help="Graph with the measurements between the maps.")

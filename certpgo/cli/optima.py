@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
-from certpgo.cli._options import CostOption, Json, graphs_beginning_with
+from certpgo.cli._completion import graphs
+from certpgo.cli._options import CostOption, Json
 from certpgo.cli._proving import REFUSED
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._rules import Rule
@@ -22,6 +23,11 @@ if TYPE_CHECKING:
     from certpgo.optima import Register
     from certpgo.optima.adding import Added
 
+EXAMPLES = (
+    "certpgo optima",
+    "certpgo optima graph.g2o --estimate estimate.tum",
+    "certpgo optima --verify",
+)
 #: Seconds for a check in integers with --exact --add.
 EXACT = 120.0
 RULES = (
@@ -43,7 +49,7 @@ def command(
         str | None,
         typer.Argument(
             metavar="[GRAPH]",
-            autocompletion=graphs_beginning_with,
+            autocompletion=graphs,
             help="Graph file, or dataset name; without one, the register is listed.",
             show_default=False,
         ),

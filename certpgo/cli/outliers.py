@@ -31,6 +31,10 @@ if TYPE_CHECKING:
     from certpgo.solve.result import CertifiedSolution
 
 
+EXAMPLES = (
+    "certpgo outliers graph.g2o",
+    "certpgo outliers graph.g2o -o rejected.csv",
+)
 #: Seconds for proofs about single measurements, without a limit of the user's.
 PROOFS = 60.0
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from certpgo.cli._completion import graphs as graphs_named
 from certpgo.cli._interrupting import tells_unwritten
 from certpgo.cli._options import CostOption, Json, tier_for, time_limit_option
 from certpgo.cli._outputs import Outputs, refuse_overwriting
@@ -33,6 +34,11 @@ if TYPE_CHECKING:
     from certpgo.checker import Answer
     from certpgo.solve.prove_files import Attempt
 
+EXAMPLES = (
+    "certpgo prove graph.g2o",
+    "certpgo prove maps/*.g2o -o proofs --badge proven.svg",
+    "certpgo prove graph.g2o --within 0.05m,0.2deg",
+)
 #: A badge: width of both halves, the label, and the message with its colour.
 _BADGE = """<svg xmlns="http://www.w3.org/2000/svg" width="190" height="20"
 role="img" aria-label="{0}"><title>{0}</title><rect width="90" height="20" fill="#555"/>
@@ -63,7 +69,10 @@ def _distance(text: str) -> _Distance:
 
 @tells_unwritten("badge")
 def command(
-    graphs: Annotated[list[str], typer.Argument(metavar="GRAPH...", help="Files of graphs.")],
+    graphs: Annotated[
+        list[str],
+        typer.Argument(metavar="GRAPH...", autocompletion=graphs_named, help="Files of graphs."),
+    ],
     cost: CostOption = None,
     out: Annotated[
         Path | None,

@@ -25,6 +25,10 @@ if TYPE_CHECKING:
     from certpgo.registration.sequences import FrameSequence
     from certpgo.registration.stages import Progress
 
+EXAMPLES = (
+    "certpgo reconstruct frames/ -o scene.ply",
+    "certpgo reconstruct frames/ -o scene.ply --trajectory poses.tum",
+)
 _EITHER = "give a folder of frames, or --synthetic"
 RULES = (
     Rule(_EITHER, "folder", "synthetic"),
@@ -183,9 +187,8 @@ def command(
 ) -> int:
     """Reconstruct a scene from RGB-D frames, and certify the trajectory.
 
-    Frames are registered in pairs by keypoints and generalized ICP, and the pose graph is solved
-    with a certificate. It says that no trajectory fits the kept measurements better. It does not
-    say that images were matched to the right places: see how well loops agree.
+    Frames are registered in pairs, and the pose graph is solved with a certificate. It does not say
+    that images were matched to the right places: see how well loops agree.
 
     With --frames, FOLDER is a pose graph. It is solved and certified, and frames are fused at its
     poses. Node ids are frame numbers.

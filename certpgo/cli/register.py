@@ -23,6 +23,10 @@ if TYPE_CHECKING:
     from certpgo.registration.scans import Scan
     from certpgo.registration.submaps import SubmapRegistration
 
+EXAMPLES = (
+    "certpgo register scans/*.ply -o scene.ply",
+    "certpgo register scans/*.pcd -o scene.ply --graph scans.g2o",
+)
 #: What the verdict leaves open.
 LIMITS = (
     "the verdict says that no poses fit the measured pairs better, not that the right surfaces "

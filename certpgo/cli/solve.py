@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from certpgo.cli._completion import formats, inputs, methods
 from certpgo.cli._help import JUDGING, SEARCH
 from certpgo.cli._interrupting import ends_at_once, tells_unwritten
 from certpgo.cli._logarithms import fitted
@@ -49,6 +50,12 @@ if TYPE_CHECKING:
     from certpgo.optimize.solution import Solver
     from certpgo.solve.outliers import Disagreement
 
+EXAMPLES = (
+    "certpgo solve graph.g2o -o solution.g2o",
+    "certpgo solve graph.g2o --proof solution.cert --html solution.html",
+    "certpgo solve graph.g2o --robust --cost gtsam",
+    "certpgo solve sphere2500 --method newton --cost chordal",
+)
 _CONNECTED = "--{option} needs a connected graph and a certified estimate"
 _UNSTATED = "certifies nothing that a page or proof could state"
 RULES = (
@@ -98,7 +105,10 @@ def command(
     format: Annotated[
         str | None,
         typer.Option(
-            "--format", metavar="NAME", help="Format of --out; by default from its suffix."
+            "--format",
+            metavar="NAME",
+            autocompletion=formats,
+            help="Format of --out; by default from its suffix.",
         ),
     ] = None,
     html: HtmlOut = None,
@@ -130,6 +140,7 @@ def command(
         typer.Option(
             "--method",
             metavar="NAME",
+            autocompletion=methods,
             rich_help_panel=SEARCH,
             help="Use another method (certpgo list methods), under the chordal cost.",
         ),
@@ -153,6 +164,7 @@ def command(
         typer.Option(
             "--initial",
             metavar="FILE",
+            autocompletion=inputs,
             rich_help_panel=SEARCH,
             help="Initial estimate: a file or dataset.",
         ),

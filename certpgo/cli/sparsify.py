@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from certpgo.solve.sparsifying import Sparsified
 
 
+EXAMPLES = ("certpgo sparsify graph.g2o --keep 0.5 -o sparse.g2o",)
+
+
 class By(StrEnum):
     """What loop closures are chosen by."""
 

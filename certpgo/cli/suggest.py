@@ -10,6 +10,11 @@ from certpgo.cli._options import GraphName, Json, note_distances_uncounted
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, table, working
 
+EXAMPLES = (
+    "certpgo suggest graph.g2o",
+    "certpgo suggest graph.g2o --within 5",
+)
+
 
 @takes_reading
 def command(

@@ -24,6 +24,12 @@ if TYPE_CHECKING:
     from certpgo.view.scene import Scene
 
 
+EXAMPLES = (
+    "certpgo view graph.g2o",
+    "certpgo view graph.g2o estimate.tum --html scene.html",
+)
+
+
 class Colour(StrEnum):
     """The numbers that colour edges."""
 

@@ -206,8 +206,15 @@ def folder_to_write(folder: Path) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{folder}: cannot write there: {error.strerror}") from None
+        raise unwritable_folder(folder, error) from None
     return folder
+
+
+def unwritable_folder(folder: Path, error: OSError) -> InputError:
+    """The error that a folder cannot be made, or written to."""
+    is_file = isinstance(error, FileExistsError | NotADirectoryError)
+    reason = "a file is there, not a folder" if is_file else error.strerror
+    return InputError(f"{folder}: cannot write there: {reason}")
 
 
 def is_stream(path: Path) -> bool:

@@ -1,9 +1,11 @@
 """Help: groups, sections and narrow terminals; near matches and arguments in the wrong order."""
 
+import shlex
+
 import pytest
 
-from certpgo.cli import EXIT_CODES, command_names
-from certpgo.cli._help import GROUPS, OTHERS, in_groups
+from certpgo.cli import EXIT_CODES, _completion, command_names
+from certpgo.cli._help import GROUPS, LINES, OTHERS, in_groups
 
 
 def test_every_command_is_in_one_group_and_most_used_groups_come_first():
@@ -38,12 +40,15 @@ def test_no_line_is_wide_and_no_option_is_broken(certpgo, monkeypatch, name, col
             for option in parameter.opts if parameter.param_type_name == "option" else ():
                 assert any(option in line.replace(",", " ").split() for line in text.splitlines())
     assert "…" not in text
+    assert "Examples:\n" in text
+    if columns == 80:
+        assert len(text.splitlines()) <= LINES
     # A metavar is not broken; it alone may be wider than a very narrow terminal.
     assert max(map(len, text.splitlines())) <= max(columns, 72)
 
 
 def test_common_options_of_solve_come_first(certpgo):
-    text = certpgo("solve", "--help").out
+    text = certpgo("solve", "--help-all").out
     order = ["--cost", "-o, --out", "--html", "--json", "How it is solved", "--method", "Reading"]
     places = [text.index(f"\n{start}{word}") for word in order for start in ("  " * ("-" in word),)]
     assert places == sorted(places)
@@ -77,14 +82,77 @@ def test_a_proof_before_its_graph_is_recognised(certpgo, square, tmp_path):
     assert done.err.strip().endswith(f"graph comes first: certpgo check {square} {proof}")
 
 
-def test_completion_names_files_and_datasets(square, monkeypatch):
-    from certpgo.cli._options import graphs_beginning_with
+def test_all_of_the_help_explains_what_the_short_one_names(certpgo):
+    short, whole = certpgo("solve", "--help").out, certpgo("solve", "--help-all").out
+    assert "More (certpgo solve --help-all):" in short
+    assert "More" not in whole
+    for said in ("Which components of a disconnected graph to use.", "Probability of --regions"):
+        assert said in whole
+        assert said not in short
+    assert certpgo("check", "--help").out == certpgo("check", "--help-all").out
 
+
+@pytest.mark.parametrize("name", command_names())
+def test_examples_are_command_lines_that_are_understood(name):
+    import typer.main
+
+    from certpgo.cli import application
+
+    own = typer.main.get_command(application([name])).commands[name]
+    assert own.epilog
+    for line in own.epilog.splitlines():
+        words = shlex.split(line)
+        words = words[words.index("certpgo") + 1 :]
+        assert words[0] == name
+        own.make_context(name, words[1:])  # wrong options raise
+        assert len(line) <= 70
+
+
+def test_completion_names_files_and_datasets(square, monkeypatch):
     monkeypatch.chdir(square.parent)
     (square.parent / "squares").mkdir()
-    assert graphs_beginning_with("squ") == ["square.g2o", "squares/"]
-    assert "sphere2500" in graphs_beginning_with("sph")
-    assert graphs_beginning_with(f"{square.parent}/square.") == [str(square)]
+    assert _completion.graphs("squ") == ["square.g2o", "squares/"]
+    assert "sphere2500" in _completion.graphs("sph")
+    assert "sphere2500_groundtruth" not in _completion.graphs("sph")
+    assert "sphere2500_groundtruth" in _completion.inputs("sph")
+    assert _completion.graphs(f"{square.parent}/square.") == [str(square)]
+
+
+@pytest.mark.parametrize(
+    ("begun", "offered"),
+    [
+        (["solve", "x", "--method", "block"], {"block_coordinate_descent"}),
+        (["solve", "x", "--cost", ""], {"chordal", "g2o", "gtsam"}),
+        (["solve", "x", "--format", "tu"], {"tum"}),
+        (["solve", "x", "--tier", "p"], {"proof"}),
+        (["compare", "x", "--methods", "newton,block"], {"newton,block_coordinate_descent"}),
+        (["fetch", "torus3"], {"torus3D"}),
+        (["list", "me"], {"methods"}),
+        (["reproduce", "eriksson2018_t"], {"eriksson2018_table1", "eriksson2018_table2"}),
+    ],
+)
+def test_a_shell_is_offered_the_values_of_options(certpgo, monkeypatch, begun, offered):
+    monkeypatch.setenv("_CERTPGO_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", " ".join(["certpgo", *begun]))
+    monkeypatch.setenv("COMP_CWORD", str(len(begun)))
+    assert {*certpgo().out.split()} == offered
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (("--keep", "foo"), "'foo' is not one of all, first, last."),
+        (("--time-limit", "x"), "'x' is not a number of at least 0."),
+        (("--max-rank", "1"), "'1' is not a whole number of at least 2."),
+        (("--kappa", "x"), "'x' is not a number."),
+    ],
+)
+def test_a_wrong_value_is_told_in_our_words(certpgo, square, given, said):
+    assert certpgo("solve", square, *given).err.endswith(f"{said}\n")
+
+
+def test_the_wrong_one_of_several_values_is_named(certpgo):
+    assert "'nothing' is not one of methods," in certpgo("list", "methods", "nothing").err
 
 
 def test_outputs_have_the_same_names(certpgo):

@@ -1,6 +1,7 @@
 """Values of options are those of Typer's own conversion, which takes Pydantic."""
 
 import os
+import re
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -42,6 +43,7 @@ KINDS = [
     (list[Colour], {}),
     (int, {"parser": even}),
 ]
+PATHS = (Path, list[str])
 TEXTS = ["", " ", "a", "-", "0", "-0", "007", "5", "+5", "-5", "1_0", " 7 ", "6", "9" * 20]
 TEXTS += ["0.5", ".5", "5.", "1e3", "1E-3", "1e999", "-1e-9", "nan", "inf", "0x10", "\u0665"]
 TEXTS += ["red", "RED", "dark-red", "DARK", "true", "/nowhere/at/all", "/", os.devnull, "a\x1bb"]
@@ -66,4 +68,9 @@ def taken(cls, kind, options, texts):
 def test_values_are_those_of_typer(kind, options):
     for texts in [[], *([text] for text in TEXTS), ["5", "red"], ["red", "red"]]:
         ours, theirs = (taken(cls, kind, options, texts) for cls in (HelpfulCommand, TyperCommand))
-        assert ours == theirs, texts
+        if isinstance(theirs, str) and "parser" not in options and kind not in PATHS:
+            assert isinstance(ours, str), texts
+            assert " is not " in ours
+            assert not re.search("Value error|Input should", ours)
+        else:
+            assert ours == theirs, texts

@@ -142,7 +142,7 @@ def test_a_file_without_records_is_not_left_behind(tmp_path):
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(InputError, match=r"file: cannot write there: File exists"):
+    with pytest.raises(InputError, match=r"file: cannot write there: a file is there"):
         Journal(tmp_path / "file", "r", Record)
 
 

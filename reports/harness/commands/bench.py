@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from certpgo.cli._completion import one_of
 from certpgo.cli._interrupting import INTERRUPTED
 from certpgo.cli._show import document, notice, table, working
 from certpgo.errors import InputError, SpecError
@@ -20,11 +21,18 @@ if TYPE_CHECKING:
     from reports.harness.speed.measuring import SpeedRecord
 
 
+EXAMPLES = (
+    "certpgo bench speed --quick",
+    "certpgo bench zoo --campaign 1000",
+)
+
+
 def command(
     what: Annotated[
         str,
         typer.Argument(
             metavar="scale|speed|zoo",
+            autocompletion=one_of(("scale", "speed", "zoo")),
             help="scale: time and memory. speed: against others. zoo: certifiers.",
         ),
     ],

@@ -14,6 +14,7 @@ from certpgo.errors import InputError
 if TYPE_CHECKING:
     from reports.harness.experiments.regression import GateFindings, Key, Movement, Records
 
+EXAMPLES = ("certpgo gate",)
 #: Exit code when a value got worse or differs.
 FAILED = 7
 #: How many records are named of those on one side alone; --json has all.

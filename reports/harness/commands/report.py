@@ -9,6 +9,11 @@ import typer
 
 from certpgo.cli._show import notice, working
 
+EXAMPLES = (
+    "certpgo report",
+    "certpgo report --results compare-results -o report",
+)
+
 
 def command(
     results: Annotated[

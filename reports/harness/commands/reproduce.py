@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from certpgo.cli._completion import experiments
 from certpgo.errors import InputError
 from reports.harness.commands._reports import Order
 from reports.harness.commands._tables import run_all, run_report
@@ -15,9 +16,18 @@ if TYPE_CHECKING:
     from reports.harness.experiments.execute import Pool
 
 
+EXAMPLES = (
+    "certpgo reproduce eriksson2018_table1 --quick",
+    "certpgo reproduce --all --workers 2",
+)
+
+
 def command(
     name: Annotated[
-        str | None, typer.Argument(metavar="NAME", help="See list tables, list figures.")
+        str | None,
+        typer.Argument(
+            metavar="NAME", autocompletion=experiments, help="See list tables, list figures."
+        ),
     ] = None,
     every: Annotated[bool, typer.Option("--all", help="All tables and figures.")] = False,
     seeds: Annotated[

@@ -12,8 +12,9 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from certpgo.errors import FormatError, InputError
+from certpgo.errors import FormatError
 from certpgo.io.json_values import plain
+from certpgo.io.writing import unwritable_folder
 
 Entry = TypeVar("Entry", bound="JournalEntry")
 
@@ -110,7 +111,7 @@ class Journal(Generic[Entry]):
                 stream.seek(0)
                 stream.truncate(stream.read().rfind(b"\n") + 1)
         except OSError as error:
-            raise InputError(f"{folder}: cannot write there: {error.strerror}") from None
+            raise unwritable_folder(folder, error) from None
         for entry in read_entries(self.path, kind):
             self._index(entry)
 
