@@ -5,6 +5,7 @@
 # make paper     the manuscript and the software paper, into build/paper; needs pandoc and LaTeX
 # make docs      the site, into build/docs, lessons run; make linkcheck looks its outside links up
 # make dist      a wheel and an sdist, into dist
+# make release ADDRESS=https://... DATE=2027-01-31   fills in where and when it is released
 # make setup     the environment alone
 
 PYTHON ?= python3
@@ -18,7 +19,7 @@ COMPARE := $(VENV)/.installed-baselines
 DEVELOP := $(VENV)/.installed-dev
 DOCS := $(VENV)/.installed-docs
 
-.PHONY: compare test types tests gate formal paper docs linkcheck dist setup clean
+.PHONY: compare test types tests gate formal paper docs linkcheck dist release setup clean
 
 compare: $(COMPARE)
 	@$(BIN)/certpgo compare
@@ -54,6 +55,13 @@ linkcheck: $(DOCS)
 
 dist: $(DEVELOP)
 	$(BIN)/python -m build --outdir dist
+
+# The placeholders: the address in README.md, CITATION.cff and docs; the date in the citation.
+release:
+	@test -n "$(ADDRESS)" -a -n "$(DATE)" || { echo "make release ADDRESS=https://... DATE=2027-01-31"; exit 1; }
+	@git grep -lF -e https://example.org/certpgo -e '{YEAR}' -e '# date-released: DATE' -- '*.md' '*.cff' | xargs sed -i \
+		-e 's|https://example.org/certpgo|$(ADDRESS)|g' -e 's|{YEAR}|{$(firstword $(subst -, ,$(DATE)))}|' \
+		-e 's|# date-released: DATE|date-released: $(DATE)|'
 
 setup: $(DEVELOP)
 

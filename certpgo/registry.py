@@ -192,12 +192,14 @@ def unknown_method(name: str, known: Iterable[str]) -> SpecError:
 
 # --- The checkout
 
+_FOLDERS = ("baselines", "reports")
+
 
 def repository() -> Path:
     """The root of the checkout, which holds ``baselines`` and ``reports``.
 
-    It is the folder in the environment variable ``CERTPGO_REPOSITORY``, else the one that contains
-    the package, else the working directory.
+    It is the folder in the environment variable ``CERTPGO_REPOSITORY``, which needs only one of the
+    two; else the one that contains the package, else the working directory.
 
     Raises
     ------
@@ -212,8 +214,10 @@ def repository() -> Path:
 
 def checkout() -> Path | None:
     """The root of the checkout, or None; see `repository`."""
-    named = os.environ.get(REPOSITORY_VARIABLE)
-    return next(filter(_is_complete, [Path(named).resolve()] if named else _places()), None)
+    if named := os.environ.get(REPOSITORY_VARIABLE):
+        root = Path(named).resolve()
+        return root if any((root / folder).is_dir() for folder in _FOLDERS) else None
+    return next(filter(_is_complete, _places()), None)
 
 
 def source() -> Path:
@@ -312,7 +316,7 @@ def _places() -> Iterator[Path]:
 
 
 def _is_complete(root: Path) -> bool:
-    return (root / "baselines").is_dir() and (root / "reports").is_dir()
+    return all((root / folder).is_dir() for folder in _FOLDERS)
 
 
 def _stems(folder: Path) -> tuple[str, ...]:

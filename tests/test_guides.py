@@ -6,6 +6,7 @@ import io
 import re
 import shlex
 import shutil
+import subprocess
 import warnings
 from pathlib import Path
 
@@ -132,3 +133,22 @@ def test_the_entry_to_cite_is_that_of_the_citation_file():
     version = re.search(r"^version: (.*)$", file, flags=re.MULTILINE)[1]
     assert f"title   = {{{title}}}" in cited
     assert f"version = {{{version}}}" in cited
+
+
+def test_a_release_fills_in_the_address_and_the_date_everywhere(tmp_path):
+    address, root = "https://forge.example/certpgo", DOCS.parent
+    for name in ("Makefile", "README.md", "CITATION.cff", "docs/citing.md"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        shutil.copy(root / name, tmp_path / name)
+    for command in (["git", "init", "-q"], ["git", "add", "."]):
+        subprocess.run(command, cwd=tmp_path, check=True)
+    make = ["make", "release", f"ADDRESS={address}", "DATE=2031-02-03"]
+    subprocess.run(make, cwd=tmp_path, check=True)
+    texts = [(tmp_path / name).read_text() for name in ("README.md", "CITATION.cff")]
+    cited = (tmp_path / "docs/citing.md").read_text()
+    assert address in texts[0]
+    assert f"repository-code: {address}\n" in texts[1]
+    assert "\ndate-released: 2031-02-03\n" in texts[1]
+    assert "year    = {2031}" in cited
+    assert f"url     = {{{address}}}" in cited
+    assert "example.org" not in "".join([*texts, cited])

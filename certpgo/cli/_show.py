@@ -147,8 +147,12 @@ def table(
     width = _terminal() or shutil.get_terminal_size((WIDTH, 0)).columns
     console = Piped(width=width)
     header, rows, left_out = _fitted(header, list(rows), console.width, optional)
-    shown = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
     columns = list(zip(header, *rows, strict=True))
+    if sum(_needed(columns, width)) + GUTTER * len(columns) > width:
+        for line in _listed(title, header, rows):
+            typer.echo(line)
+        return
+    shown = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
     for column, wide in zip(columns, _widths(columns, width), strict=True):
         shown.add_column(Text(column[0]), overflow="fold", min_width=wide, max_width=wide)
     for row in rows:
@@ -158,6 +162,16 @@ def table(
         console.print(Text(f"Not shown at this width: {', '.join(left_out)}."))
     if caption:
         console.print(Text(caption))
+
+
+def _listed(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
+    """A table as lines, a cell each, for a terminal that it does not fit."""
+    yield title
+    for first, *others in rows:
+        yield f"\n{first}"
+        yield from (
+            f"  {name}: {cell}" for name, cell in zip(header[1:], others, strict=True) if cell
+        )
 
 
 def _fitted(

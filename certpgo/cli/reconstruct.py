@@ -262,12 +262,14 @@ class _Reconstructed(Result):
 
     def show(self, outputs: Outputs) -> None:
         from certpgo.certify.wording import named_cost
+        from certpgo.graph.phrases import cost_shown
 
         found, certificate = self.found, self.found.averaged.answer.certificate
+        cost = named_cost(certificate.objective)
         _verdict.headline(certificate)
         facts(
             [
-                ("cost", f"{named_cost(certificate.objective)}, of the kept edges"),
+                ("cost", f"{cost_shown(certificate.cost_upper)}  ({cost} of the kept edges)"),
                 *found.consistency(),
                 *(("written", str(path)) for path in outputs.files),
             ]

@@ -208,7 +208,7 @@ class _Registered(Result):
             ]
         if found.solution is not None:
             _verdict.headline(found.solution.certificate)
-        facts([*lines, ("written", str(outputs.scene))])
+        facts([*lines, *(("written", str(path)) for path in outputs.files)])
         if found.solution is not None and found.instance is not None:
             typer.echo()
             _verdict.show(found.solution.certificate, found.instance, fit=found.fit)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from certpgo.certify.certificate import Verdict
 from certpgo.certify.proof_file import provable
@@ -16,6 +17,8 @@ from certpgo.io.writing import folder_to_write
 from certpgo.objective.choose_cost import own_cost
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.solution import Status
+from certpgo.solve.accuracy_wording import hint
+from certpgo.solve.outliers import Disagreement
 from certpgo.solve.proving import seen_from, write_proof
 from certpgo.solve.result import CertifiedSolution
 from certpgo.solve.solving import solve
@@ -58,7 +61,10 @@ def attempt(
         notices = instance.notices
         seen = None if within is None else _seen(instance, within, reference)
         provable(graph, instance, cost or own_cost(instance))
-        answer = solve(instance, cost=cost, tier="proof", time_limit=time_limit, monitor=monitor)
+        found: list[Disagreement] = []
+        how: dict[str, Any] = {"cost": cost, "time_limit": time_limit, "monitor": monitor}
+        answer = solve(instance, tier="proof", on_disagreement=found.append, **how)
+        notices += tuple(map(hint, found))
         return _proven(graph, Path(proof), answer, within, seen), notices
     except CertPGOError as error:
         return error, notices
@@ -82,7 +88,7 @@ def _proven(
     if answer.solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
     if answer.verdict is not Verdict.CERTIFIED or answer.instance is None:
-        raise NumericalError(answer.certificate.reason)
+        raise NumericalError(f"{answer.verdict}: {answer.certificate.reason}")
     folder_to_write(proof.parent)
     proven = answer.instance, answer.estimate, answer.certificate
     return write_proof(proof, graph, *proven, within=within, reference=seen)

@@ -28,6 +28,8 @@ COLUMNS = (
     ("in print", ""),
     ("remarks", ""),
 )
+#: The columns' titles before the cells of a narrow screen.
+PLAIN_COLUMNS = tuple((title.replace("<sup>2</sup>", "^2"), below) for title, below in COLUMNS)
 #: Points of a drawing, and its size in pixels.
 POINTS, SIZE = 150, 56
 
@@ -97,11 +99,11 @@ def row(register: Register, o: Optimum, picture: str) -> str:
         (printed, None),
         (" ".join(said), None),
     )
-    made = "".join(
-        f"<td>{text}</td>" if key is None else f'<td data-key="{key}">{text}</td>'
-        for text, key in cells
-    )
-    return f"<tr>{made}</tr>"
+    made = [
+        (f'data-title="{title}"' + ("" if key is None else f' data-key="{key}"'), text)
+        for (title, _), (text, key) in zip(PLAIN_COLUMNS, cells, strict=True)
+    ]
+    return "<tr>" + "".join(f"<td {given}>{text}</td>" for given, text in made) + "</tr>"
 
 
 def proof(o: Optimum) -> str:

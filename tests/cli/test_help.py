@@ -175,6 +175,13 @@ def test_no_cell_of_a_table_is_cut(certpgo, square, monkeypatch, columns):
             assert word in words
 
 
+def test_a_table_that_does_not_fit_is_a_list(certpgo, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "40")
+    text = certpgo("list", "datasets").out
+    assert "\nsphere2500\n  holds: graph\n  d: 3\n  nodes: 2500\n" in text
+    assert "─" not in text
+
+
 def test_the_usage_line_has_dots_once(certpgo):
     assert (
         certpgo("solve", "--help").out.splitlines()[0] == "Usage: certpgo solve [OPTIONS] GRAPH..."
