@@ -41,8 +41,8 @@ class Verdict(StrEnum):
     ----------
     CERTIFIED : the gap is proven to be at most rtol F + atol W, of which the latter is no more than
         0.001 F; or every residual is rounding, and so is the cost
-    REFUTED : a lower-cost estimate is known that descent from this one does not reach, or was given
-        up far from
+    REFUTED : a better estimate is known. Descent from this one does not reach it, or was given up
+        far from it
     BOUNDED : a gap is proven, but it is larger than that
     UNDECIDED : no useful bound was found
 

@@ -174,7 +174,12 @@ class _Results:
     @property
     def files(self) -> tuple[Path, ...]:
         """All files that are written."""
-        return self.path, self.partial, self.path.with_suffix(".md")
+        return self.path, self.partial, *self.tables
+
+    @property
+    def tables(self) -> tuple[Path, Path]:
+        """The files that show the results: Markdown and LaTeX."""
+        return self.path.with_suffix(".md"), self.path.with_suffix(".tex")
 
     @contextmanager
     def kept(self) -> Iterator[None]:
@@ -191,13 +196,14 @@ class _Results:
             if not isinstance(error, KeyboardInterrupt):
                 notice(kept)
                 raise
-            tell_interrupted(kept, [self.path, self.path.with_suffix(".md")])
+            tell_interrupted(kept, [self.path, *self.tables])
             self.interrupted = True
 
     def told(self) -> int:
         """Say what was written and left out; returns the exit code."""
         if not self.interrupted:
-            notice(f"results written to {self.path} and {self.path.with_suffix('.md')}")
+            tables = " and ".join(map(str, self.tables))
+            notice(f"results written to {self.path}, and as tables to {tables}")
         for reason in self.left_out:
             notice(reason)
         return INTERRUPTED if self.interrupted else int(bool(self.left_out))
@@ -230,7 +236,8 @@ class _Results:
         """Replace the results of an earlier run."""
         from certpgo.io.writing import write_text, write_whole
 
-        write_text(self.path.with_suffix(".md"), _markdown(self.rows))
+        for path, text in zip(self.tables, (_markdown, _latex), strict=True):
+            write_text(path, text(self.rows))
         write_whole(self.path, self.partial.read_bytes())
         self.partial.unlink()
 
@@ -313,6 +320,20 @@ def _markdown(results: Sequence[MethodResult]) -> str:
     for sentence in notes(results):
         lines += [sentence, ""]
     return "\n".join(lines)
+
+
+def _latex(results: Sequence[MethodResult]) -> str:
+    from certpgo.solve.comparison_table import title
+    from certpgo.view.latex_tables import escaped, latex_table
+
+    lines = ["% needs \\usepackage{booktabs}"]
+    for _, group in itertools.groupby(results, key=lambda result: (result.graph, result.nodes)):
+        rows = list(group)
+        if rows[0].method:
+            lines += latex_table(*_section(rows, hidden=("by phase",)))
+        else:
+            lines += [f"\\par {escaped(f'{title(rows[0])}: {rows[0].error}')}"]
+    return "\n".join([*lines, ""])
 
 
 def _announce(sources: Sequence[Source], names: Sequence[str] | None) -> None:

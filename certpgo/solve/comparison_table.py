@@ -12,13 +12,13 @@ from certpgo.solve.comparison import OF_THE_FILE, MethodResult
 
 TITLE = "Methods side by side, every estimate certified by the same procedure"
 _ON_COSTS = (
-    "{cost}, f_ML the log-likelihood of Moreira's thesis, with unit weights. The gap is proven: no "
-    "estimate of the graph costs less than this one by more than the gap; so is how far it is off: "
-    "in no optimum is any node further from where it is here, seen from one pose. If a method "
-    "rejects measurements (see the share kept), {name}, gap, verdict and distance refer to the "
-    "kept ones, f_ML to all. CERTIFIED: the gap is at most {tolerance}. BOUNDED: it is larger. "
-    "REFUTED: a lower-cost estimate is known that local descent from this one does not reach, or "
-    "was given up far from."
+    "{cost}. f_ML is the log-likelihood of Moreira's thesis, with unit weights. No estimate of the "
+    "graph costs less than this one by more than the gap. In no optimum is any node further from "
+    "where it is here than the distance 'off by', seen from one pose. Both are proven. If a method "
+    "rejects measurements (see the share kept), {name}, gap, verdict and distance are about the "
+    "kept ones, and f_ML about all. CERTIFIED: the gap is at most {tolerance}. BOUNDED: it is "
+    "larger. REFUTED: a better estimate is known, and local descent from this one does not reach "
+    "it."
 )
 #: Notes printed below the tables; see `notes`.
 NOTES = (

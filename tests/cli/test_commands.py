@@ -368,9 +368,16 @@ def test_compare_prints_and_writes(certpgo, square, tmp_path):
     done = certpgo("compare", square, *methods, "--out", out)
     assert done.code == 0
     assert "CERTIFIED" in done.out
-    assert sorted(path.name for path in out.iterdir()) == ["compare.jsonl", "compare.md"]
+    assert sorted(path.name for path in out.iterdir()) == [
+        "compare.jsonl",
+        "compare.md",
+        "compare.tex",
+    ]
     assert [found["method"] for found in results(out)] == ["spanning_tree", "eigen_ma + newton"]
     assert "| spanning_tree |" in (out / "compare.md").read_text()
+    tex = (out / "compare.tex").read_text()
+    assert "\\nspanning\\_tree & " in tex
+    assert tex.count("\\begin{tabular}") == tex.count("\\end{tabular}") > 0
 
 
 def test_compare_shows_columns_and_notes_that_say_something(certpgo, square, tmp_path):
@@ -421,7 +428,11 @@ def test_compare_writes_through_a_link(certpgo, square, tmp_path):
     assert certpgo("compare", square, "--methods", "spanning_tree", "--out", out).code == 0
     assert (out / "compare.jsonl").is_symlink()
     assert len(elsewhere.read_text().splitlines()) == 1
-    assert sorted(path.name for path in out.iterdir()) == ["compare.jsonl", "compare.md"]
+    assert sorted(path.name for path in out.iterdir()) == [
+        "compare.jsonl",
+        "compare.md",
+        "compare.tex",
+    ]
 
 
 def test_compare_reads_as_it_is_told(certpgo, square, tmp_path):
