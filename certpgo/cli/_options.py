@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from certpgo.cli._completion import graphs, one_of
+from certpgo.cli._completion import graphs, inputs, one_of
 from certpgo.cli._help import JUDGING, MATCHING
 from certpgo.cli._show import notice
 from certpgo.errors import InputError, SpecError
@@ -187,6 +187,16 @@ def tier_for(proof: Path | None, tier: str | None, cost: str | None) -> str | No
         known = " and ".join([CHORDAL, *(name for name in COSTS if COSTS[name].provable)])
         raise InputError(f"--proof is for --cost {known}, not for --cost {cost}")
     return tier or "proof"
+
+
+def estimate_argument(help: str) -> Any:
+    """The argument ESTIMATE of a command, with what it is there."""
+    return typer.Argument(metavar="ESTIMATE", autocompletion=inputs, help=help)
+
+
+def tolerance_option(name: str, help: str) -> Any:
+    """The option for a tolerance of verdicts."""
+    return typer.Option(f"--{name}", metavar="R", rich_help_panel=JUDGING, help=help)
 
 
 def time_limit_option(help: str, default: str | bool = True) -> Any:

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from certpgo.cli._completion import inputs
 from certpgo.cli._interrupting import ends_at_once
-from certpgo.cli._options import GraphName, Json, MaxDifference, Timestamps
+from certpgo.cli._options import GraphName, Json, MaxDifference, Timestamps, estimate_argument
 from certpgo.cli._reading import Reading, covered, restricted_to, takes_reading
 from certpgo.cli._show import document, facts, notice, table, working
 from certpgo.cli._swapped import graph_comes_first
@@ -33,11 +32,7 @@ def command(
     graph: GraphName,
     estimate: Annotated[
         str | None,
-        typer.Argument(
-            metavar="ESTIMATE",
-            autocompletion=inputs,
-            help="Estimate to judge (default: the best found).",
-        ),
+        estimate_argument("Estimate to judge (default: the best found)."),
     ] = None,
     sdp: Annotated[
         bool, typer.Option("--sdp", help="Also solve the semidefinite program (slow).")

@@ -12,7 +12,6 @@ import typer
 
 from certpgo.cli import _verdict
 from certpgo.cli._cause import cause, cause_as_json, cause_of, remark_of
-from certpgo.cli._completion import inputs
 from certpgo.cli._help import JUDGING
 from certpgo.cli._interrupting import INTERRUPTED, tell_interrupted, tells_unwritten
 from certpgo.cli._next import Asked, is_better_known, steps_after
@@ -27,10 +26,12 @@ from certpgo.cli._options import (
     Reference,
     Timestamps,
     chosen_cost,
+    estimate_argument,
     require_for,
     tier_for,
     tier_option,
     time_limit_option,
+    tolerance_option,
 )
 from certpgo.cli._outputs import Outputs, Result, emit
 from certpgo.cli._paging import origin_of, write_page
@@ -88,12 +89,7 @@ OF_PARTS = (
 def command(
     graph: GraphName,
     estimates: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="ESTIMATE",
-            autocompletion=inputs,
-            help="File or dataset with poses; several need --csv.",
-        ),
+        list[str], estimate_argument("File or dataset with poses; several need --csv.")
     ],
     cost: CostOption = None,
     best: Annotated[
@@ -132,20 +128,12 @@ def command(
     tier: Annotated[str | None, tier_option("standard, or proof with --proof")] = None,
     rtol: Annotated[
         float,
-        typer.Option(
-            "--rtol",
-            metavar="R",
-            rich_help_panel=JUDGING,
-            help="Tolerance on the gap, relative to the cost.",
-        ),
+        tolerance_option("rtol", "Tolerance on the gap, relative to the cost."),
     ] = 1e-5,
     atol: Annotated[
         float,
-        typer.Option(
-            "--atol",
-            metavar="R",
-            rich_help_panel=JUDGING,
-            help="Additional tolerance, relative to the total weight W, up to 0.001 of the cost.",
+        tolerance_option(
+            "atol", "Additional tolerance, relative to the total weight W, up to 0.001 of the cost."
         ),
     ] = 1e-12,
     reference: Reference = None,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from certpgo.cli._compared import FAILED, latex, markdown, section
 from certpgo.cli._completion import graphs as graphs_named
 from certpgo.cli._completion import methods as method_names
 from certpgo.cli._interrupting import INTERRUPTED, tell_interrupted
@@ -45,9 +45,6 @@ USUAL = (
     "manhattan",
     "city10000",
 )
-FAILED = "not run or failed"
-#: Columns that are empty for most methods.
-_SPARSE = ("off by", "kept, %", "ATE", "RPE", "by phase", FAILED)
 STAND_INS = ("sphere2500.txt", "w100", "w10000")
 #: Seconds of a method per byte of a file, certified, on one core of 2024; and the least said.
 PACE, SHORT = 7e-7, 15.0
@@ -236,7 +233,7 @@ class _Results:
         """Replace the results of an earlier run."""
         from certpgo.io.writing import write_text, write_whole
 
-        for path, text in zip(self.tables, (_markdown, _latex), strict=True):
+        for path, text in zip(self.tables, (markdown, latex), strict=True):
             write_text(path, text(self.rows))
         write_whole(self.path, self.partial.read_bytes())
         self.partial.unlink()
@@ -278,62 +275,12 @@ def _compare(
             is_first = not any(result.method for result in results.rows[:before])
             typer.echo(f"{TITLE}\n" if is_first else "")
             hidden = (FAILED,) if phases else (FAILED, "by phase")
-            table(*_section(rows, hidden), optional=OPTIONAL)
+            table(*section(rows, hidden), optional=OPTIONAL)
             if (known := known_optimum(part, cost)) is not None:
                 paragraph(f"{str(known)[0].upper()}{str(known)[1:]}.")
             for result in rows:
                 if result.error:
                     paragraph(f"{result.method}: {FAILED}: {result.error}")
-
-
-def _section(
-    results: Sequence[MethodResult], hidden: Sequence[str] = ()
-) -> tuple[str, Sequence[str], list[Sequence[str]], str]:
-    """Title, header, rows and caption of the results on one graph."""
-    from certpgo.solve.comparison_table import captions, cells, columns, title
-
-    rows: list[Sequence[str]] = [cells(result) for result in results]
-    header: Sequence[str] = (*columns(results[0]), FAILED)
-    # A column for a few methods is shown where it says something.
-    shown = [
-        k
-        for k, name in enumerate(header)
-        if name not in hidden and (name not in _SPARSE or any(row[k] for row in rows))
-    ]
-    header = [header[k] for k in shown]
-    rows = [[row[k] for k in shown] for row in rows]
-    return title(results[0]), header, rows, " ".join(captions(results))
-
-
-def _markdown(results: Sequence[MethodResult]) -> str:
-    from certpgo.solve.comparison_table import TITLE, notes, title
-    from certpgo.view.markdown_tables import markdown_table
-
-    lines = [f"# {TITLE}", ""]
-    for _, group in itertools.groupby(results, key=lambda result: (result.graph, result.nodes)):
-        rows = list(group)
-        if not rows[0].method:
-            lines += [f"## {title(rows[0])}", "", rows[0].error, ""]
-            continue
-        heading, header, body, caption = _section(rows)
-        lines += [f"## {heading}", "", caption, "", *markdown_table(header, body), ""]
-    for sentence in notes(results):
-        lines += [sentence, ""]
-    return "\n".join(lines)
-
-
-def _latex(results: Sequence[MethodResult]) -> str:
-    from certpgo.solve.comparison_table import title
-    from certpgo.view.latex_tables import escaped, latex_table
-
-    lines = ["% needs \\usepackage{booktabs}"]
-    for _, group in itertools.groupby(results, key=lambda result: (result.graph, result.nodes)):
-        rows = list(group)
-        if rows[0].method:
-            lines += latex_table(*_section(rows, hidden=("by phase",)))
-        else:
-            lines += [f"\\par {escaped(f'{title(rows[0])}: {rows[0].error}')}"]
-    return "\n".join([*lines, ""])
 
 
 def _announce(sources: Sequence[Source], names: Sequence[str] | None) -> None:

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from certpgo.cli._completion import inputs
 from certpgo.cli._options import (
     CostOption,
     GraphName,
     Json,
     MaxDifference,
     Timestamps,
+    estimate_argument,
     time_limit_option,
 )
 from certpgo.cli._outputs import Outputs
@@ -41,11 +41,7 @@ def command(
     graph: GraphName,
     estimate: Annotated[
         str | None,
-        typer.Argument(
-            metavar="ESTIMATE",
-            autocompletion=inputs,
-            help="Estimate that is asked about: file or dataset.",
-        ),
+        estimate_argument("Estimate that is asked about: file or dataset."),
     ] = None,
     cost: CostOption = None,
     truth: TruthFile = None,

@@ -34,8 +34,10 @@ def _page(name: str, command: typer.core.TyperCommand) -> str:
         _HEAD.format(panel.lower()) + "".join(rows) for panel, rows in panels.items()
     )
     text = (command.help or "").replace("*", "\\*")
+    examples = "".join(f"$ {line}\n" for line in (command.epilog or "").splitlines())
     return (
-        f"# certpgo {name}\n\n```text\ncertpgo {name} {usage}\n```\n\n{text}\n\n{tables}\n"
+        f"# certpgo {name}\n\n```text\ncertpgo {name} {usage}\n```\n\n{text}\n\n"
+        f"```console\n{examples}```\n\n{tables}\n"
         "See also the [exit codes](exit-codes.md).\n"
     )
 
