@@ -376,7 +376,7 @@ def test_compare_prints_and_writes(certpgo, square, tmp_path):
     assert [found["method"] for found in results(out)] == ["spanning_tree", "eigen_ma + newton"]
     assert "| spanning_tree |" in (out / "compare.md").read_text()
     tex = (out / "compare.tex").read_text()
-    assert "\\nspanning\\_tree & " in tex
+    assert "\nspanning\\_tree & " in tex
     assert tex.count("\\begin{tabular}") == tex.count("\\end{tabular}") > 0
 
 
