@@ -27,6 +27,7 @@ ROOT = HERE.parent
 RESULTS = ROOT / "reports" / "results"
 NOTE = ROOT / "docs" / "notes" / "certificates_for_any_cost.md"
 SOFTWARE_PAPER = HERE / "paper.md"
+BENCHMARKS = ROOT / "docs" / "benchmarks.md"
 OUT = ROOT / "build" / "paper"
 
 #: The section of the note in whose place the manuscript has one of its own.
@@ -58,11 +59,27 @@ COSTS = {
     ("gtsam", "GTSAM"): "GTSAM's cost / GTSAM",
     ("chordal", "GTSAM, isotropic weights"): "chordal cost / GTSAM",
 }
+#: The rows of the documentation's tables that hold the same numbers: how often certifiers are
+#: false, with what stands before each certifier's, and times.
+FALSE_ROW = "false certificates / points tested"
+FALSE_CELLS = (
+    {"certpgo standard": ""},
+    {"se_sync_rule": "its rule: "},
+    {"gtsam_shonan": "Shonan: ", "gtsam_staircase": "staircase: "},
+    {"cora_rule": "its rule: "},
+)
+TIME_ROWS = {
+    "g2o's cost, the default, over g2o's": ("g2o", "g2o's Gauss-Newton"),
+    "GTSAM's cost, over GTSAM's": ("gtsam", "GTSAM"),
+    "chordal cost, over GTSAM's": ("chordal", "GTSAM, isotropic weights"),
+    "chordal cost, over SE-Sync, which certifies": ("chordal", "SE-Sync"),
+}
 
 
 def main() -> int:
-    """Write the software paper's tables, and the PDFs; 1 where a program is missing or fails."""
+    """Write tables and PDFs; 1 where a program is missing or fails."""
     SOFTWARE_PAPER.write_text(filled(SOFTWARE_PAPER.read_text()))
+    BENCHMARKS.write_text(benchmarks(BENCHMARKS.read_text()))
     missing = [name for name in ("pandoc", "pdflatex", "bibtex") if shutil.which(name) is None]
     if missing:
         print(
@@ -101,6 +118,34 @@ def filled(text: str) -> str:
         marks = f"(<!-- {name} -->\n).*?(<!-- /{name} -->)"
         text = re.sub(marks, lambda m, table=table: f"{m[1]}{table}\n{m[2]}", text, flags=re.DOTALL)
     return text
+
+
+def benchmarks(text: str) -> str:
+    """The documentation's page with the numbers of the records in the rows that hold them."""
+    ratios, false = _ratios(), {title: cells for title, *cells in certifiers()[1]}
+    titles: list[str] = []
+    lines = text.split("\n")
+    for k, line in enumerate(lines):
+        first, *others = [cell.strip() for cell in line.strip("|").split("|")]
+        if k + 1 < len(lines) and lines[k + 1].startswith("|---"):
+            titles = others
+        if first == FALSE_ROW:
+            cells = [_false(false, of) for of in FALSE_CELLS]
+        elif first in TIME_ROWS:
+            cells = [_two_digits(ratios.get((graph, TIME_ROWS[first]))) for graph in titles]
+        else:
+            continue
+        lines[k] = re.sub(" +", " ", f"| {' | '.join([first, *cells])} |")
+    return "\n".join(lines)
+
+
+def _false(false: dict[str, list[str]], before: dict[str, str]) -> str:
+    """Of each certifier: how often it is false, of how many points; none in bold."""
+    said = []
+    for name, prefix in before.items():
+        tested, _, wrong = false[CERTIFIERS[name]]
+        said.append(f"{prefix}{'**0**' if wrong == '0' else wrong} / {tested}")
+    return ", ".join(said)
 
 
 def optima() -> tuple[Sequence[str], list[Sequence[str]]]:
@@ -169,19 +214,24 @@ def certifiers() -> tuple[Sequence[str], list[Sequence[str]]]:
 
 def times() -> tuple[Sequence[str], list[Sequence[str]]]:
     """Seconds to a certified answer over those of Gauss-Newton in other programs."""
-    records = latest(read_entries(RESULTS / "speed.jsonl", SpeedRecord))
-    found = {
-        (record.subject, (cost, other)): record.ratio
-        for record in records
-        for cost, other in COSTS
-        if record.section == "solving"
-        and (record.what, record.against) == (f"solve, cost {cost}", other)
-    }
-    graphs = list(dict.fromkeys(graph for graph, _ in found))
+    found = _ratios()
+    graphs = list(dict.fromkeys(graph for graph, both in found if both in COSTS))
     rows: list[Sequence[str]] = [
         (graph, *(_two_digits(found.get((graph, both))) for both in COSTS)) for graph in graphs
     ]
     return ("graph", *COSTS.values()), rows
+
+
+def _ratios() -> dict[tuple[str, tuple[str, str]], float | None]:
+    """Ratios of times by graph, and by cost and what it is compared with."""
+    records = latest(read_entries(RESULTS / "speed.jsonl", SpeedRecord))
+    return {
+        (record.subject, (cost, other)): record.ratio
+        for record in records
+        for cost, other in {*COSTS, *TIME_ROWS.values()}
+        if record.section == "solving"
+        and (record.what, record.against) == (f"solve, cost {cost}", other)
+    }
 
 
 def regions() -> tuple[Sequence[str], list[Sequence[str]]]:

@@ -17,6 +17,15 @@ def test_tables_of_the_software_paper_are_those_of_the_records():
         assert f"<!-- {name} -->\n\n|" in PAPER
 
 
+def test_numbers_that_appear_again_come_from_the_same_generator():
+    page = build.BENCHMARKS.read_text(encoding="utf-8")
+    assert build.benchmarks(page) == page
+    assert all(f"| {label} |" in page for label in (build.FALSE_ROW, *build.TIME_ROWS))
+    certified = {title: certified for title, _, certified, _ in build.certifiers()[1]}
+    readme = (build.ROOT / "README.md").read_text(encoding="utf-8")
+    assert f"{certified['certpgo, standard tier']} certificates" in readme
+
+
 def test_the_software_paper_has_its_sections_and_length():
     sections = re.findall(r"^# (.*)$", PAPER, re.MULTILINE)
     assert {"Summary", "Statement of need", "State of the field"} <= set(sections)

@@ -29,6 +29,9 @@ def command(
             metavar="NAME", autocompletion=experiments, help="See list tables, list figures."
         ),
     ] = None,
+    listing: Annotated[
+        bool, typer.Option("--list", help="Say item by item how the papers compare; run nothing.")
+    ] = False,
     every: Annotated[bool, typer.Option("--all", help="All tables and figures.")] = False,
     seeds: Annotated[
         int | None, typer.Option("--seeds", min=1, help="Instances of a synthetic row.")
@@ -56,12 +59,34 @@ def command(
     """
     from reports.harness.experiments.execute import Pool
 
+    if listing:
+        if every or name is not None:
+            raise InputError("--list is of both papers: give no name, and no --all")
+        return list_items(json=json)
     if every == (name is not None):
         raise InputError("give the name of a table or figure, or --all")
     # Results of a quick run must not be taken for the report's.
     folder = out / "quick" if quick else out
     order = Order(folder, data, seeds, quick=quick, again=again, seconds=time_limit)
     return reproduce(name, order, Pool(workers), json=json)
+
+
+def list_items(*, json: bool = False) -> int:
+    """Print every equation, algorithm, table and figure of the papers with its outcome."""
+    from certpgo import registry
+    from certpgo.cli._show import document, table
+    from reports.harness.rendering import items
+    from reports.harness.rendering.results import gather
+
+    report = gather(registry.repository() / "reports" / "results")
+    found = items.items(report.tables, report.figures)
+    if json:
+        document([vars(item) for item in found])
+        return 0
+    for paper in dict.fromkeys(item.paper for item in found):
+        of_paper = [item for item in found if item.paper == paper]
+        table(paper, items.HEADER, items.rows(of_paper), items.counts(of_paper))
+    return 0
 
 
 def reproduce(name: str | None, order: Order, pool: Pool, *, json: bool = False) -> int:

@@ -14,6 +14,7 @@ from reports.harness.rendering import cells
 from reports.harness.rendering.cells import Cell, CellStatus
 from reports.harness.rendering.citations import citation
 from reports.harness.rendering.findings import among, different
+from reports.harness.rendering.items import counts, items
 from reports.harness.rendering.results import FigureResult, TableResult
 
 #: Figures that the page opens with.
@@ -58,6 +59,11 @@ def index(tables: Sequence[TableResult], figures: Sequence[FigureResult]) -> str
     lines += [f"**{summary(tables, figures)}**", "", *_opening(figures)]
     if any(getattr(r, "profile", "") == "quick" for t in tables for r in t.records):
         lines += ["**Results of the quick profile: of a part of the rows alone.**", ""]
+    if numbered := items(tables, figures):
+        lines += ["## Item by item", "", f"Of {counted(len(numbered), 'item{s}')} that the papers "]
+        lines[-1] += "number (equations, statements, algorithms, tables and figures) "
+        lines[-1] += f"{counts(numbered)}: [the list](items.md)."
+        lines += [""]
     lines += ["## Claims", "", *_claims(tables, figures), ""]
     lines += ["## Printed values by table", "", *_by_table(tables), ""]
     for found in (CellStatus.EXPLAINED, CellStatus.UNEXPLAINED):

@@ -9,7 +9,7 @@ from certpgo import registry
 from certpgo.io.writing import folder_to_write, write_whole
 from reports.harness.experiments.claim_outcomes import ClaimOutcome
 from reports.harness.experiments.figure import VIEWS
-from reports.harness.rendering import cells, citations
+from reports.harness.rendering import cells, citations, items
 from reports.harness.rendering.cells import Cell
 from reports.harness.rendering.findings import DIFFERING, differing
 from reports.harness.rendering.formats import csv, forms
@@ -34,6 +34,8 @@ def report_files(report: Report) -> Iterator[tuple[str, bytes]]:
     for drawn in report.figures:
         if drawn.drawing is not None:
             yield f"{drawn.figure.name}.svg", drawn.drawing
+    if numbered := items.items(report.tables, report.figures):
+        yield "items.md", items.page(numbered).encode()
     sources = _sources()
     if sources:
         yield "sources.bib", sources
