@@ -11,7 +11,6 @@ zero, they do not touch there; what else is in the gap, the relaxation loses), a
 that were minimised.
 """
 
-import argparse
 import time
 
 import numpy as np
@@ -23,6 +22,7 @@ from certpgo.io import datasets
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import COSTS, Sum
 from reports.harness.experiments.timing import one_core
+from reports.studies._printing import options
 
 NAMES = ("smallGrid3D", "sphere2500")
 CONDITIONS = (1.0, 3.0, 10.0, 100.0, 1000.0)
@@ -75,9 +75,7 @@ def row(problem: Sum) -> str:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", default=NAMES, metavar="NAME")
-    names = parser.parse_args().names
+    names = options(__doc__, names=NAMES).names
     with one_core():
         print(HEADER, "|---" * HEADER[:-1].count("|") + "|", sep="\n", flush=True)
         for name in names:

@@ -8,7 +8,6 @@ factorizes in doubles, with hints that may be damaged. Writes reports/results/da
 
 from __future__ import annotations
 
-import argparse
 import io
 import json
 import tempfile
@@ -23,10 +22,11 @@ import certpgo
 from certpgo import CertPGOError, checker, integer_checker
 from certpgo.graph.components import rotations_alone
 from certpgo.solve.proving import write_proof
+from reports.studies._printing import RESULTS, options
 from reports.studies.bookkeeping.drawing import draw
 from reports.studies.bookkeeping.readers import respelled
 
-OUT = Path(__file__).parents[1] / "results" / "damaged_proofs.md"
+OUT = RESULTS / "damaged_proofs.md"
 #: How far apart the bounds of both may be: doubles round outwards, residuals to 2^-100.
 CLOSE = Fraction(1, 2**40)
 #: What may stand in a header, besides what fits.
@@ -252,12 +252,7 @@ def outcomes(seed: int, proofs: int, each: int) -> tuple[Counter[tuple[str, str]
 
 def main() -> int:
     """Compare, and write a table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--proofs", type=int, default=160)
-    parser.add_argument("--each", type=int, default=16, help="changes of each proof")
-    parser.add_argument("--out", type=Path, default=OUT)
-    arguments = parser.parse_args()
+    arguments = options(__doc__, seed=0, proofs=160, each=16, out=OUT)
     said, false = outcomes(arguments.seed, arguments.proofs, arguments.each)
     lines = ["| changed | answers | times |", "| --- | --- | ---: |"]
     lines += [f"| {kind} | {found} | {n} |" for (kind, found), n in sorted(said.items())]

@@ -5,7 +5,6 @@ trusts doubles, and with `certpgo/integer_checker.py`, which trusts Python's int
 processes of their own, of one thread. Writes reports/results/integer_proofs.md.
 """
 
-import argparse
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -16,9 +15,10 @@ from certpgo import checker, integer_checker, io
 from certpgo.graph.components import rotations_alone
 from certpgo.io import datasets
 from certpgo.solve.proving import write_proof
+from reports.studies._printing import RESULTS, options
 from reports.studies.large_proofs import measured
 
-OUT = Path(__file__).parents[1] / "results" / "integer_proofs.md"
+OUT = RESULTS / "integer_proofs.md"
 SETS = (
     "tinyGrid3D",
     "Klaus3",
@@ -97,10 +97,7 @@ def bounds(said: str) -> list[str]:
 
 def main() -> None:
     """Prove and check every set that is here."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", default=SETS, help="or 'NAME rotations'")
-    parser.add_argument("--out", type=Path, default=OUT)
-    arguments = parser.parse_args()
+    arguments = options(__doc__, names=SETS, out=OUT)
     lines = [" | ".join(HEADER), " | ".join("---" for _ in HEADER)]
     with tempfile.TemporaryDirectory() as folder:
         for name in arguments.names:

@@ -7,7 +7,6 @@ The last of the default sizes, a million poses, takes 13 GB and about half an ho
 reports/results/large_proofs.md.
 """
 
-import argparse
 import json
 import os
 import subprocess
@@ -21,8 +20,9 @@ import numpy as np
 import certpgo
 from certpgo import checker
 from certpgo.io.datasets import synthetic
+from reports.studies._printing import RESULTS, options
 
-OUT = Path(__file__).parents[1] / "results" / "large_proofs.md"
+OUT = RESULTS / "large_proofs.md"
 TURNS = (100, 200, 316, 1000)
 HEADER = (
     "poses / measurements",
@@ -75,10 +75,7 @@ def row(turns: int, folder: Path) -> Iterator[str]:
 
 def main() -> None:
     """Prove and check helices of some sizes."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("turns", nargs="*", type=int, default=TURNS, help="n turns are n^2 poses")
-    parser.add_argument("--out", type=Path, default=OUT)
-    arguments = parser.parse_args()
+    arguments = options(__doc__, turns=TURNS, out=OUT)
     lines = [" | ".join(HEADER), " | ".join("---" for _ in HEADER)]
     for turns in arguments.turns:
         with tempfile.TemporaryDirectory() as folder:

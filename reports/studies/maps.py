@@ -10,7 +10,6 @@ certificate of the relaxation alone, as of CORA or of GTSAM's certifiable range 
 beside our verdict.
 """
 
-import argparse
 import time
 import warnings
 
@@ -24,6 +23,7 @@ from certpgo.graph.trees import tree_initialization
 from certpgo.io import datasets
 from certpgo.linalg import rotations as so
 from certpgo.objective.choose_cost import Sum, objective_of
+from reports.studies._printing import options
 
 DATASETS = (
     "cityTrees10000",
@@ -156,9 +156,7 @@ def _estimate_of(values: "gtsam.Values", points: np.ndarray, d: int) -> Estimate
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description="landmarks and ranges, GTSAM's and ours")
-    parser.add_argument("datasets", nargs="*", default=DATASETS)
-    arguments = parser.parse_args()
+    arguments = options(__doc__, datasets=DATASETS)
     print(ROW.format("graph", "GTSAM: F", "s", "is", "ours: F", "gap", "s", "verdict"))
     for name in arguments.datasets:
         print(rows(name), flush=True)

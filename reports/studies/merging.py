@@ -10,10 +10,8 @@ robustly: of those named as disagreeing the share that is wrong, of the wrong on
 named, and the F of the rest. Process seconds of merging, without wrong ones, and of one solve.
 """
 
-import argparse
 import time
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 
@@ -22,7 +20,7 @@ from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.graph.concatenate import joined
 from certpgo.io import datasets
 from certpgo.linalg import rotations as so
-from reports.studies._printing import print_table
+from reports.studies._printing import options, print_table
 
 GRAPHS = ("sphere2500", "city10000")
 PARTS = (2, 4, 8)
@@ -100,12 +98,9 @@ def rows(name: str) -> Iterator[dict[str, object]]:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", default=GRAPHS, metavar="DATASET")
-    parser.add_argument("--out", type=Path, help="write the table to this file, too")
-    options = parser.parse_args()
-    table = [row for name in options.names for row in rows(name)]
-    print_table(table, options.out)
+    asked = options(__doc__, names=GRAPHS, out=None)
+    table = [row for name in asked.names for row in rows(name)]
+    print_table(table, asked.out)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,6 @@ certificate matrix by the preferred engine, in turn and in one process (the timi
 memory is that of a process of its own.
 """
 
-import argparse
 import subprocess
 import sys
 import tempfile
@@ -20,8 +19,9 @@ from certpgo.linalg import factor
 from certpgo.solve.proving import write_proof
 from reports.harness.experiments.reference import factorization
 from reports.harness.experiments.timing import one_core, paired
+from reports.studies._printing import RESULTS, options
 
-OUT = Path(__file__).parents[1] / "results" / "proofs.md"
+OUT = RESULTS / "proofs.md"
 SETS = (
     "smallGrid3D",
     "sphere2500",
@@ -107,10 +107,7 @@ def row(instance: Instance, path: Path, folder: Path, expected: float | None) ->
 
 def main() -> None:
     """Prove every set that is here."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", default=SETS, help="datasets, by default all known")
-    parser.add_argument("--out", type=Path, default=OUT)
-    arguments = parser.parse_args()
+    arguments = options(__doc__, names=SETS, out=OUT)
     lines = [" | ".join(HEADER), " | ".join("---" for _ in HEADER)]
     with tempfile.TemporaryDirectory() as folder:
         for name in arguments.names:

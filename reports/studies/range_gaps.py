@@ -18,7 +18,6 @@ is nowhere below the minimum of any such relaxation. What descents on it find is
 of their bounds, and its difference to the best map is a gap that remains, whatever is added.
 """
 
-import argparse
 import warnings
 from dataclasses import dataclass
 from itertools import islice
@@ -37,6 +36,7 @@ from certpgo.objective.lifted_distances import LiftedDistances
 from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.descent import descend
 from certpgo.solve.relaxation import Relaxed
+from reports.studies._printing import options
 
 DATASETS = ("goats_15", "goats_16", "mrclam5a", "plaza2")
 ROW = "{:14}{:>12}{:>9}{:>9}{:>8}{:>11}{:>9}"
@@ -253,10 +253,7 @@ def triangles(problem: LiftedDistances, t: np.ndarray) -> float:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description="what is left of the gaps of measured distances")
-    parser.add_argument("datasets", nargs="*", default=DATASETS)
-    parser.add_argument("--copies", type=int, default=4, metavar="K", help="maps in a mean")
-    arguments = parser.parse_args()
+    arguments = options(__doc__, datasets=DATASETS, copies=4)
     heads = "F", "real", "ours", "starts", "triangles", "remains"
     print(ROW.format("graph", *heads))
     for name in arguments.datasets:

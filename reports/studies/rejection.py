@@ -14,7 +14,6 @@ kept after some refresh; "left": those still there at the end; "back": correct o
 rejected after some refresh and are there at the end. Printed as CSV; process seconds.
 """
 
-import argparse
 import time
 from pathlib import Path
 
@@ -33,7 +32,7 @@ from certpgo.graph.streaming import arrivals, streamed
 from certpgo.io.datasets.source import resolve
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, IntArray
-from reports.studies._printing import print_table
+from reports.studies._printing import options, print_table
 
 GRAPHS = (*(f"grid1000_{share}p_outliers" for share in (10, 30, 50)), "kitti_00+20", "kitti_05+20")
 #: Nodes that a wrong loop closure is apart at least.
@@ -130,12 +129,9 @@ def row(name: str) -> dict[str, object]:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", default=GRAPHS, metavar="GRAPH")
-    parser.add_argument("--out", type=Path, help="write the table to this file, too")
-    options = parser.parse_args()
-    table = [row(name) for name in options.names]
-    print_table(table, options.out)
+    asked = options(__doc__, names=GRAPHS, out=None)
+    table = [row(name) for name in asked.names]
+    print_table(table, asked.out)
 
 
 if __name__ == "__main__":

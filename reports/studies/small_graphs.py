@@ -7,18 +7,16 @@ graph: medians of `certpgo.solve` and `certpgo.certify` in process time, the wal
 `certpgo.solve_many` with one thread and with two, and the second over the first.
 """
 
-import argparse
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
 from certpgo import Instance, certify, solve, solve_many
 from certpgo.graph import Graph
 from certpgo.io.datasets.synthetic import cycle, grid3d
-from reports.studies._printing import print_table
+from reports.studies._printing import options, print_table
 
 FAMILIES: dict[str, Callable[[np.random.Generator], Instance]] = {
     **{f"cycle of {n}": partial(cycle, n, 0.1) for n in (3, 10, 30, 100)},
@@ -67,11 +65,8 @@ def rows(repeat: int) -> Iterator[dict[str, object]]:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--repeat", type=int, default=50, help="graphs of each family")
-    parser.add_argument("--out", type=Path, help="write the table to this file, too")
-    options = parser.parse_args()
-    print_table(list(rows(options.repeat)), options.out)
+    asked = options(__doc__, repeat=50, out=None)
+    print_table(list(rows(asked.repeat)), asked.out)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,6 @@ is
 - under a leaf or a bridge up to 1e15, a weaker verdict or bound than without its weight.
 """
 
-import argparse
 import itertools
 import tempfile
 import warnings
@@ -27,7 +26,7 @@ from scipy.spatial.transform import Rotation
 import certpgo
 from certpgo import Certificate, Estimate, Instance, Verdict
 from certpgo.linalg.arrays import FloatArray
-from reports.studies._printing import print_table
+from reports.studies._printing import options, print_table
 
 KINDS = ("leaf", "bridge", "cycle", "twice", "positions")
 WEIGHTS = (1e6, 1e9, 1e12, 1e15, 1e20, 1e30)
@@ -239,14 +238,10 @@ def run(rows: int, seed: int) -> tuple[list[dict[str, object]], list[str]]:
 
 def main() -> None:
     """Print the table, and what is false."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rows", type=int, default=300)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path)
-    options = parser.parse_args()
-    table, false = run(options.rows, options.seed)
-    print_table(table, options.out)
-    print("\n".join([*false, f"{options.rows} rows, {len(false)} false"]))
+    asked = options(__doc__, rows=300, seed=0, out=None)
+    table, false = run(asked.rows, asked.seed)
+    print_table(table, asked.out)
+    print("\n".join([*false, f"{asked.rows} rows, {len(false)} false"]))
 
 
 if __name__ == "__main__":

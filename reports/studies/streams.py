@@ -12,10 +12,8 @@ included, of `standing` after it (where that is asked for each time), and of iSA
 has no certificate; where that fails by Cholesky's factorization, with QR, which is marked.
 """
 
-import argparse
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 
@@ -25,7 +23,7 @@ from certpgo.graph.streaming import streamed
 from certpgo.io import datasets
 from certpgo.registry import load_file
 from reports.harness.speed.sessions import EVERY, GRAPHS, fed, prefix, timed
-from reports.studies._printing import print_table
+from reports.studies._printing import options, print_table
 
 #: From the best verdict to the worst.
 RANKED = (Verdict.CERTIFIED, Verdict.BOUNDED, Verdict.UNDECIDED)
@@ -103,16 +101,12 @@ def rows(graphs: list[str], isam: bool) -> Iterator[dict[str, object]]:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", default=GRAPHS, metavar="DATASET")
-    parser.add_argument("--no-isam", action="store_true", help="without GTSAM")
-    parser.add_argument("--out", type=Path, help="write the table to this file, too")
-    options = parser.parse_args()
+    asked = options(__doc__, names=GRAPHS, no_isam=False, out=None)
     table = []
-    for row in rows(options.names, not options.no_isam):
+    for row in rows(asked.names, not asked.no_isam):
         table.append(row)
         print(*(f"{name}={value}" for name, value in row.items()), file=sys.stderr, flush=True)
-    print_table(table, options.out)
+    print_table(table, asked.out)
 
 
 if __name__ == "__main__":

@@ -15,7 +15,6 @@ measurements: one is false if a checker accepts it and its bound is above the lo
 the prices that it states. Printed as CSV: per kind of graph, the verdicts and what was false.
 """
 
-import argparse
 import itertools
 import math
 import tempfile
@@ -49,7 +48,7 @@ from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.truncated_cost import TruncatedCost
 from certpgo.optimize.progress import Stop
 from certpgo.solve.inconsistency import budgets, proven_rises
-from reports.studies._printing import print_table
+from reports.studies._printing import options, print_table
 
 #: Relative rounding of costs that are compared.
 SAME = 1e-9
@@ -196,12 +195,7 @@ def _damaged(rows: FloatArray, rng: np.random.Generator) -> FloatArray:
 
 def main() -> None:
     """Run the campaign."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--graphs", type=int, default=1000)
-    parser.add_argument("--doubtful", type=int, default=8)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path)
-    asked = parser.parse_args()
+    asked = options(__doc__, graphs=1000, doubtful=8, seed=0, out=None)
     kinds: dict[str, Counter[str]] = {}
     for seed in range(asked.seed, asked.seed + asked.graphs):
         kind, found = examined(seed, asked.doubtful)

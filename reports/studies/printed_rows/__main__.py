@@ -25,10 +25,8 @@ left when the measurement of the largest residual is dropped, again and again, w
 against the truth. Theorem 4.1 guarantees optima whose residuals are at most alpha_max.
 """
 
-import argparse
 from collections.abc import Iterator
 from itertools import islice, product
-from pathlib import Path
 
 import numpy as np
 
@@ -39,10 +37,11 @@ from certpgo.optimize.methods.eigen_rao import EigenRAO
 from certpgo.solve.metrics import angular_errors
 from certpgo.view.markdown_tables import markdown_table
 from reports.figures import _scenes
+from reports.studies._printing import RESULTS, options
 from reports.studies.printed_rows import eigen_rao, local_search, stopping
 from reports.studies.printed_rows.eigen_rao import ITERATIONS, PRINTED
 
-PAGE = Path(__file__).parents[2] / "results" / "printed_rows.md"
+PAGE = RESULTS / "printed_rows.md"
 #: Measurements of Sphinx that are dropped, and cycles of a reading.
 DROPPED, CYCLES = 3, 100
 
@@ -123,7 +122,7 @@ def page() -> str:
     )
     parts = (
         (print_of, by_line, eigen_rao.rows()),
-        (print_of, by_option, of_the_module()),
+        ("", by_option, of_the_module()),
         (
             of_shares,
             ("sigma", "start", "over", "global, %"),
@@ -155,9 +154,7 @@ def page() -> str:
 
 def main() -> None:
     """Write the page."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--out", type=Path, default=PAGE)
-    parser.parse_args().out.write_text(page())
+    options(__doc__, out=PAGE).out.write_text(page())
 
 
 if __name__ == "__main__":
