@@ -22,7 +22,7 @@ def write_covariances(
     """Write the covariances of all nodes."""
     import numpy as np
 
-    from certpgo.graph.phrases import few
+    from certpgo.graph.phrases import few, shown_id
     from certpgo.io.covariances import write_covariances
     from certpgo.io.frames import in_file_frame
     from certpgo.optimize.marginals import Marginals
@@ -39,9 +39,9 @@ def write_covariances(
     covariances = marginals.covariances[written]
     write_covariances(out, covariances, ids[written], points[written], rotations=rotations)
     if not quiet:
-        fixed = "the world" if world else f"node {ids[marginals.anchor]}"
+        fixed = "the world" if world else f"node {shown_id(int(ids[marginals.anchor]))}"
         if held := [int(ids[k]) for k in part.held if k != anchor]:
-            fixed += f" and {few([f'node {k}' for k in held])}"
+            fixed += f" and {few([f'node {shown_id(k)}' for k in held])}"
         frames = "each node's frame"
         if points.any():
             frames = "each pose's frame, and of points in the world's"

@@ -133,11 +133,13 @@ class _Merged(Result):
         }
 
     def show(self, outputs: Outputs) -> None:
+        from certpgo.graph.labels import shown
+
         labels = self.merged.instance.labels
         mark = "left out" if self.merged.left_out else "disagrees"
         rows = [
             [
-                "-".join(str(labels[node]) for node in nodes),
+                "-".join(shown(labels[node]) for node in nodes),
                 *(f"{term:.4g}", f"{tail:.2g}", mark if disagrees else ""),
             ]
             for _, nodes, term, tail, disagrees in self._worst()[:SHOWN]

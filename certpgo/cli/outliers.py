@@ -169,7 +169,7 @@ _OPTIONAL = ("price", "over odometry", "metres")
 
 
 def _row(edge: RejectedEdge) -> list[str]:
-    from certpgo.graph.phrases import rounded_down
+    from certpgo.graph.phrases import rounded_down, shown_id
 
     def shown(value: float | None) -> str:
         return "" if value is None else f"{value:.4g}"
@@ -178,7 +178,7 @@ def _row(edge: RejectedEdge) -> list[str]:
     least = ("" if rise is None else rounded_down(rise, 4) for rise in rises)
     known = "wrong" if edge.is_refuted else "ambiguous" if edge.ambiguous else ""
     measured = (shown(edge.degrees), shown(edge.metres), shown(edge.cost), shown(edge.price))
-    return [f"{edge.i}-{edge.j}", *measured, *least, known]
+    return [f"{shown_id(edge.i)}-{shown_id(edge.j)}", *measured, *least, known]
 
 
 def _as_json(

@@ -40,6 +40,7 @@ def command(
     first order, given those before it. Other pairs may raise it more. New loop closures are assumed
     to have the median precision of those in the graph.
     """
+    from certpgo.graph.phrases import shown_id
     from certpgo.solve.suggesting import suggest_loops
 
     instance = reading.open(reading.resolve(graph), operation=None)
@@ -61,7 +62,7 @@ def command(
         )
         return
     rows = [
-        [f"{i}-{j}", f"{value:.4g}", f"{value / before:.3g}"]
+        [f"{shown_id(i)}-{shown_id(j)}", f"{value:.4g}", f"{value / before:.3g}"]
         for (i, j), before, value in zip(pairs, values, values[1:], strict=False)
     ]
     table(

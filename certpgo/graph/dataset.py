@@ -23,6 +23,7 @@ from certpgo.graph.phrases import (
     counted,
     few,
     reading_sentence,
+    shown_id,
     shown_path,
 )
 from certpgo.graph.picture import closures, drawn
@@ -36,8 +37,7 @@ from certpgo.linalg.arrays import (
     frozen_indices,
 )
 
-#: kappa of information matrices that are the identity, as some programs write them for want of
-#: better ones: in the plane, in space, and there about quaternions.
+#: kappa of information that is the identity: in the plane, in space, and there about quaternions.
 OF_ONES = (0.0, 1.0, 0.5, 0.125)
 
 
@@ -329,7 +329,7 @@ class Instance(Speaking):
 
     def named(self, node: int) -> str:
         """What a node is called: ``"node 7"`` by its id, or ``"the world"``."""
-        return "the world" if node == self.world else f"node {self.ids[node]}"
+        return "the world" if node == self.world else f"node {shown_id(int(self.ids[node]))}"
 
     @property
     def poses(self) -> IntArray:

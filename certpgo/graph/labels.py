@@ -14,6 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from certpgo.errors import GraphError
+from certpgo.graph.phrases import shown_id
 from certpgo.linalg.arrays import BoolArray, IntArray
 
 #: A name or an id, `WORLD`, or a `Landmark`.
@@ -55,7 +56,12 @@ class Landmark:
 
 def called(label: Label) -> str:
     """What a message calls a node, such as ``node 7`` or ``the world``."""
-    return str(label) if isinstance(label, Reserved | Landmark) else f"node {label}"
+    return str(label) if isinstance(label, Reserved | Landmark) else f"node {shown(label)}"
+
+
+def shown(label: Label) -> str:
+    """A label in tables, such as ``7``, ``x7`` or ``the world``."""
+    return shown_id(label) if isinstance(label, int) else str(label)
 
 
 class Numbering(NamedTuple):

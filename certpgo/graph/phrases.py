@@ -16,6 +16,8 @@ ROOM = 24
 ROUND = 1.01
 #: How texts have bytes of file names that are no UTF-8.
 NO_UTF8 = "backslashreplace"
+#: Bits of the index of GTSAM's Symbols, which are keys of eight bytes.
+INDEX_BITS = 56
 
 
 def counted(count: int, what: str) -> str:
@@ -162,8 +164,22 @@ def components_in_words(sizes: Sequence[int]) -> str:
 
 
 def few(items: Sequence[object], count: int = 8) -> str:
-    """The first items, separated by commas."""
-    return ", ".join(map(str, items[:count])) + (", ..." if len(items) > count else "")
+    """The first items, ids as `shown_id` has them, separated by commas."""
+    named = (shown_id(one) if isinstance(one, int) else str(one) for one in items[:count])
+    return ", ".join(named) + (", ..." if len(items) > count else "")
+
+
+def shown_id(number: int) -> str:
+    """An id as its program prints it: GTSAM's Symbols have a letter in the highest of eight bytes.
+
+    Examples
+    --------
+    >>> from certpgo.graph.phrases import shown_id
+    >>> shown_id((ord("x") << 56) + 3), shown_id(1700000000000000000)
+    ('x3', '1700000000000000000')
+    """
+    letter = chr(number >> INDEX_BITS) if 0 < number >> INDEX_BITS < 128 else ""
+    return f"{letter}{number & ((1 << INDEX_BITS) - 1)}" if letter.isalpha() else str(number)
 
 
 def listed(items: Sequence[str]) -> str:

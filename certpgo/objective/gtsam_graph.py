@@ -1,4 +1,4 @@
-"""GTSAM's factor graphs of relative poses as problems under GTSAM's cost, and back.
+"""GTSAM's factor graphs as problems under GTSAM's cost, and back.
 
 GTSAM orders tangent vectors of Pose3 rotation first, of Pose2 translation first; information here
 is translation first.
@@ -6,33 +6,43 @@ is translation first.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, cast
+from typing import Any, cast, overload
 
 import numpy as np
 
 from certpgo.errors import InputError, MissingDependency, kind_of, require
-from certpgo.graph import Estimate, Graph, PoseGraph, RotationGraph
-from certpgo.graph.information import Information
-from certpgo.io.gtsam_values import estimate_from_values
-from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.graph import Estimate, Graph, Instance
+from certpgo.graph.phrases import counted, listed
+from certpgo.io.gtsam_factors import instance_of_factors
+from certpgo.io.gtsam_values import FACTOR_GRAPH
+from certpgo.linalg.arrays import FloatArray
 from certpgo.objective import gtsam_similarities
+from certpgo.objective.choose_cost import objective_of
 from certpgo.objective.costs.gtsam import GtsamCost
 from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.sum import Sum
 from certpgo.objective.truncated_cost import TruncatedCost
 
-_BETWEEN = {"BetweenFactorPose2": 2, "BetweenFactorPose3": 3}
 #: The robust noise whose cost is truncated least squares.
 TRUNCATED = "TruncatedLeastSquares"
-_PRIORS = ("PriorFactorPose2", "PriorFactorPose3")
 
 
-def from_gtsam(graph: Any, values: Any) -> tuple[Sum | TruncatedCost | Quadratic, Estimate]:
-    """The problem of a factor graph's relative poses under GTSAM's own cost, and the estimate.
+@overload
+def from_gtsam(graph: Any) -> Instance: ...
+@overload
+def from_gtsam(graph: Any, values: Any) -> tuple[Sum | TruncatedCost | Quadratic, Estimate]: ...
+def from_gtsam(
+    graph: Any, values: Any = None
+) -> Instance | tuple[Sum | TruncatedCost | Quadratic, Estimate]:
+    """A factor graph as an instance; with values, its problem under GTSAM's cost and the estimate.
 
-    The cost is twice GTSAM's error. Node k is the k-th key of the values, ascending. One prior on a
-    pose fixes the frame at no cost, and is left out; the estimate's cost does not include it.
+    The cost is twice GTSAM's error of the types in ``certpgo.io.gtsam_factors``: relative poses,
+    priors on poses, rotations, translations and points, GPS, and distances. Nodes are the keys of
+    factors, ascending, and then the world, where something is measured in it. One prior on a pose,
+    if nothing else is, fixes the frame at no cost and is left out; the estimate's cost does not
+    include it. Priors with constrained noise hold poses where they are.
 
     A robust noise model is no cost that can be certified. Its factor gets the weight that it has at
     the values: at an optimum of GTSAM's, that cost is stationary too, but it is another one, as its
@@ -44,15 +54,16 @@ def from_gtsam(graph: Any, values: Any) -> tuple[Sum | TruncatedCost | Quadratic
 
     Parameters
     ----------
-    graph : a NonlinearFactorGraph of BetweenFactorPose2 or BetweenFactorPose3 with Gaussian noise,
-        or with robust noise; or of BetweenFactorSimilarity2 or BetweenFactorSimilarity3
-    values : a pose for every key of the graph
+    graph : a NonlinearFactorGraph with Gaussian noise, or robust noise if there are values; or one
+        of BetweenFactorSimilarity2 or BetweenFactorSimilarity3
+    values : a value for every key of the graph
 
     Raises
     ------
     InputError
-        Another factor, several priors, a constrained noise model, a key without a value, or a value
-        that is no pose.
+        Factors of other types, named with their counts; noise that is constrained but holds no
+        pose; a key without a value, or whose value is of another type; robust noise, or several
+        held poses, without values.
     GraphError
         Without factors of weight zero, the others leave poses free.
 
@@ -66,6 +77,8 @@ def from_gtsam(graph: Any, values: Any) -> tuple[Sum | TruncatedCost | Quadratic
     >>> for i, j, turn in ((0, 1, 120), (1, 2, 120), (2, 0, 121)):
     ...     step = gtsam.Pose2(1, 0, np.radians(turn))
     ...     graph.add(gtsam.BetweenFactorPose2(i, j, step, noise))
+    >>> certpgo.solve(certpgo.from_gtsam(graph)).verdict.value
+    'CERTIFIED'
     >>> for k, (x, y) in enumerate([(0, 0), (1, 0), (0.5, 0.866)]):
     ...     values.insert(k, gtsam.Pose2(x, y, np.radians(120 * k)))
     >>> problem, estimate = certpgo.from_gtsam(graph, values)
@@ -74,44 +87,55 @@ def from_gtsam(graph: Any, values: Any) -> tuple[Sum | TruncatedCost | Quadratic
     >>> certpgo.solve(problem).verdict.value
     'CERTIFIED'
     """
-    for given, name in ((graph, "NonlinearFactorGraph"), (values, "Values")):
+    if values is not None:
+        problem, estimate, _ = judged_factors(graph, values)
+        return problem, estimate
+    _require_factors(graph)
+    if _of_similarities(graph):
+        raise InputError("from_gtsam takes factors of similarities with values")
+    instance, kernels = instance_of_factors(graph)
+    if kernels:
+        named = listed(sorted({type(kernel).__name__ for kernel in kernels.values()}))
+        robust = counted(len(kernels), "factor{s}")
+        said = f"{robust} with robust noise ({named}), whose weights are those at an estimate"
+        raise InputError(f"{said}: from_gtsam(graph, values)")
+    return instance
+
+
+def judged_factors(
+    graph: Any, values: Any, cost: str = GtsamCost.name
+) -> tuple[Sum | TruncatedCost | Quadratic, Estimate, Instance | None]:
+    """The problem of a factor graph under a cost, the values, and its instance.
+
+    There is none of similarities, whose problem is one of F.
+    """
+    _require_factors(graph, values)
+    if _of_similarities(graph):
+        return *_problem_of_similarities(graph, values), None
+    instance, kernels = instance_of_factors(graph, values)
+    problem, estimate = objective_of(instance, cost), cast("Estimate", instance.initial)
+    if not kernels:
+        return problem, estimate, instance
+    numbers, costs = instance.known_numbers.tolist(), problem.edge_costs(estimate)
+    return _as_robust(cast("Sum", problem), kernels, numbers, costs), estimate, instance
+
+
+def _require_factors(graph: Any, *values: Any) -> None:
+    for given, name in ((graph, FACTOR_GRAPH), *((one, "Values") for one in values)):
         if type(given).__name__ != name:
             raise InputError(f"from_gtsam takes a factor graph and Values, not {kind_of(given)}")
-    factors = [graph.at(k) for k in range(graph.size()) if graph.at(k) is not None]
-    kinds = [type(factor).__name__ for factor in factors]
-    if set(kinds) & gtsam_similarities.BETWEEN.keys():
-        return _of_similarities(factors, kinds, values)
-    other = sorted(set(kinds) - {*_BETWEEN, *_PRIORS})
-    if other:
-        raise InputError(f"only relative poses can be certified, not a {other[0]}")
-    between = [f for f, kind in zip(factors, kinds, strict=True) if kind in _BETWEEN]
-    if len(factors) - len(between) > 1:
-        raise InputError(
-            f"{len(factors) - len(between)} priors: with more than one, they are part of the cost"
-        )
-    dimensions = {_BETWEEN[kind] for kind in kinds if kind in _BETWEEN}
-    if len(dimensions) != 1:
-        raise InputError("a graph of BetweenFactorPose2 or of BetweenFactorPose3 is expected")
-    [d] = dimensions
-    keys = np.array(sorted(int(key) for key in values.keys()))  # noqa: SIM118 - not a mapping
-    pairs = np.array([[int(key) for key in factor.keys()] for factor in between])  # noqa: SIM118
-    edges = np.searchsorted(keys, pairs)
-    missing = ~np.isin(pairs, keys)
-    if missing.any():
-        raise InputError(f"the values have no pose at key {pairs[missing][0]}")
-    poses = np.array([_matrix(factor.measured()) for factor in between])
-    information = np.array([_information(factor, d) for factor in between])
-    estimate, _ = estimate_from_values(values, keys, d, True, exact=True)
-    problem = _problem(len(keys), edges, poses, information)
-    if not any(_is_robust(factor) for factor in between):
-        return problem, estimate
-    return _as_robust(problem, between, problem.edge_costs(estimate)), estimate
 
 
-def _of_similarities(
-    factors: list[Any], kinds: list[str], values: Any
-) -> tuple[Quadratic, Estimate]:
+def _of_similarities(graph: Any) -> bool:
+    """Whether some factors are of relative similarities."""
+    kinds = {type(graph.at(k)).__name__ for k in range(graph.size())}
+    return not kinds.isdisjoint(gtsam_similarities.BETWEEN)
+
+
+def _problem_of_similarities(graph: Any, values: Any) -> tuple[Quadratic, Estimate]:
     """The problem of factors of similarities, all of one dimension, with at most one prior."""
+    factors = [factor for k in range(graph.size()) if (factor := graph.at(k)) is not None]
+    kinds = [type(factor).__name__ for factor in factors]
     known = gtsam_similarities.BETWEEN
     other = sorted(set(kinds) - {*known, *gtsam_similarities.PRIORS})
     if other or len({known[kind] for kind in kinds if kind in known}) > 1:
@@ -129,22 +153,26 @@ def _of_similarities(
     return gtsam_similarities.problem_of_factors(between, values, keys, edges, d)
 
 
-def _is_robust(factor: Any) -> bool:
-    return type(factor.noiseModel()).__name__ == "Robust"
+def _as_robust(
+    problem: Sum, kernels: Mapping[int, Any], numbers: Sequence[int], costs: FloatArray
+) -> Sum | TruncatedCost:
+    """The problem with the weights of robust noise for these costs, or with truncated ones.
 
-
-def _as_robust(problem: Sum, factors: list[Any], costs: FloatArray) -> Sum | TruncatedCost:
-    """The problem with the weights of robust noise for these costs, or with truncated ones."""
-    weights, prices, kernels = np.ones(len(costs)), np.full(len(costs), np.inf), set[str]()
-    for k in (k for k, factor in enumerate(factors) if _is_robust(factor)):
-        kernel, distance = factors[k].noiseModel().robust(), float(np.sqrt(costs[k]))
+    Parameters
+    ----------
+    kernels : by number
+    numbers : of the problem's rows
+    """
+    weights, prices, names = np.ones(len(costs)), np.full(len(costs), np.inf), set[str]()
+    for k in (k for k, number in enumerate(numbers) if number in kernels):
+        kernel, distance = kernels[numbers[k]], float(np.sqrt(costs[k]))
         if type(kernel).__name__ != TRUNCATED:
             weights[k] = kernel.weight(distance)
-            kernels.add(type(kernel).__name__)
+            names.add(type(kernel).__name__)
         elif kernel.weight(distance) == 0.0:
             prices[k] = 2.0 * kernel.loss(distance)
-    if kernels:
-        named = " and ".join(sorted(kernels))
+    if names:
+        named = " and ".join(sorted(names))
         said = f"with the weights of {named} at the given values"
         problem = replace(problem.reweighted(weights), remark=said)
         prices = prices[weights > 0.0]
@@ -229,35 +257,6 @@ def _library() -> Any:
     return gtsam
 
 
-def _problem(n: int, edges: IntArray, poses: FloatArray, information: FloatArray) -> Sum:
-    d = poses.shape[-1] - 1
-    # As for files: harmonic means over the axes of either block.
-    inverse_R, inverse_t = (
-        np.trace(np.linalg.inv(information[:, block, block]), axis1=1, axis2=2)
-        for block in (slice(d, None), slice(0, d))
-    )
-    kappa = (1.0 if d == 2 else 1.5) / inverse_R
-    rotation = RotationGraph(n, edges, poses[:, :d, :d], kappa)
-    stated = Information.of(information, "gtsam")
-    graph = PoseGraph(rotation, poses[:, :d, d], d / inverse_t, information=stated)
-    return Sum(graph, GtsamCost)
-
-
-def _information(factor: Any, d: int) -> FloatArray:
-    """The information of a factor's noise, translation first."""
-    noise = factor.noiseModel().noise() if _is_robust(factor) else factor.noiseModel()
-    i, j = factor.keys()
-    if not hasattr(noise, "information") or noise.isConstrained():
-        kind = type(noise).__name__
-        raise InputError(
-            f"the factor between {i} and {j} has {kind} noise: only Gaussian noise has a cost "
-            "that can be certified"
-        )
-    order = _tangent_order(d)
-    full = np.asarray(noise.information(), dtype=np.float64)[np.ix_(order, order)]
-    return np.asarray(0.5 * (full + full.T))
-
-
 def _tangent_order(d: int) -> list[int]:
     """The permutation between GTSAM's order of tangent vectors and translation first."""
     return [0, 1, 2] if d == 2 else [3, 4, 5, 0, 1, 2]
@@ -267,10 +266,6 @@ def _pose(gtsam: Any, M: FloatArray) -> Any:
     if M.shape[0] == 4:
         return gtsam.Pose3(M)
     return gtsam.Pose2(M[0, 2], M[1, 2], float(np.arctan2(M[1, 0], M[0, 0])))
-
-
-def _matrix(pose: Any) -> FloatArray:
-    return np.asarray(pose.matrix(), dtype=np.float64)
 
 
 def _matrices(R: FloatArray, t: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ from certpgo.certify.certificate import CHORDAL, Certificate
 from certpgo.certify.wording import part
 from certpgo.graph import Instance
 from certpgo.graph.graph import length_unit
-from certpgo.graph.phrases import counted, few
+from certpgo.graph.phrases import counted, few, shown_id
 from certpgo.linalg.arrays import IntArray
 from certpgo.solve.assessment import Assessment
 from certpgo.solve.metrics import TrajectoryErrors
@@ -72,7 +72,7 @@ def few_edges(instance: Instance, edges: IntArray) -> str:
 def ends(instance: Instance, first: int, second: int, joint: str = "to") -> str:
     """An edge by the ids of its nodes, the world by this name."""
     of_world = instance.world is not None and first == instance.ids[instance.world]
-    return f"{'the world' if of_world else first} {joint} {second}"
+    return f"{'the world' if of_world else shown_id(first)} {joint} {shown_id(second)}"
 
 
 def accuracy(errors: TrajectoryErrors) -> Iterable[tuple[str, str]]:

@@ -12,11 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from certpgo.certify import Certificate
+from certpgo.certify.certificate import of_instance
 from certpgo.errors import CertPGOError, InputError, InputNotice, kind_of
 from certpgo.graph import Estimate, Graph, Instance
+from certpgo.graph.priors import with_world_placed
 from certpgo.io.accept_paths import AnyPath, as_instance, measured
 from certpgo.io.digits import Digits, Writing
-from certpgo.io.gtsam_values import estimate_from_values
+from certpgo.io.gtsam_values import FACTOR_GRAPH, estimate_from_values
 from certpgo.linalg.arrays import BoolArray, IntArray
 from certpgo.objective.choose_cost import CHORDAL, Judged, objective_of
 from certpgo.solve import metrics
@@ -245,23 +247,26 @@ def _poses(problem: Judged) -> IntArray:
 
 
 def certify_values(
-    graph: Graph | Instance | AnyPath,
+    graph: Graph | Instance | AnyPath | Any,
     values: Any,
     *,
-    cost: str = CHORDAL,
+    cost: str | None = None,
     ids: ArrayLike | None = None,
     **options: Any,
 ) -> Certificate:
     """Certify GTSAM's Values, or any object with ``keys()`` and ``atPose3``, ``atRot3`` and so on.
 
     Keys are matched with node ids, else by the index of Symbols, else in ascending order if there
-    are equally many; the last two give an `InputNotice`. Poses work for rotation graphs too.
+    are equally many; the last two give an `InputNotice`. Poses work for rotation graphs too. The
+    world of an instance has no key.
 
     Parameters
     ----------
-    graph : a graph, whose ids are 0 ... n-1, an instance with its own ids, or the path of its file
+    graph : a graph, whose ids are 0 ... n-1, an instance with its own ids, the path of its file,
+        or GTSAM's NonlinearFactorGraph, see `certpgo.from_gtsam`
     values : poses or rotations, 2D or 3D like the graph
-    cost : ``"chordal"``, or for an instance with information matrices ``"gtsam"`` or ``"g2o"``
+    cost : ``"chordal"``, or for an instance with information matrices ``"gtsam"`` or ``"g2o"``; by
+        default ``"gtsam"`` for a factor graph, and ``"chordal"`` for all else
     ids : (n,) integers, the key of each node, to avoid guessing the match
     options : options of `certify`: tier, rtol, atol, refine
 
@@ -290,19 +295,41 @@ def certify_values(
     >>> certpgo.certify_values(instance, Values()).verdict.value
     'REFUTED'
     """
+    if type(graph).__name__ == FACTOR_GRAPH:
+        return _certify_factors(graph, values, cost, ids, options)
     posed = measured(graph)
     instance = as_instance(posed, "certify_values")
     if not callable(getattr(values, "keys", None)):
         raise InputError(f"GTSAM's Values expected, not {kind_of(values)}: certify takes estimates")
-    of, keys = instance.graph, instance.ids
-    n = of.num_nodes
+    of, keys = instance.graph, _keys_of(instance)
+    n, points = len(keys), instance.graph.is_point[: instance.world]
     if ids is not None:
         keys = np.asarray(ids)
         if keys.shape != (n,) or keys.dtype.kind not in "iu" or len(np.unique(keys)) != n:
             raise InputError(f"ids must be {n} distinct integers, the key of each node")
     estimate, notice = estimate_from_values(
-        values, keys, of.d, of.has_positions, exact=ids is not None
+        values, keys, of.d, of.has_positions, points=points, exact=ids is not None
     )
     if notice:
         warnings.warn(notice, InputNotice, stacklevel=2)
-    return certify(objective_of(posed, cost), estimate, **options)
+    estimate = with_world_placed(of, instance.with_world(estimate))
+    return certify(objective_of(posed, CHORDAL if cost is None else cost), estimate, **options)
+
+
+def _keys_of(instance: Instance) -> IntArray:
+    """(n,) the source's own numbers of the nodes but the world."""
+    ids = instance.ids[: instance.world]
+    return ids if instance.apart is None else ids - instance.moved_by * instance.apart[: len(ids)]
+
+
+def _certify_factors(
+    graph: Any, values: Any, cost: str | None, ids: ArrayLike | None, options: dict[str, Any]
+) -> Certificate:
+    """The certificate of values for their factor graph, whose keys are the nodes."""
+    if ids is not None:
+        raise InputError("ids are for graphs of other sources: a factor graph has its own keys")
+    from certpgo.objective.gtsam_graph import judged_factors
+
+    problem, estimate, instance = judged_factors(graph, values, cost or "gtsam")
+    found = certify(problem, estimate, **options)
+    return found if instance is None else of_instance(found, instance, estimate)

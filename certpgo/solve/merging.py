@@ -25,7 +25,7 @@ from certpgo.graph.concatenate import joined
 from certpgo.graph.display import Speaking
 from certpgo.graph.held import refuse_held
 from certpgo.graph.kinds import Kind
-from certpgo.graph.labels import WORLD, Label, Landmark, called, in_order
+from certpgo.graph.labels import WORLD, Label, Landmark, called, in_order, shown
 from certpgo.graph.origins import in_one_world
 from certpgo.graph.phrases import counted, few
 from certpgo.io.accept_paths import AnyPath, as_instance, measured
@@ -133,7 +133,7 @@ class Merged(Speaking):
     def named(self, edge: int) -> str:
         """A measurement between maps by the labels of its nodes, with its term."""
         i, j = (self.instance.labels[k] for k in self.instance.measurements.edges[edge].tolist())
-        return f"{i}-{j} (term {self.terms[np.searchsorted(self.between, edge)]:.3g})"
+        return f"{shown(i)}-{shown(j)} (term {self.terms[np.searchsorted(self.between, edge)]:.3g})"
 
     def _picture(self) -> str:
         return self.answer._picture()

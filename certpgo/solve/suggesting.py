@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 from certpgo.errors import InputError, require
 from certpgo.graph import Estimate, Graph, Instance, RotationGraph
 from certpgo.graph.display import Speaking
-from certpgo.graph.phrases import counted
+from certpgo.graph.phrases import counted, shown_id
 from certpgo.graph.succession import succession
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.choose_cost import CHORDAL, objective_of
@@ -66,7 +66,7 @@ class SuggestedLoops(Speaking):
 
     def _facts(self) -> Iterator[tuple[str, str]]:
         for (i, j), value in zip(self.named.tolist(), self.connectivity[1:], strict=True):
-            yield f"{i}-{j}", f"{value:.4g}"
+            yield f"{shown_id(i)}-{shown_id(j)}", f"{value:.4g}"
 
     @property
     def named(self) -> IntArray:
