@@ -153,7 +153,7 @@ def _split(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Tau (m,), T' (m, 2, 2), r (m, 2) and w' (m,); nan where the information is not definite.
 
-    Of the shares tried, the one with the largest tau^2 w'.
+    Of the shares tried, the one with the largest tau w'.
     """
     m = len(w)
     # w' > 0 exactly for tau below the inverse of the largest translational variance.
@@ -169,7 +169,7 @@ def _split(
         with np.errstate(all="ignore"):
             solved = _solved(matrix, p)
             remaining = w - _dots(p, solved)
-            worth = tried**2 * remaining
+            worth = tried * remaining
         better = (smallest > 0.0) & (remaining > 0.0) & (worth > best)
         tau[better], rest[better], r[better] = tried[better], matrix[better], solved[better]
         left[better], best[better] = remaining[better], worth[better]

@@ -54,7 +54,9 @@ def set_aside(
     e: FloatArray,
     curvature: Callable[[FloatArray, FloatArray, FloatArray], FloatArray],
 ) -> SetAside:
-    """Of the shares tried, that with the largest lam^d times the curvature on the rotations.
+    """Of the shares tried, that with the largest lam^q times the curvatures on the rotations.
+
+    Relaxations are loose where lam or a curvature is small: each curvature is weighed against lam.
 
     Parameters
     ----------
@@ -62,7 +64,7 @@ def set_aside(
     curvature : of S (k, q, q), residuals x (k, q) and slopes (k, q): what a minorant makes of them,
         at most zero if it is of little use, -inf if there is none
     """
-    d = graph.d
+    d, q = graph.d, graph.information_matrices.shape[1] - graph.d
     T, P, W = blocks(graph.information_matrices, d)
     x, slope = e[:, d:], 2.0 * (graph.information_matrices @ e[:, :, None])[:, :, 0]
     # For a smaller lam, S is positive definite.
@@ -79,7 +81,7 @@ def set_aside(
         weight = shares * largest[every]
         left = W[every] - _eliminated(T[every], P[every], weight)
         worth = curvature(left, x[every], slope[every, d:])
-        worth = np.where(worth > 0.0, weight**d, 1.0) * worth
+        worth = np.where(worth > 0.0, weight**q, 1.0) * worth
         worth = np.where(worth > -np.inf, worth, -np.inf).reshape(-1, len(SHARES))
         best = len(SHARES) * np.arange(len(tried)) + worth.argmax(axis=1)
         fits = worth.max(axis=1) > -np.inf

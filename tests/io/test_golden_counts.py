@@ -7,6 +7,8 @@ from certpgo import io
 from certpgo.linalg import rotations as so
 
 POSES = {
+    "collections/pudq/pudq_Grid1000_5.g2o": (1000, 1250),
+    "collections/pudq/pudq_M3500_4.g2o": (3500, 5598),
     "outliers/grid1000_10p_measurements.g2o": (1000, 1488),
     "outliers/grid1000_30p_measurements.g2o": (1000, 1501),
     "outliers/grid1000_50p_measurements.g2o": (1000, 1519),
