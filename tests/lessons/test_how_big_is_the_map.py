@@ -30,3 +30,11 @@ def test_the_held_pose_shrinks_the_map(shown):
     off = {name: np.log(shown[name].estimate.scales / truth) for name in ("held", "mean")}
     assert off["held"].mean() < -np.std(off["mean"])
     assert np.std(off["held"]) > np.std(off["mean"])
+
+
+def test_a_held_camera_shrinks_the_others_the_more_the_noise(shown):
+    held, mean = shown["shrunk"]["first camera held"], shown["shrunk"]["mean unit"]
+    assert held[0] == pytest.approx(1.0, rel=1e-6)
+    assert (np.diff(held) < 0.0).all()
+    assert held[-1] < 0.6
+    assert np.abs(np.array(mean) - 1.0).max() < 0.2

@@ -1,4 +1,4 @@
-"""Synthetic maps of unknown scale: random ones, and trajectories whose scale drifts."""
+"""Synthetic maps of unknown scale: random ones, drifting trajectories, and sightings by cameras."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from certpgo.graph import Estimate, Graph, PoseGraph, RotationGraph, SimilarityGraph
 from certpgo.graph.picture import closures
 from certpgo.graph.trees import compose
+from certpgo.io.sightings import graph_of_sightings
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import IntArray
 
@@ -126,6 +127,42 @@ def drifting(
     rotation = RotationGraph(n, edges, measured, 0.5 / np.maximum(off, turn) ** 2)
     graph = SimilarityGraph(rotation, moved / s[i][:, None], spread**-2, scales=scales)
     return graph, Estimate(R, t, scales=s)
+
+
+def ring_of_depths(
+    n: int, points: int, seen: int, rng: np.random.Generator, *, noise: float = 0.03
+) -> tuple[Graph, Estimate]:
+    """Points that a ring of cameras sees at depths of a unit of each camera's own.
+
+    Parameters
+    ----------
+    n, points : numbers of cameras, on a circle and looking inwards, and of points before them
+    seen : by how many cameras each point is seen, out of the 2 ``seen`` nearest
+    noise : standard deviation of depths, as a share of them
+
+    Returns
+    -------
+    The graph, with all scales unknown and weights of 1; and the truth with the scales of cameras.
+    """
+    radius, turned = n / 16.0, 2.0 * np.pi * np.arange(n) / n
+    c, sine, flat, up = np.cos(turned), np.sin(turned), np.zeros(n), np.ones(n)
+    R = np.stack([[-sine, flat, -c], [c, flat, -sine], [flat, -up, flat]]).transpose(2, 0, 1)
+    centres = np.stack([radius * c, radius * sine, 0.2 * rng.standard_normal(n)], axis=1)
+    s = np.exp(0.3 * rng.standard_normal(n))
+    around, inner = rng.uniform(0.0, n, points), radius - rng.uniform(1.0, 3.0, points)
+    angle = 2.0 * np.pi * around / n
+    where = np.stack([inner * np.cos(angle), inner * np.sin(angle)], axis=1)
+    where = np.concatenate([where, rng.uniform(-1.0, 1.0, (points, 1))], axis=1)
+    near = np.argsort(rng.random((points, min(2 * seen, n))), axis=1)[:, :seen]
+    i = ((around[:, None] - seen).astype(np.intp) + near).ravel() % n
+    pairs = np.stack([i, np.repeat(np.arange(points), seen)], axis=1)
+    seen_at = np.einsum("kba,kb->ka", R[i], where[pairs[:, 1]] - centres[i]) / s[i][:, None]
+    seen_at *= 1.0 + noise * rng.standard_normal((len(i), 1))
+    graph, *_ = graph_of_sightings(pairs, seen_at, np.ones(len(i)), free=True)
+    rotations = np.concatenate([R, np.tile(np.eye(3), (points, 1, 1))])
+    scales = np.concatenate([s, np.ones(points)])
+    truth = Estimate(rotations, np.concatenate([centres, where]), scales=scales)
+    return graph, truth
 
 
 def in_one_unit(graph: Graph) -> Graph:

@@ -17,11 +17,12 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.errors import FormatError, InputError
-from certpgo.graph import Graph, Instance, PoseGraph, RotationGraph
+from certpgo.graph import Instance
 from certpgo.graph.phrases import counted
 from certpgo.io.chunks import first_row, read_rows, whole
 from certpgo.io.format import Format, ReadOptions
-from certpgo.linalg.arrays import FloatArray, IntArray, numbered
+from certpgo.io.sightings import graph_of_sightings, seen_twice
+from certpgo.linalg.arrays import FloatArray
 
 _NAME, _CALIBRATION = "stereo_factors", "calibration"
 #: Disparity above which and depth below which a sighting is used, pixels and metres.
@@ -49,8 +50,7 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
     with np.errstate(divide="ignore"):
         depth = fx * baseline / disparity
     used = (disparity > LEAST_DISPARITY) & (depth < FARTHEST)
-    _, which, counts = np.unique(pairs[used, 1], return_inverse=True, return_counts=True)
-    used[np.flatnonzero(used)[counts[which] < 2]] = False
+    used[used] = seen_twice(pairs[used, 1])
     if not used.any():
         raise FormatError(path, None, "no point is near enough and seen twice")
     pairs, pixels, z = pairs[used], pixels[used], depth[used]
@@ -58,7 +58,7 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
     tau = (NEAR_ERROR + DISPARITY_ERROR * z**2 / (fx * baseline)) ** -2
     if options.ignore_information:
         tau = np.ones(len(z))
-    graph, ids, moved_by = _graph(pairs, where, tau)
+    graph, ids, moved_by = graph_of_sightings(pairs, where, tau)
     points = counted(graph.num_nodes - len(graph.pose_nodes), "point{s}")
     seen = counted(len(z), "sighting{s}")
     notices = [f"{points}, {seen}; point k has the id k + {moved_by}"]
@@ -78,18 +78,6 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
         apart=graph.is_point,
         moved_by=moved_by,
     )
-
-
-def _graph(pairs: IntArray, where: FloatArray, tau: FloatArray) -> tuple[Graph, IntArray, int]:
-    """The graph, the ids of its nodes, and what was added to the numbers of points."""
-    cameras = np.unique(pairs[:, 0])
-    moved_by = int(cameras[-1]) + 1
-    ids = np.concatenate([cameras, np.unique(pairs[:, 1]) + moved_by])
-    edges = numbered(ids, pairs + np.array([0, moved_by]))
-    k = len(tau)
-    rotation = RotationGraph(len(ids), edges, np.tile(np.eye(3), (k, 1, 1)), np.zeros(k))
-    points = np.arange(len(ids)) >= len(cameras)
-    return PoseGraph(rotation, where, tau, points=points), ids, moved_by
 
 
 def _convert(rows: FloatArray) -> tuple[FloatArray, ...]:
