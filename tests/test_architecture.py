@@ -26,6 +26,7 @@ RANKS = {
     "_start": 0,
     "checker": 0,
     "integer_checker": 0,
+    "cycle_checker": 0,
     "errors": 0,
     "linalg": 1,
     "graph": 2,
@@ -56,6 +57,7 @@ HARNESS_RANKS = {
 #: Third-party packages with one home each.
 HOMES = {
     "cvxpy": ("certpgo/optimize/methods/sdp_",),
+    "clarabel": ("certpgo/certify/cycle_program.py",),
     "pymetis": ("certpgo/linalg/factor.py",),
     "pooch": ("certpgo/io/datasets/lookup.py",),
     "rosbags": ("certpgo/io/bags.py",),
@@ -224,7 +226,7 @@ def test_no_function_is_long():
 def test_one_name_is_one_class():
     places = {}
     for path in [*FILES, *HARNESS_FILES]:
-        if path.name in ("checker.py", "integer_checker.py"):  # have their own: they share nothing
+        if path.name.endswith("checker.py"):  # have their own: they share nothing
             continue
         for node in tree(path).body:
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
@@ -255,6 +257,11 @@ def test_the_integer_checker_computes_with_integers_alone():
     divided = [n for n in ast.walk(tree(path)) if isinstance(getattr(n, "op", None), ast.Div)]
     # A path, and a quotient of fractions.
     assert {ast.unparse(n) for n in divided} == {"path / 'EGs.txt'", "self.lower / self.upper"}
+
+
+def test_the_cycle_checker_imports_the_standard_library_alone():
+    heads = {name.partition(".")[0] for name in imports(PACKAGE / "cycle_checker.py")}
+    assert heads <= set(sys.stdlib_module_names)
 
 
 def third_party_after(statement, parts=1):

@@ -41,7 +41,7 @@ class Bounds(Brief):
     cycle : pi / n (Theorem 4.2) if the graph is one cycle of equal weights, else None
     row_bound_holds : whether each node's own residuals satisfy the a posteriori row bound
     cycle_sum_holds : for a cycle, whether the residuals share an axis and sign and add up to at
-        most pi; None if the graph is not a cycle
+        most pi, none of them half a turn; None if the graph is not a cycle
     """
 
     spectral: float
@@ -152,8 +152,8 @@ def cycle_bound(graph: Graph) -> float | None:
 def cycle_sum_holds(problem: Quadratic, estimate: Estimate) -> bool | None:
     """Whether a cycle's residuals share one axis and sign and add up to at most pi.
 
-    Then a stationary point of a (weighted) cycle is optimal: in the gauge of R the condition
-    S' >= 0 reduces to the isoperimetric inequality for inscribed polygons. None for other graphs.
+    Then a stationary point of a (weighted) cycle is optimal, see docs/concepts/bounds.md, unless a
+    residual is half a turn: one on its own makes no torque. None for other graphs.
     """
     graph = problem.graph
     if not is_cycle(graph):
@@ -162,6 +162,7 @@ def cycle_sum_holds(problem: Quadratic, estimate: Estimate) -> bool | None:
     residual = so.log(R[i] @ graph.rotations @ np.swapaxes(R[j], 1, 2))
     around = walk(graph)
     residual[around.edges[~around.forward]] *= -1.0
-    total = np.linalg.norm(residual, axis=1).sum()
-    aligned = np.linalg.norm(residual.sum(axis=0))
-    return bool(total <= np.pi and aligned >= (1.0 - SAME) * total)
+    angles = np.linalg.norm(residual, axis=1)
+    total, aligned = angles.sum(), np.linalg.norm(residual.sum(axis=0))
+    turns_less = angles.max() <= (1.0 - SAME) * np.pi
+    return bool(total <= np.pi and turns_less and aligned >= (1.0 - SAME) * total)

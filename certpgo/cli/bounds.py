@@ -6,19 +6,21 @@ import math
 from collections.abc import Iterable
 from contextlib import nullcontext
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from certpgo.cli._interrupting import ends_at_once
 from certpgo.cli._options import GraphName, Json, MaxDifference, Timestamps, estimate_argument
+from certpgo.cli._outputs import Outputs
 from certpgo.cli._reading import Reading, covered, restricted_to, takes_reading
 from certpgo.cli._show import document, facts, notice, table, working
 from certpgo.cli._swapped import graph_comes_first
 
 if TYPE_CHECKING:
     from certpgo.graph import Estimate, Instance
-    from certpgo.solve.bounds_table import Ladder, Rung
+    from certpgo.solve.rungs import Ladder, Rung
 
 
 EXAMPLES = (
@@ -40,6 +42,14 @@ def command(
     force: Annotated[
         bool, typer.Option("--force", help="Solve it even if memory may run out.")
     ] = False,
+    cycles: Annotated[
+        Path | None,
+        typer.Option(
+            "--cycles",
+            metavar="FILE",
+            help="Write the proof by cycles about the rotations (certpgo check GRAPH FILE).",
+        ),
+    ] = None,
     timestamps: Timestamps = None,
     max_difference: MaxDifference = 0.01,
     json: Json = False,
@@ -50,6 +60,7 @@ def command(
 
     They are about the chordal cost F, whatever the default cost of the graph is.
     """
+    from certpgo.certify.cycle_file import provable_by_cycles
     from certpgo.io.matching import Matching
     from certpgo.io.timestamps import timed
     from certpgo.objective.choose_cost import CHORDAL, own_cost
@@ -65,12 +76,18 @@ def command(
         instance, given = covered(of_estimate, instance, reading, how)
     if (own := own_cost(instance)) != CHORDAL:
         notice(f"the bounds are about the chordal cost F, not the default cost of {own}")
+    outputs = Outputs(proof=cycles)
+    outputs.refuse(source, of_estimate)
+    written = None if cycles is None else provable_by_cycles(source.path(), instance)
     documents = []
     parts = reading.parts(instance)
     for part in parts:
         point = None if given is None else restricted_to(part, given, instance)
         with working(f"bounds of {part.name}"), ends_at_once() if sdp else nullcontext():
-            found = ladder(Quadratic(part.graph), point, sdp=sdp, force=force)
+            tried = True if cycles is not None else None
+            found = ladder(Quadratic(part.graph), point, sdp=sdp, force=force, cycles=tried)
+        if cycles is not None and written is not None:
+            _write(cycles, written, part, found)
         if json:
             documents.append(_as_json(part, found))
         else:
@@ -79,10 +96,32 @@ def command(
         document(documents[0] if len(documents) == 1 else documents)
 
 
+def _write(path: Path, source: Path, part: Instance, found: Ladder) -> None:
+    """Write what cycles prove, optimal or not, as a lower bound it is."""
+    from certpgo.certify.cycle_file import write_cycles
+
+    if found.cycles is None:
+        notice(f"no proof was written to {path}: {_by_cycles(found).says}")
+    else:
+        notice(f"{path}: {write_cycles(path, source, part, found.cycles)} (certpgo check)")
+
+
+def _by_cycles(found: Ladder) -> Rung:
+    return next(rung for rung in found.rungs if rung.key == "cycles")
+
+
 def _as_json(part: Instance, found: Ladder) -> dict[str, Any]:
     """Bounds on the chordal cost, with angles in radians."""
     from certpgo.certify.wording import objective
 
+    proof = found.cycles
+    by_cycles = proof and {
+        "proven": proof.proven,
+        "reason": proof.reason,
+        "ratio": proof.ratio if math.isfinite(proof.ratio) else None,
+        "lower_bound": proof.lower_bound,
+        "number": len(proof.cycles),
+    }
     return {
         "graph": part.name,
         "options": dict(part.options),
@@ -93,6 +132,7 @@ def _as_json(part: Instance, found: Ladder) -> dict[str, Any]:
         "max_residual_angle": found.largest,
         "max_residual_angle_of_stationary_rotations": found.settled,
         "verdict": found.certificate.verdict.value,
+        "cycles": by_cycles,
         "bounds": [asdict(rung) for rung in found.rungs],
     }
 

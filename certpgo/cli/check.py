@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 import os
 import subprocess
@@ -9,8 +10,7 @@ import sys
 from decimal import Decimal
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-from zipfile import is_zipfile
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -53,7 +53,10 @@ def command(
     ] = False,
     json: Json = False,
 ) -> int:
-    """Verify a proof file with an independent checker, in doubles or in integers."""
+    """Verify a proof file with an independent checker, in doubles or in integers.
+
+    Proofs by cycles (certpgo bounds --cycles) are checked in fractions.
+    """
     from certpgo.cli._reading import Reading
     from certpgo.io.pipes import readable
 
@@ -61,12 +64,13 @@ def command(
     proof = readable(proof)
     if proof.is_dir():
         raise InputError(f"{proof}: a folder, not a proof file")
-    if is_zipfile(path) and proof.is_file() and not is_zipfile(proof):
+    if _begins(path) in PROOFS and proof.is_file() and _begins(proof) not in PROOFS:
         line = f"certpgo check {proof} {path}"
         raise InputError(f"{proof}: not a proof file; the graph comes first: {line}")
+    name = _checker(proof, exact)
     if json:
-        return _as_json(path, proof, exact)
-    program = Path(__file__).parents[1] / ("integer_checker.py" if exact else "checker.py")
+        return _as_json(path, proof, name)
+    program = Path(__file__).parents[1] / f"{name}.py"
     arguments = [sys.executable, str(program), str(path), str(proof)]
     with working(f"checking {proof}"):
         done = subprocess.run(
@@ -84,19 +88,35 @@ def command(
     return done.returncode
 
 
-def _as_json(path: Path, proof: Path, exact: bool) -> int:
-    from certpgo import checker, integer_checker
+#: First bytes of proof files: archives, and those by cycles, which are text.
+PROOFS = (b"P", b"{")
+#: The programs that check proofs, and in what they compute.
+CHECKERS = {"checker": "doubles", "integer_checker": "integers", "cycle_checker": "fractions"}
 
-    files = {
-        "graph": str(path),
-        "proof": str(proof),
-        "checked_in": "integers" if exact else "doubles",
-    }
+
+def _checker(proof: Path, exact: bool) -> str:
+    """The program for a proof file."""
+    if _begins(proof) == b"{":
+        return "cycle_checker"
+    return "integer_checker" if exact else "checker"
+
+
+def _begins(path: Path) -> bytes:
+    """The first byte of a file; nothing of others."""
+    if not path.is_file():
+        return b""
+    with path.open("rb") as file:
+        return file.read(1)
+
+
+def _as_json(path: Path, proof: Path, name: str) -> int:
+    checker: Any = importlib.import_module(f"certpgo.{name}")
+    files = {"graph": str(path), "proof": str(proof), "checked_in": CHECKERS[name]}
     try:
-        proven = (integer_checker if exact else checker).check(path, proof)
-    except (checker.Unreadable, integer_checker.Unreadable) as error:
+        proven = checker.check(path, proof)
+    except checker.Unreadable as error:
         raise InputError(str(error)) from None
-    except (checker.Refused, integer_checker.Refused) as reason:
+    except checker.Refused as reason:
         document({**files, "proved": False, "reason": str(reason)})
         return REFUSED
     document(

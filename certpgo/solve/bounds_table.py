@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple, TypeVar
+from dataclasses import replace
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -24,94 +24,38 @@ from certpgo.certify.bounds import (
     normalized_fiedler_value,
     row_bound,
 )
+from certpgo.certify.cycles import CycleProof, prove
 from certpgo.certify.tolerances import SETTLED
 from certpgo.errors import CertPGOError, InputError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.cycles import is_cycle
-from certpgo.graph.phrases import bound_shown
+from certpgo.graph.phrases import rounded_down
 from certpgo.objective.quadratic import NO_SCALES, Quadratic
 from certpgo.optimize import spectral
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 from certpgo.optimize.solution import Status
 from certpgo.solve.judging import certify
 from certpgo.solve.result import CertifiedSolution
+from certpgo.solve.rungs import About, Ladder, Rung
 from certpgo.solve.solving import solve
 
 #: The method that solves the semidefinite program.
 PROGRAM = "sdp_dual"
+#: Cycles of a basis up to which a proof by cycles is tried unasked.
+MANY_CYCLES = 3000
 #: Relative gap below which a lower bound counts as equal to F.
 TIGHT = 1e-6
 
-About = Literal["cost", "angle", "ratio"]
 T = TypeVar("T")
 
 
-@dataclass(frozen=True)
-class Rung:
-    """One bound.
-
-    Attributes
-    ----------
-    key, title : identifier and name
-    about : the bounded quantity: the ``"cost"`` F from below; the residual ``"angle"`` of optimal
-        stationary rotations, or the sum of these, radians; or the ``"ratio"`` of a node's residuals
-        to its weight
-    value : the bound; None if there is none, for the reason in ``says``
-    against : the value compared with it: F, the largest residual angle (or sum), the largest ratio
-    holds : whether it shows the estimate (the stationary rotations near it) to be optimal; for
-        lower bounds up to `TIGHT`; None without a value
-    needs : what its computation requires
-    seconds : run time
-    says : its implication for the estimate
-    """
-
-    key: str
-    title: str
-    about: About
-    value: float | None
-    against: float
-    holds: bool | None
-    needs: str
-    seconds: float
-    says: str
-
-    @property
-    def shown(self) -> str:
-        """The value with its unit, or a dash if there is none."""
-        if self.value is None:
-            return "-"
-        if self.about == "angle":
-            return f"{math.degrees(self.value):.4g} deg"
-        return (
-            bound_shown(self.value) if self.about == "cost" else f"{self.value:.4g} of its weight"
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Ladder:
-    """The bounds of a connected graph, cheapest first.
-
-    Attributes
-    ----------
-    cost : F of the estimate
-    given : whether the estimate was given; otherwise the certified pipeline found it
-    largest : its largest residual angle, radians
-    settled : largest residual angle of the stationary rotations near it, radians, for the
-        residual-angle bounds; None where descent reached none
-    certificate : certificate of the estimate
-    rungs : the bounds
-    """
-
-    cost: float
-    given: bool
-    largest: float
-    settled: float | None
-    certificate: Certificate
-    rungs: tuple[Rung, ...]
-
-
 def ladder(
-    problem: Quadratic, estimate: Estimate | None = None, *, sdp: bool = False, force: bool = False
+    problem: Quadratic,
+    estimate: Estimate | None = None,
+    *,
+    sdp: bool = False,
+    force: bool = False,
+    cycles: bool | None = None,
 ) -> Ladder:
     """Compute all bounds of a connected graph.
 
@@ -120,6 +64,7 @@ def ladder(
     estimate : estimate to compare with; by default the certified pipeline's
     sdp : also solve the semidefinite program
     force : solve it even if it is too large for its solver
+    cycles : whether to try a proof by cycles; by default where a basis has at most `MANY_CYCLES`
 
     Raises
     ------
@@ -140,7 +85,8 @@ def ladder(
         (certificate, proven), seconds = _timed(lambda: _certificates(problem, point))
     stationary = _stationary_rotations(problem, point)
     F = _Cost(problem.cost(point), certificate.cost_upper)
-    rungs = [*_spectral(problem, F), *_angles(problem, stationary)]
+    by_cycles, rung = _cycles(problem, stationary, cycles)
+    rungs = [*_spectral(problem, F), *_angles(problem, stationary), rung]
     unsolved = "not requested: --sdp solves it"
     rungs.append(_program(problem, F, force) if sdp else _sdp(None, F, 0.0, unsolved))
     title, needs = "proven bound", "a search, and factorizations with bounded rounding"
@@ -154,6 +100,7 @@ def ladder(
         settled=None if stationary is None else float(angles(stationary).max()),
         certificate=certificate,
         rungs=tuple(_in_view_of_earlier(rungs)),
+        cycles=by_cycles,
     )
 
 
@@ -314,6 +261,27 @@ def _angles(problem: Quadratic, stationary: Estimate | None) -> Iterator[Rung]:
     why = f"they add up to {math.degrees(total):.4g} degrees"
     holds = stationary is not None and cycle_sum_holds(rotation, stationary) is True
     yield _local("cycle_sum", title, math.pi, total, needs, 0.0, why, holds=holds)
+
+
+def _cycles(
+    problem: Quadratic, stationary: Estimate | None, wanted: bool | None
+) -> tuple[CycleProof | None, Rung]:
+    title, needs = "cycles of springs", "a cone program, and fractions"
+    basis, why = problem.graph.num_edges - problem.n + 1, ""
+    if problem.graph.has_matrix_weights:
+        why = "not computed: it is for isotropic weights"
+    elif wanted is False or (wanted is None and basis > MANY_CYCLES):
+        why = f"not tried: a basis has {basis} cycles (--cycles FILE tries)"
+    if stationary is None or why:
+        why = why or "none: local descent reached no stationary rotations"
+        return None, Rung("cycles", title, "stiffness", None, 1.0, None, needs, 0.0, why)
+    proof, seconds = _timed(lambda: prove(problem.rotation, stationary))
+    lower = f"F* of rotations >= {rounded_down(proof.lower_bound, 6)}"
+    says = f"none: {proof.reason}, and {lower}"
+    if proof.proven:
+        says = f"proven by cycles: the stationary rotations nearby are optimal, {lower}"
+    value = proof.ratio if math.isfinite(proof.ratio) else None
+    return proof, Rung("cycles", title, "stiffness", value, 1.0, proof.proven, needs, seconds, says)
 
 
 def _local(

@@ -24,8 +24,9 @@ from certpgo.objective.choose_cost import (
 from certpgo.optimize.monitor import Iteration
 from certpgo.solve.accuracy_wording import digits, distances, ends, provenance
 from certpgo.solve.assessment import Assessment, CostlyEdge
-from certpgo.solve.bounds_table import Rung, rungs_of_eigenvalues
+from certpgo.solve.bounds_table import rungs_of_eigenvalues
 from certpgo.solve.diagnostics import kinds_in_words
+from certpgo.solve.rungs import Rung
 from certpgo.view.advice import advice, cost_options
 from certpgo.view.charts import Bars, Curve, Lines, bars, histogram, lines
 from certpgo.view.eigenvalues import CertificateMatrix, certificate_matrix

@@ -265,7 +265,8 @@ with plt.rc_context(STYLE):
 # Three statements survive, whatever the graph:
 #
 # 1. $\lambda_1(L) = 0$ if and only if some nonzero field of vectors agrees with all measurements;
-#    all three vanish if and only if rotations do, that is, if $F^* = 0$.
+#    in a connected graph all three vanish if and only if rotations do, that is, if $F^* = 0$. (Of
+#    several components one that fits is enough for three zeros, whatever the others cost.)
 # 2. $3 n \lambda_1(L) \le n(\lambda_1 + \lambda_2 + \lambda_3) \le F^*$: an eigenvalue above zero
 #    is a *proof* that no estimate fits.
 # 3. To judge whether it is large, compare not with the Fiedler value but with the same graph with

@@ -1,5 +1,7 @@
 """certpgo bounds: words on a terminal, radians in JSON."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -74,3 +76,56 @@ def test_a_graph_that_is_not_connected_is_refused_or_taken_apart(certpgo, tmp_pa
     assert "--components" in done.err
     found = certpgo("bounds", path, "--components", "each", "--json").json
     assert len(found) == 2
+
+
+def test_a_proof_by_cycles_is_written_and_checked(certpgo, square, tmp_path):
+    proof = tmp_path / "square.cycles"
+    done = certpgo("bounds", square, "--cycles", proof)
+    assert done.code == 0
+    assert "proven by cycles: the stationary" in done.out
+    assert f"{proof}: PROVED: " in done.err
+    checked = certpgo("check", square, proof)
+    assert checked.out.startswith("PROVED: F(x) <= ")
+    found = certpgo("check", square, proof, "--json").json
+    assert (found["proved"], found["checked_in"], found["within"]) == (True, "fractions", [])
+    assert "the graph comes first" in certpgo("check", proof, square).err
+    document = json.loads(proof.read_text())
+    document["cycles"][0][0][0] *= 10**9
+    proof.write_text(json.dumps(document))
+    assert certpgo("check", square, proof).code == 6
+    assert certpgo("check", square, proof, "--json").json["proved"] is False
+
+
+def test_cycles_in_json(certpgo, wound, square):
+    found = certpgo("bounds", square, "--json").json["cycles"]
+    assert found["proven"] is True
+    assert found["reason"] == ""
+    assert 0.0 < found["ratio"] < 1.0
+    assert found["lower_bound"] > 0.0
+    assert found["number"] == 1
+    found = certpgo("bounds", *wound, "--json").json["cycles"]
+    assert found["proven"] is False
+    assert found["ratio"] > 1.0
+
+
+@pytest.mark.parametrize(
+    ("options", "line", "reason"),
+    [
+        (["--keep", "last"], "", "without --keep last"),
+        ([], "EDGE_PRIOR_SE2 0 0 0 0 1 0 0 1 0 1\n", "without landmarks and priors"),
+        ([], "LANDMARK2 0 7 1 0 1 0 1\n", "without landmarks and priors"),
+    ],
+)
+def test_files_that_a_proof_by_cycles_is_not_about(
+    certpgo, square, tmp_path, options, line, reason
+):
+    square.write_text(square.read_text() + line)
+    done = certpgo("bounds", square, "--cycles", tmp_path / "proof", *options)
+    assert done.code == 1
+    assert reason in done.err
+    assert not (tmp_path / "proof").exists()
+
+
+def test_a_proof_by_cycles_of_an_archive_is_refused(certpgo, wound, tmp_path):
+    done = certpgo("bounds", wound[0], "--cycles", tmp_path / "proof")
+    assert (done.code, "not npz" in done.err) == (1, True)

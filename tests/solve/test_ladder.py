@@ -63,6 +63,7 @@ def test_a_cycle_has_its_own_rungs():
         "rows",
         "cycle",
         "cycle_sum",
+        "cycles",
         "sdp",
         "proven",
     ]
