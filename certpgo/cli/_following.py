@@ -275,9 +275,7 @@ class Stream:
     counts: Counter[str] = field(default_factory=Counter)
 
     @classmethod
-    def of(
-        cls, source: Source | None, every: int, reading: Reading, cost: str | None, robust: bool
-    ) -> Stream:
+    def of(cls, source: Source | None, every: int, reading: Reading, cost: str | None) -> Stream:
         """Open a file, a named pipe, or standard input if there is none.
 
         Raises
@@ -295,15 +293,14 @@ class Stream:
             parts = reading.parts(reading.open(source, operation=None))
             if len(parts) != 1:
                 raise InputError("follow takes one component: --components largest")
-            own = chosen_cost(cost, parts[0], robust=robust)
+            own = chosen_cost(cost, parts[0])
             return cls(parts[0], streamed(parts[0], every), own)  # type: ignore[arg-type]
         if reading.keep.value != "all":
             kept = f"--keep {reading.keep.value}"
             raise InputError(f"{kept} is for files: a pipe keeps all measurements")
         counts, name = Counter[str](), NAME if source is None else source.name
-        chordal = robust or reading.rotations
         coming = _piped(pipe, name, every, reading, counts)
-        return cls(None, coming, CHORDAL if chordal else cost, name, counts)
+        return cls(None, coming, CHORDAL if reading.rotations else cost, name, counts)
 
     def totals(self) -> Iterator[str]:
         """How many lines of a pipe were skipped or are unusual, one sentence each."""

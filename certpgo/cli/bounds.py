@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from contextlib import nullcontext
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -61,6 +61,7 @@ def command(
     They are about the chordal cost F, whatever the default cost of the graph is.
     """
     from certpgo.certify.cycle_file import provable_by_cycles
+    from certpgo.graph.phrases import listed
     from certpgo.io.matching import Matching
     from certpgo.io.timestamps import timed
     from certpgo.objective.choose_cost import CHORDAL, own_cost
@@ -69,7 +70,7 @@ def command(
 
     source, of_estimate = reading.resolve(graph), reading.resolve(estimate)
     with graph_comes_first("bounds", source, [] if of_estimate is None else [of_estimate]):
-        instance = timed(reading.open(source), timestamps)
+        instance = timed(reading.open(source, operation="bounds"), timestamps)
     given: Estimate | None = None
     if of_estimate is not None:
         how = Matching.of(timestamps, max_difference)
@@ -79,6 +80,10 @@ def command(
     outputs = Outputs(proof=cycles)
     outputs.refuse(source, of_estimate)
     written = None if cycles is None else provable_by_cycles(source.path(), instance)
+    if blocks := instance.graph.blocks:
+        others = listed([block.kind.plural for block in blocks])
+        notice(f"the bounds are about F without {others}, whose terms are never negative")
+        instance = replace(instance, graph=instance.graph.with_blocks(), numbers=None)
     documents = []
     parts = reading.parts(instance)
     for part in parts:

@@ -139,13 +139,13 @@ def _parts(
         It cannot be read, is not connected, or does not have this cost.
     """
     from certpgo.io.timestamps import timed
-    from certpgo.objective.choose_cost import objective_of, require_poses_alone
+    from certpgo.objective.choose_cost import objective_of
 
-    instance = timed(reading.open(source, notices=False), timestamps)
+    opened = reading.open(source, notices=False, operation="compare")
+    instance = timed(opened, timestamps)
     parts = reading.parts(instance)
     under = chosen_cost(cost, instance)
     for part in parts:
-        require_poses_alone(part)
         objective_of(part, under)
     return parts, under
 

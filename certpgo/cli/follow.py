@@ -16,7 +16,6 @@ from certpgo.cli._interrupting import tell_interrupted, tells_unwritten
 from certpgo.cli._options import CostOption, Json, time_limit_option
 from certpgo.cli._outputs import Outputs
 from certpgo.cli._reading import Reading, takes_reading
-from certpgo.cli._rules import chordal_only
 from certpgo.cli._show import notice, working
 
 if TYPE_CHECKING:
@@ -26,7 +25,6 @@ EXAMPLES = (
     "certpgo follow graph.g2o --every 50",
     "robot | certpgo follow - -o newest.g2o",
 )
-RULES = (chordal_only("robust"),)
 
 
 @takes_reading
@@ -93,13 +91,9 @@ def command(
     outputs.refuse()
     source = None if graph == PIPE else reading.resolve(graph)
     outputs.refuse(source, *reading.others)
-    stream = Stream.of(source, every, reading, cost, robust)
+    stream = Stream.of(source, every, reading, cost)
     limits = SolveSettings(time_limit=time_limit)
-    session = (
-        RobustSession(limits, every=None)
-        if robust
-        else Session(limits, every=None, cost=stream.cost)
-    )
+    session = (RobustSession if robust else Session)(limits, every=None, cost=stream.cost)
     followed = Followed(session, graph, stream.whole, stream.cost, trace and not json)
     with _shown(port) if view else _unseen() as followed.on_refresh:
         interrupted = _fed(followed, stream, every)

@@ -11,7 +11,7 @@ import typer
 from certpgo.cli import _verdict
 from certpgo.cli._completion import graphs
 from certpgo.cli._interrupting import tells_unwritten
-from certpgo.cli._options import Json
+from certpgo.cli._options import CostOption, Json
 from certpgo.cli._outputs import Outputs, Result, emit
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import table
@@ -45,6 +45,7 @@ def command(
             "so on; --between has the raised ids.",
         ),
     ] = None,
+    cost: CostOption = None,
     robust: Annotated[
         bool,
         typer.Option("--robust", help="Leave out measurements between maps that disagree."),
@@ -65,7 +66,7 @@ def command(
     """Merge maps whose relative poses are unknown, and prove how good the result is.
 
     Each map is certified alone, then all measurements together. The measurements between maps are
-    listed with their terms of the chordal cost F, the largest first.
+    listed with their terms of the cost, the largest first.
     """
     from certpgo.solve.merging import merge
 
@@ -76,7 +77,7 @@ def command(
     outputs.refuse(*sources, joints, *reading.others)
     read = [reading.open(source, operation=None) for source in sources]
     joint = reading.open(joints, operation=None)
-    merged = merge(read, joint, offset=offset, robust=robust)
+    merged = merge(read, joint, cost=cost, offset=offset, robust=robust)
     names = [one.name for one in read]
     return emit([_Merged(merged.answer.certificate, merged, names, joint)], [outputs])
 
@@ -145,7 +146,7 @@ class _Merged(Result):
             for _, nodes, term, tail, disagrees in self._worst()[:SHOWN]
         ]
         typer.echo(f"{self.merged}\n")
-        table("Between the maps", ["nodes", "term of F", "probability", ""], rows)
+        table("Between the maps", ["nodes", "term", "probability", ""], rows)
 
     def notices(self, outputs: Outputs) -> list[str]:
         from certpgo.graph.phrases import counted

@@ -82,7 +82,7 @@ def command(
     outputs.refuse()
     source = reading.resolve(graph)
     outputs.refuse(source, *reading.others)
-    instance = reading.open(source)
+    instance = reading.open(source, operation="outliers")
     instance, *others = reading.parts(instance)
     if others:
         raise InputError("measurements of one component are listed: --components largest")

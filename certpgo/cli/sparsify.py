@@ -11,7 +11,7 @@ import typer
 
 from certpgo.cli import _verdict
 from certpgo.cli._interrupting import tells_unwritten
-from certpgo.cli._options import GraphName, Json, note_distances_uncounted
+from certpgo.cli._options import CostOption, GraphName, Json, chosen_cost, note_distances_uncounted
 from certpgo.cli._outputs import Outputs, Result, emit
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import facts, working
@@ -62,6 +62,7 @@ def command(
             "which leaves out wrong ones.",
         ),
     ] = By.CONNECTIVITY,
+    cost: CostOption = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -89,8 +90,9 @@ def command(
     outputs.refuse(source, *reading.others)
     instance = reading.open(source, operation=None)
     note_distances_uncounted(instance)
+    chosen = chosen_cost(cost, instance)
     with working(f"sparsifying {instance.name}"):
-        found = sparsify(instance, keep, by=by.value)
+        found = sparsify(instance, keep, cost=chosen, by=by.value)
     return emit([_Sparsified(found.answer.certificate, instance, found, by)], [outputs])
 
 

@@ -79,9 +79,7 @@ OPERATIONS = {
     ),
     "merge": Operation("certpgo merge does", ("scales",), "a session does", _NO_LAW),
     "session": Operation("a session does", ()),
-    "robust session": Operation(
-        "a robust session does", (*_BLOCKS, "scales"), "a session does", _NO_LAW
-    ),
+    "robust session": Operation("a robust session does", ("scales",), "a session does", _NO_LAW),
     "follow": Operation("certpgo follow does", ()),
     "robust fit": Operation("a robust fit does", ("scales",), _FULLY, _NO_LAW),
     "rejections": Operation(
@@ -89,6 +87,8 @@ OPERATIONS = {
         ("scales", "matrix weights"),
         of_scales="what is below a term grows with the scale of a node, beyond any price",
     ),
+    "compare": Operation("a comparison does", ("scales",), _FULLY, _OF_POSES),
+    "bounds": Operation("this command does", ("scales",), _FULLY, _OF_POSES),
     "tables": Operation(
         "this command does", (*_BLOCKS, "scales"), "certpgo solve and certify do", _OF_POSES
     ),
@@ -101,6 +101,7 @@ OPERATIONS = {
         "--method does", (*_BLOCKS, "scales"), "certpgo solve does without", _OF_POSES
     ),
     "proof": Operation("--proof does", _BLOCKS),
+    "outliers": Operation("certpgo outliers does", ("scales",), _FULLY, _NO_LAW),
     "covariances": Operation("--covariances do", ("scales",), of_scales=_NO_LAW),
     "regions": Operation("--regions do", ("scales",), of_scales=_NO_LAW),
     "robust": Operation("--robust does", ("scales",), _FULLY, _NO_LAW),

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from certpgo.errors import GraphError, require
+from certpgo.errors import GraphError, InputError, require
 from certpgo.graph.display import Brief
 from certpgo.graph.edges import broadcast, check_edges, edge_name, induced
 from certpgo.graph.kinds import Kind
@@ -67,14 +67,35 @@ class Observations(Brief):
                 said = f"{name} must be {wanted}"
                 raise GraphError(f"{edge_name(self.edges, np.asarray(bad))}: {said}")
 
+    @classmethod
+    def named(cls, name: str) -> type[Observations]:
+        """The kind whose class has this name, the last one that is defined by now.
+
+        Raises
+        ------
+        InputError
+            There is none.
+        """
+        kinds = [*cls.__subclasses__()]
+        for kind in kinds:
+            kinds.extend(kind.__subclasses__())
+        found = [kind for kind in kinds if kind.__name__ == name]
+        if not found:
+            raise InputError(f"measurements of the kind {name}: import what defines that first")
+        return found[-1]
+
     @property
     def num_edges(self) -> int:
         """Number k of rows."""
         return len(self.edges)
 
     @property
-    def _columns(self) -> list[str]:
+    def columns(self) -> dict[str, Any]:
         """The attributes with a row each, but the pairs of nodes."""
+        return {name: getattr(self, name) for name in self._columns}
+
+    @property
+    def _columns(self) -> list[str]:
         return [one.name for one in fields(self) if one.name not in ("num_nodes", "edges")]
 
     def subset(self, chosen: IntArray | BoolArray) -> Self:

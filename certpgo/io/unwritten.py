@@ -20,12 +20,12 @@ def unheld(form: Format, whole: Instance) -> Iterator[str]:
     """Why such a file does not hold a graph, one sentence each; none if it does."""
     graph, are = whole.graph, whole.measurements.are
     for block in graph.blocks:
-        if not isinstance(block, Ranges):
-            yield f"no format holds {type(block).__name__}"
+        if not isinstance(block, Ranges) and form.name != "npz":
+            yield f"only .npz files hold {type(block).__name__}"
     for kind in np.unique(graph.nodes[graph.is_other]).tolist():
         yield f"no format holds {NODES[kind].format(s='s')}"
-    if graph.has_couplings:
-        yield "no format holds matrix weights or couplings"
+    if graph.has_couplings and form.name != "npz":
+        yield "only .npz files hold matrix weights or couplings"
     if graph.has_scales and not form.holds_scales:
         yield "only .g2o and .npz files hold similarities"
     if form.name != "npz":

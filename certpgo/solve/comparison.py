@@ -14,13 +14,14 @@ from certpgo.certify.certificate import CHORDAL as OF_F
 from certpgo.certify.region import limits
 from certpgo.errors import CertPGOError, SpecError, require
 from certpgo.graph import Estimate, Graph, Instance
+from certpgo.graph.capabilities import require_capable
+from certpgo.graph.phrases import listed
 from certpgo.io.accept_paths import AnyPath, as_instance
 from certpgo.objective.choose_cost import (
     CHORDAL,
     COSTS,
     Sum,
     objective_of,
-    require_poses_alone,
 )
 from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.solution import Solution, Solver, Status
@@ -209,18 +210,18 @@ def compare(
     instance = as_instance(instance, "compare")
     if methods is not None:
         require(methods, Iterable, "a list of Competitors")
-    require_poses_alone(instance)
+    require_capable(instance.graph, "compare", instance.name)
     posed = objective_of(instance, cost)
     cost, judge = posed.cost_name, Judge(posed)
-    problem, objective = posed.chordal, OF_F if posed.is_chordal else posed.title
+    objective = OF_F if posed.is_chordal else posed.title
     for method in methods_under(cost) if methods is None else methods:
         require(method, Competitor, "a Competitor")
         announce(method.label)
         blank = MethodResult(
             instance.name,
-            problem.d,
-            problem.n,
-            problem.graph.num_measurements,
+            posed.d,
+            posed.n,
+            posed.graph.num_measurements,
             dict(instance.options),
             method.label,
             dict(method.settings),
@@ -228,7 +229,12 @@ def compare(
             method.cost,
         )
         try:
+            problem, left_out = _given(posed, method)
+            if posed.measured.blocks and not left_out:
+                blank = replace(blank, minimised=f"{method.cost} with {_others(posed)}")
             solution = solution_of(method, problem, instance)
+            note = "; ".join(filter(None, (left_out, solution.note)))
+            solution = replace(solution, note=note)
             accuracy = {} if errors is None else asdict(errors(solution.estimate))
             yield replace(_result(blank, solution, posed, judge), accuracy=accuracy)
         except CertPGOError as error:
@@ -237,6 +243,20 @@ def compare(
             yield replace(blank, error="not enough memory")
         except Exception as error:  # a failing method must not end the comparison
             yield replace(blank, error=in_one_line(error))
+
+
+def _given(posed: Quadratic | Sum, method: Competitor) -> tuple[Quadratic | Sum, str]:
+    """What a method is given under F, and what that leaves out, in a sentence."""
+    if not posed.measured.blocks:
+        return posed.chordal, ""
+    if _minimises(method, CHORDAL):
+        return (posed if posed.cost_name == CHORDAL else posed.isotropic), ""
+    return Quadratic(posed.measured.with_blocks()), f"minimises F without {_others(posed)}"
+
+
+def _others(posed: Quadratic | Sum) -> str:
+    """What is measured besides edges."""
+    return listed([block.kind.plural for block in posed.measured.blocks])
 
 
 def _result(
@@ -272,7 +292,7 @@ def _result(
 
 def solution_of(
     method: Competitor,
-    problem: Quadratic,
+    problem: Quadratic | Sum,
     instance: Instance | None = None,
     *,
     settings: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),

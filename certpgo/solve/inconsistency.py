@@ -28,6 +28,7 @@ from certpgo.graph import Estimate, Graph
 from certpgo.graph.succession import Succession
 from certpgo.graph.trees import tree_initialization
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.objective.costs import CHORDAL
 from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.sum import Sum
 from certpgo.objective.truncated_cost import TruncatedCost
@@ -105,7 +106,8 @@ def rises_over(
         posed = TruncatedCost(problem.reweighted(factors), prices[chosen])
     except GraphError:
         return None
-    return proven_rises(posed, tree_initialization(problem.measured.with_edges(trusted)), stop)
+    along = problem.measured.with_edges(trusted[: problem.measured.num_edges])
+    return proven_rises(posed, tree_initialization(along), stop)
 
 
 def cores(
@@ -129,8 +131,9 @@ def cores(
     trusted : (m,) which measurements are taken to be right; none by default
     """
     graph, found = problem.measured, list[IntArray]()
-    shared = np.zeros_like(kept) if trusted is None else trusted
-    free, waiting = kept & _whole(graph), doubtful.tolist()
+    kept = kept[: graph.num_edges]
+    shared = np.zeros_like(kept) if trusted is None else trusted[: graph.num_edges]
+    free, waiting = kept & _whole(graph), doubtful[doubtful < graph.num_edges].tolist()
     while waiting and not stop.should_stop():
         paths = _Paths(graph, free, np.where(shared, FAITH, 1.0))
         ways = {}
@@ -151,7 +154,7 @@ def cores(
 
 
 def _whole(graph: Graph) -> BoolArray:
-    """(m,) which measurements are of all that a node has."""
+    """(m,) which edges are of all that a node has."""
     if graph.kind == "poses":
         return np.asarray(graph.measures_rotation & graph.measures_translation)
     return graph.measures_rotation
@@ -171,8 +174,8 @@ def _is_inconsistent(problem: Posed, path: IntArray, edge: int, budget: float, s
 
 def _part(problem: Posed, edges: IntArray, nodes: IntArray) -> Posed:
     """The problem of some measurements between some nodes."""
-    graph = problem.graph.with_edges(edges).subgraph(nodes)
-    if problem.is_chordal:
+    graph = problem.measured.with_blocks().with_edges(edges).subgraph(nodes)
+    if problem.cost_name == CHORDAL:
         return Quadratic(graph, problem.engine)
     return replace(cast("Sum", problem), measured=graph)
 

@@ -1,7 +1,7 @@
 """Maps of several sessions or robots, merged by measurements between them.
 
-No relative pose of the maps has to be known: F of all measurements together is solved and
-certified. Terms of F are never negative, so that F* of the merged graph is at least the sum of
+No relative pose of the maps has to be known: all measurements together are solved and certified.
+Terms of the cost are never negative, so that the optimum of the merged graph is at least the sum of
 those of the maps; what it is more is what the measurements between them cost.
 
 Whether these agree with the rest is judged by the law of the noise that the files state: under the
@@ -18,13 +18,13 @@ from typing import Any
 import numpy as np
 from scipy import special
 
+from certpgo.certify.wording import named_cost
 from certpgo.errors import GraphError, InputError, require
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.capabilities import require_capable
 from certpgo.graph.concatenate import joined
 from certpgo.graph.display import Speaking
 from certpgo.graph.held import refuse_held
-from certpgo.graph.kinds import Kind
 from certpgo.graph.labels import WORLD, Label, Landmark, called, in_order, shown
 from certpgo.graph.origins import in_one_world
 from certpgo.graph.phrases import counted, few
@@ -122,8 +122,7 @@ class Merged(Speaking):
             terms = terms[~np.isin(self.between, self.disagreeing)]
             measured = f"{len(terms)} of {measured} kept"
         yield "between", f"{measured}, whose terms add up to {float(terms.sum()):.4g}"
-        ranged = Kind.RANGE in self.instance.measurements.counts
-        yield "cost", "F and squared errors of distances" if ranged else "F, the chordal cost"
+        yield "cost", named_cost(self.answer.certificate.objective)
         if self.fit is not None:
             yield "chi^2", str(self.fit)
         if len(self.disagreeing):
@@ -144,6 +143,7 @@ def merge(
     between: Instance | AnyPath,
     settings: SolveSettings | None = None,
     *,
+    cost: str | None = None,
     offset: int | None = None,
     robust: bool = False,
     **options: Any,
@@ -158,6 +158,7 @@ def merge(
         ids, for example
     offset : where ids occur in several maps: the k-th map's ids are raised by k times this, in
         ``between`` and in the result, and so are numbers of landmarks
+    cost : as in `certpgo.solve`, of the maps and of all together
     robust : whether measurements between maps that disagree with the rest are left out; those of
         the maps are trusted
     settings, options : as in `certpgo.solve`
@@ -196,13 +197,14 @@ def merge(
         refuse_held(one)
     names = _labelled(instances, offset)
     whole, across = _joined(instances, names, joints)
-    problem = objective_of(whole, CHORDAL)
+    problem = objective_of(whole, cost)
 
     def alone(one: Instance, ends: Monitor) -> CertifiedSolution:
-        return search(objective_of(one, CHORDAL), chosen, monitor=ends)
+        return search(objective_of(one, problem.cost_name), chosen, monitor=ends)
 
     parts = tuple(results_of(alone, instances))
     answer = search(problem, chosen)
+    # Residuals are judged by the file's own noise, whatever is minimised.
     judged = objective_of(whole)
     fit = _fit(judged, answer.estimate)
     disagreeing = across[outlying(judged, judged.edge_costs(fit), 1.0)[across]]

@@ -133,7 +133,7 @@ class OutlierReport(Brief):
         if self.doubtful_kept is None:
             return
         problem = self.rejection.problem
-        total = int((~problem.is_rejected & problem.measured.is_measured).sum())
+        total = int((~problem.is_rejected & problem.graph.is_measured).sum())
         of_kept = f"{total - len(self.doubtful_kept)} of {total} kept ones"
         yield "worth keeping", f"{of_kept}: leaving any single one of them out costs more, proven"
         if len(self.doubtful_kept):
@@ -182,11 +182,12 @@ def outlier_report(
     require_numbers(level=level)
     found, stop = answer.rejection, Stop(monitor)
     problem, rejected = found.problem.whole, found.problem.rejected
-    graph, named = problem.measured, answer.instance
+    graph, named = problem.graph, answer.instance
     if named is None:
-        named = Instance("graph", graph, np.arange(graph.num_nodes))
+        named = Instance("graph", problem.measured, np.arange(graph.num_nodes))
     order = succession(named)
-    kept, trusted = ~found.problem.is_rejected, odometry(graph, order)
+    kept, trusted = ~found.problem.is_rejected, odometry(problem.measured, order)
+    trusted = np.append(trusted, np.zeros(len(kept) - len(trusted), dtype=bool))
     budget = budgets(problem, level, found.scale)
     with stop.within(time_limit):
         rise = proven_rises(found.problem, found.estimate, stop)

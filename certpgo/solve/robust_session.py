@@ -8,16 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from certpgo.errors import InputError
 from certpgo.graph import Graph
 from certpgo.graph.capabilities import require_capable
 from certpgo.graph.concatenate import joined
 from certpgo.graph.labels import WORLD, Label
+from certpgo.graph.observations import Observations
 from certpgo.graph.origins import Measured
 from certpgo.linalg.arrays import FloatArray, IntArray
-from certpgo.objective.choose_cost import CHORDAL
 from certpgo.objective.quadratic import Quadratic
-from certpgo.optimize.riemannian_newton import NewtonSettings, newton
+from certpgo.objective.sum import Sum
+from certpgo.optimize.descent import descend
+from certpgo.optimize.riemannian_newton import NewtonSettings
 from certpgo.solve.outliers import (
     agrees,
     noise_scale,
@@ -30,7 +31,6 @@ from certpgo.solve.row_numbers import ASSUMED
 from certpgo.solve.session import Session
 from certpgo.solve.session_status import Standing
 from certpgo.solve.settings import SolveSettings
-from certpgo.solve.terms import chordal_problem
 
 #: A descent that shows whether new measurements agree; outliers would make it long.
 TRIAL = NewtonSettings(tolerance=1e-6, max_iterations=30)
@@ -47,12 +47,7 @@ class RobustSession(Session):
 
     Parameters
     ----------
-    settings, every, options : as in `Session`, but for the cost, which is F
-
-    Raises
-    ------
-    InputError
-        A cost is given.
+    settings, every, options : as in `Session`
 
     Examples
     --------
@@ -71,11 +66,9 @@ class RobustSession(Session):
     def __init__(
         self, settings: SolveSettings | None = None, *, every: int | None = 100, **options: Any
     ) -> None:
-        if "cost" in options:
-            raise InputError("a robust session is about the chordal cost F, not about another")
-        super().__init__(settings, every=every, cost=CHORDAL, **options)
+        super().__init__(settings, every=every, **options)
         #: Each rejected measurement, with the names of its nodes.
-        self._put_aside: dict[int, tuple[Graph, list[Label]]] = {}
+        self._put_aside: dict[int, tuple[Graph | Observations, list[Label]]] = {}
 
     def _take(self, graph: Graph, labels: Sequence[Label], numbers: Sequence[int]) -> None:
         require_capable(graph, "robust session")
@@ -89,7 +82,8 @@ class RobustSession(Session):
     def refresh(self) -> Standing:
         """Judge what is new, then prove the optimum of what is kept, as `Session.refresh`."""
         problem = self._problem
-        self._adopt(newton(problem, self.estimate, TRIAL).estimate)
+        found = descend(problem, self.estimate, TRIAL, tolerance=TRIAL.tolerance)
+        self._adopt(found.estimate)
         if not agrees(problem, self.estimate):
             self._judge()
         elif self._put_aside:
@@ -143,11 +137,7 @@ class RobustSession(Session):
         whole, numbers = self._everything()
         scale = 1.0 if states_noise(whole) else self._noise()
         agreeing = ~outlying(whole, whole.edge_costs(self.estimate), scale)
-        self._keep({*self._numbers.edges, *numbers[agreeing].tolist()})
-
-    @property
-    def _problem(self) -> Quadratic:
-        return chordal_problem(self.graph, self._called)
+        self._keep({*self._numbers.rows.tolist(), *numbers[agreeing].tolist()})
 
     def _noise(self) -> float:
         problem = self._problem
@@ -157,35 +147,74 @@ class RobustSession(Session):
         """Keep the measurements with these numbers, and put the others aside."""
         aside, kept = self._put_aside, {*kept, ASSUMED}
         for number in sorted(kept & aside.keys()):
-            self._take(*aside.pop(number), [number])
-        graph, names = self.graph, self.nodes
-        for place, number in enumerate(self._numbers.edges):
+            one, names = aside.pop(number)
+            if isinstance(one, Graph):
+                self._take(one, names, [number])
+                continue
+            self._measured.replace(self._beside(self.graph, one, names), self._terms)
+            self._numbers.blocks.setdefault(type(one), []).append(number)
+            self._adopt(self.estimate)
+        graph, labels, rows = self.graph, self.nodes, self._numbers.rows
+        for place, number in enumerate(rows.tolist()):
             if number not in kept:
-                ends = np.unique(graph.edges[place])
-                one = graph.with_edges(np.array([place])).subgraph(ends)
-                aside[number] = one, [names[k] for k in ends]
-        self.remove(set(self._numbers.edges) - kept)
+                ends = np.unique(graph.pairs[place])
+                aside[number] = _row(graph, place, ends), [labels[k] for k in ends]
+        self.remove(set(rows.tolist()) - kept)
+
+    def _beside(self, graph: Graph, block: Observations, names: Sequence[Label]) -> Graph:
+        """All nodes' measurements with others between nodes of these names."""
+        own, numbers = dict(zip(map(type, graph.blocks), graph.blocks, strict=True)), self._poses
+        nodes, n = [np.array([numbers.numbers[name] for name in names])], graph.num_nodes
+        same = own.get(type(block))
+        parts = [block] if same is None else [same, block]
+        nodes = nodes if same is None else [np.arange(n), *nodes]
+        own[type(block)] = block.joined(n, parts, nodes)
+        return graph.with_blocks(*own.values())
 
     @property
     def _with_worlds(self) -> list[Measured]:
         aside = [
             (one, names.index(WORLD) if WORLD in names else None, self._origin)
             for one, names in self._put_aside.values()
+            if isinstance(one, Graph)
         ]
         return [*super()._with_worlds, *aside]
 
     def _move_world(self, measured: Sequence[Graph], origin: FloatArray | None) -> None:
-        for number, one in zip(self._put_aside, measured[1:], strict=True):
+        graphs = [k for k, (one, _) in self._put_aside.items() if isinstance(one, Graph)]
+        for number, one in zip(graphs, measured[1:], strict=True):
             self._put_aside[number] = one, self._put_aside[number][1]
         super()._move_world(measured[:1], origin)
 
-    def _everything(self) -> tuple[Quadratic, IntArray]:
-        """All measurements that ever came, in that order, and their numbers."""
-        kept, aside, place = self.graph, self._put_aside, self._poses.numbers
-        nodes = [np.arange(kept.num_nodes)]
-        nodes += [np.array([place[name] for name in names]) for _, names in aside.values()]
-        parts = [kept, *(one for one, _ in aside.values())]
-        numbers = np.concatenate([self.edges, np.fromiter(aside, dtype=np.intp)])
-        order = np.argsort(numbers)
-        whole = joined(parts, kept.num_nodes, kept.is_point, nodes).with_edges(order)
-        return chordal_problem(whole, self._called), numbers[order]
+    def _everything(self) -> tuple[Quadratic | Sum, IntArray]:
+        """The problem of all measurements, edges as they came, and the number of each row."""
+        whole, place = self.graph, self._poses.numbers
+        edges, others = [*self._numbers.edges], {k: [*of] for k, of in self._numbers.blocks.items()}
+        parts, nodes = [whole], [np.arange(whole.num_nodes)]
+        for number, (one, names) in self._put_aside.items():
+            if isinstance(one, Graph):
+                parts.append(one)
+                nodes.append(np.array([place[name] for name in names]))
+                edges.append(number)
+        if len(parts) > 1:
+            whole = joined(parts, whole.num_nodes, whole.is_point, nodes)
+        order = np.argsort(edges)
+        whole = whole.with_edges(order)
+        for number, (one, names) in self._put_aside.items():
+            if not isinstance(one, Graph):
+                whole = self._beside(whole, one, names)
+                others.setdefault(type(one), []).append(number)
+        rows = [np.array(edges)[order], *(np.array(of) for of in others.values())]
+        return self._terms.problem(whole, self._called), np.concatenate(rows).astype(np.intp)
+
+
+def _row(graph: Graph, place: int, ends: IntArray) -> Graph | Observations:
+    """A row of a graph between its two nodes, ascending: an edge, or one of a block."""
+    one, others = place, graph.blocks
+    if one < graph.num_edges:
+        return graph.with_blocks().with_edges(np.array([one])).subgraph(ends)
+    one -= graph.num_edges
+    while one >= others[0].num_edges:
+        one, others = one - others[0].num_edges, others[1:]
+    found = others[0].subset(np.array([one]))
+    return replace(found, num_nodes=len(ends), edges=np.searchsorted(ends, found.edges))

@@ -14,12 +14,13 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
+from certpgo.certify.wording import named_cost
 from certpgo.errors import InputError, require
 from certpgo.graph import Graph, Instance
 from certpgo.graph.display import Speaking
 from certpgo.graph.phrases import counted
 from certpgo.linalg.arrays import IntArray
-from certpgo.objective.choose_cost import CHORDAL, objective_of
+from certpgo.objective.choose_cost import objective_of
 from certpgo.optimize.connectivity import Connectivity, SpectralMargin, choose
 from certpgo.solve.fit import Fit
 from certpgo.solve.loop_closures import loop_closures, with_rotations
@@ -46,7 +47,7 @@ class Sparsified(Speaking):
     connectivity : that of the sparse graph
     bound : no choice of as many loop closures has a larger one
     whole, answer : certified answers of the whole and the sparse graph
-    cost : F of the whole graph at the sparse one's answer
+    cost : that of the whole graph at the sparse one's answer
     moved : root mean square distance and angle between the two answers
 
     Examples
@@ -76,7 +77,7 @@ class Sparsified(Speaking):
 
     @property
     def loss(self) -> float:
-        """By how much F of all measurements rises, relative to their best known cost."""
+        """By how much the cost of all measurements rises, relative to their best known cost."""
         least = self.whole.cost
         return (self.cost - least) / least if least > 0.0 else 0.0
 
@@ -101,7 +102,7 @@ class Sparsified(Speaking):
         yield "whole", self.whole.certificate.in_brief
         yield "sparse", f"{self.answer.certificate.in_brief} of the measurements kept"
         loss = f"{self.cost:.10g} for all measurements, {100.0 * self.loss:.3g} % more"
-        yield "loss", f"chordal cost F = {loss}"
+        yield "loss", f"{named_cost(self.whole.certificate.objective)} = {loss}"
         if self.fit is not None:
             yield "chi^2", str(self.fit)
         metres = "" if self.moved.ate_m is None else f"{self.moved.ate_m:.4g} m and "
@@ -116,6 +117,7 @@ def sparsify(
     keep: float,
     settings: SolveSettings | None = None,
     *,
+    cost: str | None = None,
     by: By = "connectivity",
     **options: Any,
 ) -> Sparsified:
@@ -132,6 +134,7 @@ def sparsify(
     Parameters
     ----------
     keep : loop closures to keep: an integer is their number, a float a fraction of them
+    cost : as in `certpgo.solve`, of both
     by : ``"connectivity"`` or ``"spectrum"``
     settings, options : as in `certpgo.solve`
 
@@ -168,9 +171,9 @@ def sparsify(
     left_out = np.setdiff1d(rotations.edges[loops], chosen)
     kept = np.setdiff1d(np.arange(whole.graph.num_edges), left_out)
     sparse = whole.with_edges(kept)
-    problem = objective_of(whole, CHORDAL)
+    problem = objective_of(whole, cost)
     best = search(problem, settings)
-    answer = search(objective_of(sparse, CHORDAL), settings)
+    answer = search(objective_of(sparse, problem.cost_name), settings)
     poses = whole.poses
     return Sparsified(
         instance=sparse,

@@ -14,6 +14,7 @@ from certpgo.graph.streaming import streamed
 from certpgo.objective.choose_cost import objective_of, require_poses_alone
 from certpgo.objective.truncated_cost import rejecting
 from certpgo.registry import get_solver
+from certpgo.solve.comparison import Competitor, compare
 from certpgo.solve.loop_closures import with_rotations
 
 
@@ -41,13 +42,14 @@ ASKED = {
     "robust fit": certpgo.solve_robustly,
     "rejections": lambda g: rejecting(objective_of(g), np.array([g.num_edges - 1])),
     "tables": require_poses_alone,
+    "compare": lambda g: list(compare(g, [Competitor("certified")])),
     "isotropic method": lambda g: (
         require_poses_alone(g),
         get_solver("eigen_ma")(translations="thesis").solve(objective_of(g)),
     ),
 }
 #: What options of commands are called, and their values.
-OPTIONS = ("method", "proof", "covariances", "regions", "robust")
+OPTIONS = ("method", "proof", "covariances", "regions", "robust", "bounds", "outliers")
 
 
 @pytest.mark.parametrize("feature", FEATURES)

@@ -434,15 +434,22 @@ def test_full_information_is_written_as_it_was_read(tmp_path):
     np.testing.assert_array_equal(again.graph.kappa, instance.graph.kappa)
 
 
-def test_a_graph_of_matrix_weights_has_no_format(tmp_path):
+def test_matrix_weights_are_in_files_of_the_package_alone(tmp_path):
     graph = synthetic.helix(3, np.random.default_rng(0)).graph
     general = graph.with_matrix_weights(
         np.tile(np.diag([1.0, 2.0, 3.0, 4.0]), (graph.num_edges, 1, 1))
     )
-    for suffix in ("g2o", "npz"):
-        with pytest.raises(InputError, match="no format holds matrix weights"):
-            io.write(tmp_path / f"general.{suffix}", general)
+    with pytest.raises(InputError, match=r"only \.npz files hold matrix weights"):
+        io.write(tmp_path / "general.g2o", general)
     assert not list(tmp_path.iterdir())
+    io.write(tmp_path / "general.npz", general)
+    again = io.read(tmp_path / "general.npz", quiet=True).graph
+    np.testing.assert_array_equal(again.couplings, general.couplings)
+    np.testing.assert_array_equal(again.arms, general.arms)
+    turned = general.rotations_alone
+    io.write(tmp_path / "turned.npz", turned)
+    read = io.read(tmp_path / "turned.npz", quiet=True).graph
+    np.testing.assert_array_equal(read.couplings, turned.couplings)
 
 
 def test_what_is_neither_graph_nor_estimate_is_refused_by_name(tmp_path):

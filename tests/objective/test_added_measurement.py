@@ -171,7 +171,7 @@ def test_maps_that_have_it_are_merged():
     joints = certpgo.Instance(
         "joints", graph.with_blocks().with_edges([0]).subgraph([0, 1]), np.array([0, n + 1])
     )
-    merged = certpgo.merge([one, other], joints)
+    merged = certpgo.merge([one, other], joints, cost="chordal")
     assert merged.answer.verdict.value == "CERTIFIED"
     apart = [certpgo.solve(part.graph, cost="chordal").cost for part in (one, other)]
     assert merged.answer.cost == pytest.approx(sum(apart), rel=1e-8)  # a bridge costs nothing
@@ -210,7 +210,6 @@ def test_what_does_not_take_it_says_so():
     mixed = graph.with_blocks(heights(rng, graph, truth))
     for ask in (
         lambda: certpgo.certify(mixed, truth, rejected=np.array([mixed.num_edges])),
-        lambda: certpgo.RobustSession().add(mixed),
         lambda: certpgo.solve(mixed, tier="proof"),
     ):
         with pytest.raises(InputError, match=r"other measurements|heights"):
@@ -330,10 +329,34 @@ def test_what_has_no_terms_is_refused(tmp_path):
         with pytest.raises(InputError, match="matrix weights"):
             certpgo.Session(cost="chordal").add(up.with_blocks(kind))
     mixed = certpgo.Instance("mixed", graph.with_blocks(block), np.arange(n))
-    with pytest.raises(InputError, match="no format holds Heights"):
-        certpgo.write(tmp_path / "mixed.npz", mixed)
-    assert not (tmp_path / "mixed.npz").exists()
+    with pytest.raises(InputError, match=r"only \.npz files hold Heights"):
+        certpgo.write(tmp_path / "mixed.pyfg", mixed)
+    assert not (tmp_path / "mixed.pyfg").exists()
     assert fingerprint(mixed, "chordal") is None
+
+
+def test_files_of_the_package_hold_kinds_of_ones_own(tmp_path):
+    rng = np.random.default_rng(1)
+    graph, truth = mixture(rng, 3)
+    block, path = heights(rng, graph, truth), tmp_path / "mixed.npz"
+    whole = graph.with_blocks(graph.ranges, block)
+    certpgo.write(path, certpgo.Instance("mixed", whole, np.arange(graph.num_nodes)))
+    read = certpgo.read(path, quiet=True).graph
+    assert list(map(type, read.blocks)) == [certpgo.Ranges, type(block)]
+    for name, values in block.columns.items():
+        np.testing.assert_array_equal(getattr(read.blocks[1], name), values)
+    best, again = certpgo.solve(whole), certpgo.solve(read)
+    assert again.cost == best.cost
+    arrays = dict(np.load(path))
+    for changed, said in (
+        ({"block.Depths.edges": arrays["edges"]}, "measurements of the kind Depths: import what"),
+        ({"block.Heights.odd": arrays["kappa"]}, "Heights have the arrays edges, heights"),
+        ({"block.Heights.weights": np.ones(1)}, "the array 'weights' of Heights must be"),
+        ({"block.Heights.edges": np.array(3)}, "the array 'edges' of Heights must be"),
+    ):
+        np.savez(tmp_path / "changed.npz", **{**arrays, **changed})
+        with pytest.raises(InputError, match=said):
+            certpgo.read(tmp_path / "changed.npz", quiet=True)
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -92,7 +92,7 @@ def test_distances_within_and_between_maps_have_the_optimum_of_the_whole():
 def test_eight_maps_have_the_optimum_of_the_sphere(dataset):
     graph = dataset("sphere2500").graph
     maps, joints = cut(graph, 8, offset=1000)
-    merged = certpgo.merge(maps, joints, offset=1000)
+    merged = certpgo.merge(maps, joints, offset=1000, cost="chordal")
     assert merged.answer.verdict is Verdict.CERTIFIED
     assert merged.answer.cost == pytest.approx(1687.0058, rel=1e-7)
     assert {part.verdict for part in merged.parts} == {Verdict.CERTIFIED}
@@ -200,12 +200,15 @@ def test_landmarks_that_are_numbered_apart_are_no_poses(tmp_path):
     second = [step(0, 1), seen(0, 1, 0.5, 1), seen(1, 1, -0.5, 1.1)]
     joints = [step(1, 10), seen(10, 0, -1.6, 1.0), seen(0, 11, 2.3, 1.0)]
     maps, between = [read(tmp_path, *lines) for lines in (first, second)], read(tmp_path, *joints)
-    merged = certpgo.merge(maps, between, offset=10)
-    assert merged.instance.labels == (0, 1, 10, 11, Landmark(0), Landmark(11))
     shifted = [step(10, 11), seen(10, 11, 0.5, 1), seen(11, 11, -0.5, 1.1)]
-    best = certpgo.solve(read(tmp_path, *first, *shifted, *joints), cost="chordal")
-    assert merged.answer.cost == pytest.approx(best.cost, rel=1e-9)
-    assert merged.answer.verdict is best.verdict
+    whole = read(tmp_path, *first, *shifted, *joints)
+    for cost in (None, "chordal", "gtsam"):
+        merged = certpgo.merge(maps, between, offset=10, cost=cost)
+        assert merged.instance.labels == (0, 1, 10, 11, Landmark(0), Landmark(11))
+        best = certpgo.solve(whole, cost=cost)
+        assert merged.answer.cost == pytest.approx(best.cost, rel=1e-9)
+        assert merged.answer.verdict is best.verdict
+        assert merged.answer.certificate.objective == best.certificate.objective
     with pytest.raises(GraphError, match="node 11 is a pose and a point"):
         certpgo.merge(maps, read(tmp_path, "EDGE_SE2_XY 0 11 1 1 50 0 50"), offset=10)
 

@@ -8,13 +8,15 @@ options. An estimate: rotations, translations, scales, ids, times, names, and wh
 Of the information matrices each distinct one is stored once (``information``), with the number of
 each edge's (``information_index``), the cost whose residuals they weigh
 (``information_residual``), and what kappa takes rotational information to be about
-(``information_about``).
+(``information_about``). Measurements of a kind of one's own are stored by the name of its class
+(``block.NAME.edges`` and its columns), which must be defined where they are read.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, cast, get_args
 
@@ -25,12 +27,15 @@ from certpgo.errors import CertPGOError, FormatError, InputError, NoMeasurements
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph, SimilarityGraph
 from certpgo.graph.information import Information, RotationAbout
 from certpgo.graph.keys import Keys
+from certpgo.graph.observations import Observations
 from certpgo.graph.phrases import in_utf8
 from certpgo.graph.ranges import Ranges
 from certpgo.io.archives import arrays_in
 from certpgo.io.format import Format, LabelledPoses, ReadOptions
 
 _VERSION = 1
+#: What the names of arrays of other kinds of measurements begin with.
+_BLOCK = "block."
 _Arrays = Mapping[str, NDArray[Any]]
 
 #: Kind (number or text) and shape of each array; equal letters are equal sizes.
@@ -70,6 +75,7 @@ _GRAPH_OPTIONAL = {
     "truth_translations": ("f", "nd"),
     "times_ns": ("i", "t"),
     "arms": ("f", "md"),
+    "couplings": ("f", "mdd"),
     "stated": ("i", "m2"),
     "scales": ("f", "m"),
     "free": ("b", "n"),
@@ -142,7 +148,8 @@ def _instance(arrays: _Arrays, source: str) -> Instance:
     n = int(arrays["num_nodes"])
     if len(arrays["ids"]) != n:
         raise InputError(f"ids must be {n} distinct integers")
-    rotation = RotationGraph(n, arrays["edges"], arrays["rotations"], arrays["kappa"])
+    edges, couplings = arrays["edges"], arrays.get("couplings")
+    rotation = RotationGraph(n, edges, arrays["rotations"], arrays["kappa"], couplings)
     graph: Graph = rotation
     information, ranges = _information(arrays), _ranges(arrays, n)
     if "tau" in arrays:
@@ -162,7 +169,8 @@ def _instance(arrays: _Arrays, source: str) -> Instance:
             graph = SimilarityGraph(rotation, t, tau, **more, **unscaled)
         else:
             graph = PoseGraph(rotation, t, tau, **more)
-        graph = graph.with_information(information).with_ranges(ranges)
+        others = _others(arrays, n)
+        graph = graph.with_information(information).with_blocks(ranges, *others)
     elif information is not None or ranges is not None:
         what = "distances" if information is None else "information matrices"
         raise InputError(f"{what} are of poses; this graph measures rotations")
@@ -199,6 +207,28 @@ def _ranges(arrays: _Arrays, n: int) -> Ranges | None:
     if missing:
         raise InputError(f"the array {missing[0]!r} is missing")
     return Ranges(n, *(arrays[name] for name in names))
+
+
+def _others(arrays: _Arrays, n: int) -> list[Observations]:
+    """Measurements of kinds of one's own."""
+    columns: dict[str, dict[str, NDArray[Any]]] = {}
+    for stored, values in arrays.items():
+        if stored.startswith(_BLOCK):
+            name, _, column = stored.removeprefix(_BLOCK).partition(".")
+            columns.setdefault(name, {})[column] = values
+    found: list[Observations] = []
+    for name, given in columns.items():
+        kind = Observations.named(name)
+        wanted = {one.name for one in fields(kind)} - {"num_nodes"}
+        if given.keys() != wanted:
+            raise InputError(f"{name} have the arrays {', '.join(sorted(wanted))}")
+        k = len(given["edges"]) if given["edges"].ndim else 0
+        for column, values in given.items():
+            kinds = "i" if column == "edges" else "bif"
+            if values.dtype.kind not in kinds or values.shape[:1] != (k,):
+                raise InputError(f"the array {column!r} of {name} must be {k} rows of numbers")
+        found.append(kind(num_nodes=n, **given))
+    return found
 
 
 def _information(arrays: _Arrays) -> Information | None:
@@ -272,6 +302,8 @@ def _write_graph(path: Path, instance: Instance) -> None:
                 arrays[name] = given
         if graph.is_point.any():
             arrays["points"] = graph.is_point
+    if (couplings := graph.couplings) is not None:
+        arrays["couplings"] = couplings
     if graph.has_scales:
         arrays |= {"scales": graph.scales, "free": graph.free}
     if instance.world is not None:
@@ -296,6 +328,11 @@ def _write_graph(path: Path, instance: Instance) -> None:
         arrays["range_edges"] = ranges.edges
         arrays["range_distances"] = ranges.distances
         arrays["range_weights"] = ranges.weights
+    for block in graph.blocks:
+        if block is not ranges:
+            columns = {"edges": block.edges, **block.columns}
+            prefix = f"{_BLOCK}{type(block).__name__}"
+            arrays |= {f"{prefix}.{name}": values for name, values in columns.items()}
     arrays |= _named("initial_", instance.initial) | _named("truth_", instance.truth)
     _save(path, "graph", arrays)
 

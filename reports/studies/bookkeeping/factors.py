@@ -286,31 +286,11 @@ REFUSED = (
     ),
     # Commands.
     _is_refused(
-        "a robust session does not take distances",
-        "A stream rejects measurements under F, without distances.",
-        command="follow",
-        outliers="robust",
-        distances="some",
-    ),
-    _is_refused(
-        "does not take distances",
-        "Distances are for `solve`, `certify`, `follow` and `info`.",
-        command=("outliers", "compare"),
-        distances="some",
-    ),
-    _is_refused(
         "--timestamps needs --truth",
         "`compare` writes no estimates: times are those of the truth.",
         command="compare",
         times="given",
         truth="none",
-    ),
-    _is_refused(
-        "--robust is for --cost chordal",
-        "A stream rejects measurements under F.",
-        command="follow",
-        outliers="robust",
-        cost=_OTHERS,
     ),
     _is_refused(
         "are held where the file fixes them, which measurements from elsewhere do not know",
