@@ -37,7 +37,7 @@ from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.sum import Sum
 from certpgo.optimize.initialization import Start
-from certpgo.solve.growing_graph import GrowingGraph
+from certpgo.solve.growing_measurements import GrowingMeasurements
 from certpgo.solve.naming import instance_of, labels_of
 from certpgo.solve.odometry import Track
 from certpgo.solve.result import GIVEN
@@ -106,7 +106,7 @@ class Session(Speaking):
         self.every = every
         self._asked, self._terms = cost, Terms.chosen(cost)
         self._tier = tier_called(self.settings.tier or Tier.STANDARD)
-        self._measured = GrowingGraph()
+        self._measured = GrowingMeasurements()
         self._numbers = RowNumbers()
         self._track: Track | None = None
         self._origin: FloatArray | None = None  # of the world, as in `Instance`

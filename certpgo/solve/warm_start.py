@@ -19,7 +19,7 @@ from certpgo.certify.verdict import verdict
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.objective.manifolds import sum_of
-from certpgo.objective.plain_graph import PlainGraph, Settled
+from certpgo.objective.plain_edges import PlainEdges, Settled
 from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.sum import Sum
 from certpgo.optimize.descent import polished
@@ -58,7 +58,7 @@ class Found:
 
 
 def descended(
-    plain: PlainGraph | None,
+    plain: PlainEdges | None,
     problem: Callable[[], Quadratic | Sum],
     start: Estimate,
     settings: SolveSettings,

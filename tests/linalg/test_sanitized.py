@@ -21,7 +21,7 @@ CHOSEN = (
     "linalg/test_so.py",
     "graph/test_trees.py",
     "objective/test_edge_sums.py",
-    "objective/test_plain_graph.py",
+    "objective/test_plain_edges.py",
     "io/test_fields.py",
     "objective/test_own_cost.py::test_compiled_equations_are_those_in_numpy",
 )

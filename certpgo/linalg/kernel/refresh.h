@@ -1,5 +1,5 @@
 /* The optimum near a point and its bound, of a graph of poses with isotropic weights: all that a
- * session does when a measurement closes a loop. `certpgo.objective.plain_graph` has the calls.
+ * session does when a measurement closes a loop. `certpgo.objective.plain_edges` has the calls.
  *
  * The descent is Newton's with few factors, of rotations and translations together; then the
  * translations are solved for. `certpgo.optimize` and `certpgo.certify.dual` have the general ways.

@@ -11,7 +11,7 @@ from certpgo.graph.concatenate import joined
 from certpgo.graph.scale import Scale
 from certpgo.linalg.arrays import IntArray
 from certpgo.objective.choose_cost import CHORDAL
-from certpgo.objective.plain_graph import PlainGraph
+from certpgo.objective.plain_edges import PlainEdges
 from certpgo.solve.odometry import Track
 from certpgo.solve.terms import Terms
 
@@ -21,7 +21,7 @@ MANY = 64
 Part = tuple[Graph, IntArray]
 
 
-class GrowingGraph:
+class GrowingMeasurements:
     """Measurements in the order in which they come, between the nodes of a `Track`.
 
     Attributes
@@ -35,7 +35,7 @@ class GrowingGraph:
         self._parts: list[Part] = []  # after those, in order
         self._new: list[Part] = []  # after these, which were not collected yet
         self._title: str | None = None  # None if not known
-        self._plain: PlainGraph | None = None  # of those that were collected, if all are
+        self._plain: PlainEdges | None = None  # of those that were collected, if all are
 
     @property
     def has_new(self) -> bool:
@@ -88,11 +88,11 @@ class GrowingGraph:
             self._whole, self._parts = whole, []
         return whole
 
-    def plain(self, track: Track, terms: Terms) -> PlainGraph | None:
+    def plain(self, track: Track, terms: Terms) -> PlainEdges | None:
         """The same for compiled code, if it takes them all, and their cost."""
         if self._plain is None and terms.cost == CHORDAL:
             whole = self.joint(track)
-            self._plain = PlainGraph(whole.d).extended(whole, np.arange(whole.num_nodes))
+            self._plain = PlainEdges(whole.d).extended(whole, np.arange(whole.num_nodes))
         return self._plain
 
     def title(self, terms: Terms) -> str:

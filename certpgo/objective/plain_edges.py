@@ -1,4 +1,4 @@
-"""Graphs of poses with isotropic weights that grow: optima and bounds by compiled code."""
+"""Edges of poses with isotropic weights, which grow: optima and bounds by compiled code."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ class Settled(NamedTuple):
     proven: FloatArray | None
 
 
-class PlainGraph:
-    """The edges of such a graph, see `is_plain`: more are added in time that does not grow."""
+class PlainEdges:
+    """Such edges, see `is_plain`: more are added in time that does not grow."""
 
     def __init__(self, d: int) -> None:
         self.d, self._count, self._defect = d, 0, 0.0
@@ -59,7 +59,7 @@ class PlainGraph:
         poses = bool((graph.nodes == Node.POSE).all()) and not graph.blocks
         return poses and not (graph.is_general or graph.is_signed or graph.has_scales)
 
-    def extended(self, graph: Graph, nodes: IntArray) -> PlainGraph | None:
+    def extended(self, graph: Graph, nodes: IntArray) -> PlainEdges | None:
         """With the edges of a graph whose nodes have these numbers (n,), unless it is not plain."""
         if not self.is_plain(graph):
             return None
