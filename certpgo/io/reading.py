@@ -147,7 +147,7 @@ def read(
     instance = form.read_graph(path, options)
     if rotation_information == "quaternion" and instance.graph.d == 2:
         raise InputError("rotational information on a quaternion is for 3D; in 2D use the angle")
-    instance = with_held(_with_choices(instance, keep, weights), hold=fixed)
+    instance = with_held(_with_choices(instance, keep, rotation_information, weights), hold=fixed)
     if truth is not None:
         instance = _with_truth(instance, Path(truth))
     warn_of(path, () if quiet else instance.notices)
@@ -159,9 +159,11 @@ def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
         raise InputError(f"{name} must be one of {', '.join(choices)}, not {value!r}")
 
 
-def _with_choices(instance: Instance, keep: Keep, weights: ChosenWeights) -> Instance:
+def _with_choices(
+    instance: Instance, keep: Keep, about: str | None, weights: ChosenWeights
+) -> Instance:
     # An .npz file stores its options; only those chosen now replace them.
-    options = {"keep": "all", "rotation_information": "tangent", "weights": "file"}
+    options = {"keep": "all", "rotation_information": about or "tangent", "weights": "file"}
     options |= instance.options
     instance = weights.apply(replace(instance, graph=_about(instance.graph, options)))
     graph = instance.graph

@@ -94,11 +94,7 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
         graph=RotationGraph(len(ids), numbered(ids, edges), R, np.array(inliers, dtype=np.float64)),
         ids=ids,
         source=str(path),
-        options={
-            "rotation_information": options.rotation_information or "tangent",
-            "weights": "are numbers of inliers",
-            "information": "none",
-        },
+        options={"weights": "are numbers of inliers", "information": "none"},
         notices=("translation directions are ignored", *notices),
         names=tuple(names[k] for k in ids.tolist()),
     )

@@ -52,11 +52,7 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
         graph=RotationGraph(len(names), edges, np.swapaxes(R, 1, 2), np.ones(len(edges))),
         ids=numbers[order],
         source=str(path),
-        options={
-            "rotation_information": options.rotation_information or "tangent",
-            "weights": "unit",
-            "information": "none",
-        },
+        options={"weights": "unit", "information": "none"},
         notices=(
             "no weights in the file: kappa = 1",
             "translation directions are ignored",

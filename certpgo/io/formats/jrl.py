@@ -209,10 +209,7 @@ def _instance(path: Path, options: ReadOptions) -> Instance:
         graph=graph,
         ids=ids,
         source=str(path),
-        options={
-            "rotation_information": options.rotation_information or "tangent",
-            "weights_are": "covariance",
-        },
+        options={"weights_are": "covariance"},
         notices=(*weighing.notices, *notices),
     )
     priors = [one for one in found if len(one.keys) == 1]

@@ -185,7 +185,7 @@ def _instance(arrays: _Arrays, source: str) -> Instance:
         initial=_estimate(arrays, "initial"),
         fixed=tuple(fixed.tolist()),
         source=source,
-        options=_texts(arrays, "options", dict),
+        options={"rotation_information": "tangent"} | _texts(arrays, "options", dict),
         notices=tuple(_texts(arrays, "notices", list)),
         names=tuple(arrays["names"].tolist()) if "names" in arrays else (),
         world=int(arrays["world"]) if "world" in arrays else None,

@@ -58,11 +58,7 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
         graph=graph,
         ids=ids,
         source=str(path),
-        options={
-            "rotation_information": options.rotation_information or "tangent",
-            "weights": "unit",
-            "information": "none",
-        },
+        options={"weights": "unit", "information": "none"},
     )
     truth, more = _truth(file, instance)
     return replace(instance, truth=truth, notices=(*notices, *more))

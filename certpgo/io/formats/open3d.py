@@ -72,7 +72,6 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
         ids=np.arange(n),
         initial=Estimate(*_poses(path, nodes, "nodes", "pose")),
         source=str(path),
-        options={"rotation_information": options.rotation_information or "tangent"},
         notices=tuple(notices),
     )
 

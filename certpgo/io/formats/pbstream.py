@@ -263,10 +263,7 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
         ids=np.arange(len(keys)),
         initial=initial,
         source=str(path),
-        options={
-            "rotation_information": options.rotation_information or "tangent",
-            "weights_are": "sqrt-information",
-        },
+        options={"weights_are": "sqrt-information"},
         notices=(*weighing.notices, *([said] if loops else [])),
         names=names,
         times_ns=_times(path, state, keys),

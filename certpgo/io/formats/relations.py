@@ -47,10 +47,7 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
         ids=np.arange(len(at)),
         times_ns=at,
         source=str(path),
-        options={
-            "rotation_information": options.rotation_information or "tangent",
-            "information": "none",
-        },
+        options={"information": "none"},
         notices=("the file has relations without noise: all weights are 1",),
     )
 

@@ -112,7 +112,6 @@ def _instance(path: Path, topic: str, message: Any, options: ReadOptions) -> Ins
         ids=ids,
         initial=estimate_at(poses, np.argsort(known), True) if len(known) == len(ids) else None,
         source=str(path),
-        options={"rotation_information": options.rotation_information or "tangent"},
         notices=tuple(notices),
     )
 

@@ -100,7 +100,6 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
         graph=PoseGraph(rotation, t, tau, information=weighing.information),
         ids=ids,
         source=str(path),
-        options={"rotation_information": options.rotation_information or "tangent"},
         notices=(*weighing.notices, *notices),
     )
     priors = links.subset(links.kinds == PRIOR)

@@ -28,10 +28,7 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
         graph=RotationGraph(n, edges, identities, np.ones(len(edges))),
         ids=np.arange(n),
         source=str(path),
-        options={
-            "rotation_information": options.rotation_information or "tangent",
-            "information": "none",
-        },
+        options={"information": "none"},
         notices=("the file has only the topology: every rotation is the identity, kappa = 1",),
     )
 
