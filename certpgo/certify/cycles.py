@@ -165,15 +165,8 @@ class _Measured:
         return self.kappa[:, None] * skew, self.kappa * np.clip(cosines, -1.0, 1.0)
 
     def bounds(self, proof: CycleProof) -> tuple[float, float]:
-        """F of the rotations, rounded up, and the lower bound, rounded down.
-
-        They are about these very matrices. Those of their quaternions are off by eps_e at most, and
-        |sqrt(F) - sqrt(F')| <= sqrt(sum kappa eps_e^2) =: eps for both costs, at any point.
-        """
+        """F of the rotations, rounded up, and the lower bound, rounded down."""
         q = quaternion.to_write(self.rotations)
-        exact = quaternion.rotations(q)[:, : self.rotations.shape[-1], : self.rotations.shape[-1]]
-        off = np.abs(exact - self.rotations).max(initial=0.0) + 64.0 * np.finfo(float).eps
-        eps = Fraction(3.0 * float(off)) * _root(Fraction(float(self.kappa.sum()) * 1.001))
         edges = [
             (i, j, cycle_checker.whole(turn), Fraction(kappa))
             for (i, j), turn, kappa in zip(
@@ -183,10 +176,25 @@ class _Measured:
         given = {k: [0] * (4 - len(row)) + row for k, row in enumerate(proof.rotations)}
         unit = 1 / Fraction(2) ** proof.bits
         upper, lower = cycle_checker.bounds(edges, given, proof.walks, unit)
-        upper += 2 * eps * _root(upper) + eps**2
-        lower -= 2 * eps * _root(lower)
-        low = math.nextafter(float(lower), -math.inf)
-        return math.nextafter(float(upper), math.inf), max(low, 0.0)
+        return of_matrices(upper, lower, self.rotations, self.kappa)
+
+
+def of_matrices(
+    upper: Fraction, lower: Fraction, rotations: FloatArray, kappa: FloatArray
+) -> tuple[float, float]:
+    """Bounds of a cost with the rotations of quaternions as those with the very matrices.
+
+    These are off by eps_e at most, and |sqrt(F) - sqrt(F')| <= sqrt(sum kappa eps_e^2) =: eps for
+    both costs, at any point. The bounds are rounded outward.
+    """
+    d = rotations.shape[-1]
+    exact = quaternion.rotations(quaternion.to_write(rotations))[:, :d, :d]
+    off = np.abs(exact - rotations).max(initial=0.0) + 64.0 * np.finfo(float).eps
+    eps = Fraction(3.0 * float(off)) * _root(Fraction(float(kappa.sum()) * 1.001))
+    lower = max(lower, Fraction(0))
+    upper += 2 * eps * _root(upper) + eps**2
+    low = math.nextafter(float(lower - 2 * eps * _root(lower)), -math.inf)
+    return math.nextafter(float(upper), math.inf), max(low, 0.0)
 
 
 def _root(x: Fraction) -> Fraction:
