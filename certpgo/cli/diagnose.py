@@ -55,7 +55,7 @@ def command(
         typer.Option("--html", metavar="OUT", help="Write the findings as an HTML page."),
     ] = None,
     time_limit: Annotated[
-        float | None, time_limit_option("For each search.", "30 s after a first bound")
+        float | None, time_limit_option("For each search.", "2 s, and 1 ms a measurement")
     ] = None,
     timestamps: Timestamps = None,
     max_difference: MaxDifference = 0.01,

@@ -90,7 +90,7 @@ def diagnose(
     estimate : of all its nodes, that is asked about, from any source
     truth : known poses of all nodes, or of some
     cost : as in `certpgo.solve`
-    time_limit : seconds of each search
+    time_limit : seconds of each search; by default 2, and a thousandth for each measurement
     monitor : is called with each iteration of searches, and may stop these
 
     Raises

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo.diagnosis import judged, noise, weights, wrong
+from certpgo.diagnosis import judged, noise, sensors, weights, wrong
 from certpgo.diagnosis.edge_readings import IN_DEGREES, READINGS, EdgeReading
 from certpgo.diagnosis.estimates import HARDLY, LIKELY, SHARE, UNITS
 from certpgo.diagnosis.examined import Examined
@@ -71,6 +71,7 @@ SCOPES = {
     "all": "all edges",
     "closures": "all loop closures",
     "odometry": "all odometry edges",
+    "positions": "all measured positions",
     "distances": "all distances",
 }
 
@@ -128,6 +129,10 @@ def found(examined: Examined) -> Iterator[Finding]:
         return
     examined.trying("stiff-edge")
     yield from stiff(examined.instance)
+    sensor = sensors.found(examined) if single is None else None
+    if sensor is not None and sensor.leaves_noise:
+        yield sensor.finding
+        return
     suspects, meaning = single, None
     if suspects is None:
         suspects = judged.judged(examined)
@@ -136,6 +141,11 @@ def found(examined: Examined) -> Iterator[Finding]:
     if suspects is None:
         return
     gain, unusual = noise.found(examined, suspects.fit)
+    if sensor is not None:
+        others = [gain, suspects.gain(examined.best), 0.0 if meaning is None else meaning[0]]
+        if sensor.gain > max(others) + weights.RARER:
+            yield sensor.finding
+            return
     # The noise has a number more to fit, and is more often misstated.
     bar = gain - math.log(suspects.fit.fit.freedom) if unusual else -weights.RARER
     if meaning is not None:
@@ -237,13 +247,19 @@ def _in_unit_of(examined: Examined, nodes: Estimate) -> Iterator[_Trial]:
 
 
 def _in_unit(
-    examined: Examined, factor: float, others: str, scope: str = "all"
+    examined: Examined,
+    factor: float,
+    others: str,
+    scope: str = "all",
+    rows: BoolArray | None = None,
 ) -> Iterator[_Trial]:
     """Lengths times a factor that turns them into metres, if that is another unit."""
     if abs(math.log(factor)) < math.log(RESCALED):
         return
     near = (name for name, metres in UNITS.items() if 1 / ABOUT < factor / metres < ABOUT)
     unit = next(near, "scaled")
+    if rows is not None and unit not in UNITS:
+        return  # of some measurements alone: see `certpgo.diagnosis.sensors`
     factor = UNITS.get(unit, factor)
     said = f"in {unit}" if unit in UNITS else f"{1.0 / factor:.4g} times as long"
     whose, lengths = ("edges", "their translations") if scope == "all" else (scope, "them")
@@ -255,7 +271,7 @@ def _in_unit(
         metres=factor,
     )
     examined.trying(reading.kind)
-    yield _Trial(reading, scope, examined.whole)
+    yield _Trial(reading, scope, examined.whole if rows is None else rows)
 
 
 # --- By the best fit ------------------------------------------------------------------------------
@@ -269,14 +285,22 @@ def _by_fit(examined: Examined) -> Finding | None:
     given, best = examined.best, None
     for trial in (*_by_others(examined, loops), *(trial for _, trial in closing[:FITTED])):
         with suppress(CertPGOError, np.linalg.LinAlgError):
-            cost, is_usual = _fitted(examined, trial.of(examined.instance.graph))
+            read = trial.of(examined.instance.graph)
+            cost, is_usual = _fitted(examined, read)
             explains = cost < (ORDINARY if is_usual else SHARE) * given
+            # What shrinks to a point fits anything.
+            explains &= trial.reading.metres >= 1.0 or cost < SHARE * _size(read)
             if explains and (best is None or HARDLY * cost < best[1]):
                 best = trial, cost
     if best is None:
         return None
     said = f"so read the best fit costs {cost_shown(best[1])}, as it stands {cost_shown(given)}"
     return _finding(best[0], said, best[1], given)
+
+
+def _size(graph: Graph) -> float:
+    """The cost of a map in one point, of lengths alone."""
+    return float(graph.tau @ (graph.translations**2).sum(axis=1))
 
 
 def _fitted(examined: Examined, graph: Graph) -> tuple[float, bool]:
@@ -302,6 +326,7 @@ def _by_others(examined: Examined, loops: Loops) -> Iterator[_Trial]:
         own, other = (float(np.linalg.norm(x - x.mean(axis=0))) for x in sets)
         if min(own, other) > 0.0:
             yield from _in_unit(examined, other / own, "measured positions")
+            yield from _in_unit(examined, own / other, "the edges", "positions", rows)
     if (ranges := graph.ranges) is not None:
         i, j = place[ranges.edges].T
         both = (i >= 0) & (j >= 0)

@@ -20,8 +20,8 @@ from certpgo.optimize.descent import descend
 
 #: Priors that are left out one by one, the costliest first.
 TRIED = 3
-#: Strength at most, of costs that may be zero as nothing is left to contradict.
-MOST = 3.0
+#: Strength of priors that contradict all else for no known cause, over that of costs, and at most.
+WITHOUT_CAUSE, MOST = 0.5, 3.0
 
 
 def found(examined: Examined) -> Iterator[Finding]:
@@ -73,7 +73,7 @@ def _priors(examined: Examined, world: int) -> Iterator[Finding]:
             "check their frame, unit, axes and which node each is of",
             cost,
             best,
-            strength=min(explained(cost, best), MOST),
+            strength=min(WITHOUT_CAUSE * explained(cost, best), MOST),
             edges=tuple(instance.known_numbers[rows].tolist()),
         )
 

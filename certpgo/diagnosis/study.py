@@ -114,7 +114,7 @@ class Study:
         return Fit(chi2, max(int(self.numbers[self.counts].sum()) - free, 1))
 
     @cached_property
-    def _free(self) -> FloatArray:
+    def free(self) -> FloatArray:
         """(N,) zeros for the anchor, else ones."""
         free = np.ones(self.layout.size)
         free[self.layout.rows_of(self.anchor)] = 0.0
@@ -126,7 +126,7 @@ class Study:
 
         With the weights W of the measurements |e|^2 - log det W + log det H.
         """
-        anchored = float(np.log(self.diagonal[self._free == 0.0]).sum())
+        anchored = float(np.log(self.diagonal[self.free == 0.0]).sum())
         total = self.factor.log_det - anchored + self.fit.chi2
         for rows, *_, logs in self.parts:
             of_rows = logs + self.numbers[rows] * np.log(self.factors[rows])
@@ -221,11 +221,11 @@ class Study:
             upper[rows] = np.swapaxes(halves[0], 1, 2) @ halves[1]
         chordal = self.problem.chordal
         H = chordal.pattern.assemble(diagonal, upper, self.problem.d)
-        H = pinned(H, np.flatnonzero(self._free == 0.0))
+        H = pinned(H, np.flatnonzero(self.free == 0.0))
         factor = chordal.symbolic(H).factor(H)
-        if factor is None or not _is_determined(factor, H.diagonal(), self._free):
+        if factor is None or not _is_determined(factor, H.diagonal(), self.free):
             return None
-        moves = -self.layout.unpack(factor.solve(self._free * self.layout.pack(gradient)))
+        moves = -self.layout.unpack(factor.solve(self.free * self.layout.pack(gradient)))
         d, here = self.problem.d, self.estimate
         turned = so.nearest_to_rounding(so.turned(here.rotations, moves[:, d:]))
         there = Estimate.trusted(turned, translations_of(here) + moves[:, :d])
@@ -267,7 +267,7 @@ class Study:
     ) -> FloatArray:
         """(k,) squared entries of I - P between a kind and those by which it is seen."""
         n, p = len(self.layout.sizes), self.parts[0].slopes.shape[2] // 2
-        free = self._free[:, None]
+        free = self.free[:, None]
         count = int(np.clip(SIGNS // len(self.edges), FEWEST, MOST_SIGNS))
         pulled, signs = np.zeros((n, p, count)), []
         for rows, _, _, e, A, _ in self.parts:
