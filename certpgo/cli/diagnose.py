@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from certpgo.graph import Estimate, Instance
     from certpgo.io.datasets.source import Source
     from certpgo.io.matching import Matching
+    from certpgo.optimize.monitor import Iteration
 
 EXAMPLES = (
     "certpgo diagnose graph.g2o estimate.tum",
@@ -85,14 +86,16 @@ def command(
     how = Matching.of(timestamps, max_difference)
     given = None if of_estimate is None else _estimate(of_estimate, whole, instance, reading, how)
     known = _truth(of_truth, instance, reading, how.of_truth(truth_offset))
-    with working(f"examining {instance.name}") as status:
+    with working(f"examining {instance.name}") as line:
+        status = _Status(line)
         found = diagnose(
             instance,
             given,
             truth=known,
             cost=cost,
             time_limit=time_limit,
-            monitor=StatusLine(status),
+            monitor=status,
+            progress=status.trying,
         )
     if out is not None:
         write_text(out, f"{found}\n")
@@ -107,6 +110,26 @@ def command(
     paragraph(f"{found.headline}.")
     typer.echo()
     facts(found.facts())
+
+
+class _Status(StatusLine):
+    """The line of a spinner: the mistake that is tried, and the iteration of a search."""
+
+    def __init__(self, line: Any) -> None:
+        super().__init__(line)
+        self.kind, self.count = "", 0
+
+    def trying(self, kind: str) -> None:
+        """Show the kind of a mistake."""
+        self.kind, self.count = kind, self.count + 1
+        self.line.update(f"trying mistake {self.count}: {kind}")
+
+    def __call__(self, iteration: Iteration) -> bool:
+        """Show the iteration; never stop."""
+        if not self.kind:
+            return super().__call__(iteration)
+        self.line.update(f"trying mistake {self.count}: {self.kind}, step {iteration.number}")
+        return False
 
 
 def _whole(source: Source, reading: Reading) -> Instance:

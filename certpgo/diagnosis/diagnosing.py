@@ -78,6 +78,7 @@ def diagnose(
     cost: str | None = None,
     time_limit: float | None = None,
     monitor: Monitor = silent,
+    progress: Callable[[str], None] = lambda _: None,
 ) -> Diagnosis:
     """Find what is wrong with a map: its measurements, an estimate, or its truth.
 
@@ -92,6 +93,7 @@ def diagnose(
     cost : as in `certpgo.solve`
     time_limit : seconds of each search; by default 2, and a thousandth for each measurement
     monitor : is called with each iteration of searches, and may stop these
+    progress : is called with the kind of each mistake that is tried
 
     Raises
     ------
@@ -117,7 +119,14 @@ def diagnose(
     if isinstance(known, Estimate):
         known = KnownTruth(np.arange(known.num_nodes), known)
     found = [*apart(instance)]
-    whole = Examined(instance, truth=known, cost=cost, time_limit=time_limit, monitor=monitor)
+    whole = Examined(
+        instance,
+        truth=known,
+        cost=cost,
+        time_limit=time_limit,
+        monitor=monitor,
+        progress=progress,
+    )
     parts = [whole]
     if not instance.measurements.is_connected:
         parts = [_part(whole, part) for part in connected_parts(instance, "each")]

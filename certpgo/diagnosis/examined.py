@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -120,6 +121,7 @@ class Examined:
     time_limit : seconds of a search; None for the usual ones
     monitor : of all searches
     tried : counts hypotheses
+    progress : is called with each of these
     """
 
     instance: Instance
@@ -132,10 +134,12 @@ class Examined:
     time_limit: float | None = None
     monitor: Monitor = silent
     tried: list[str] = field(default_factory=list)
+    progress: Callable[[str], None] = lambda _: None
 
     def trying(self, kind: str) -> None:
         """Note that a hypothesis is tried."""
         self.tried.append(kind)
+        self.progress(kind)
 
     @cached_property
     def problem(self) -> Certifiable:

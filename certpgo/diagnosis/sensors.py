@@ -21,6 +21,7 @@ from certpgo.diagnosis.estimates import HARDLY, SHARE, UNITS, unit_of
 from certpgo.diagnosis.examined import Examined
 from certpgo.diagnosis.finding import Finding
 from certpgo.diagnosis.noise import kinds_of
+from certpgo.diagnosis.study import Study
 from certpgo.diagnosis.systematic import (
     ARM,
     BIAS,
@@ -129,7 +130,7 @@ def found(examined: Examined) -> SensorError | None:
     if graph.arms is not None or (fit is not None and not fit.is_unusually_large):
         return None
     best: Fitted | None = None
-    for error in _likely(examined):
+    for error in _likely(examined, first):
         near = None if error.before or error.metres != 1.0 or error.arm.any() else first.estimate
         trial = fitted(examined, error, near)
         if trial is not None and (best is None or trial.chi2 < best.chi2):
@@ -154,10 +155,8 @@ def _is_usual(examined: Examined, of: Fitted) -> bool:
 # --- Errors that may be ---------------------------------------------------------------------------
 
 
-def _likely(examined: Examined) -> list[Systematic]:
+def _likely(examined: Examined, first: Study) -> list[Systematic]:
     """The errors that may explain the map, the likeliest first."""
-    first = examined.first
-    assert first is not None  # noqa: S101 - asked before
     graph = examined.instance.graph
     errors = [*_errors(examined)]
     lefts = []

@@ -6,7 +6,7 @@ with it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -51,12 +51,19 @@ class Mistake:
     kinds : of findings that name it
     plant : a clean map, its best estimate and a generator of random numbers to the map with it
     dimensions : in which it can be made
+    also : of findings that name another mistake that is made with it; empty for none
     """
 
     name: str
     kinds: tuple[str, ...]
     plant: Callable[[Instance, Estimate, np.random.Generator], Planted]
     dimensions: tuple[int, ...] = (2, 3)
+    also: tuple[str, ...] = ()
+
+    def is_named(self, kinds: Sequence[str]) -> bool:
+        """Whether findings of these kinds, best first, name it first, and what is made with it."""
+        right = bool(kinds) and kinds[0] in (*self.kinds, *self.also)
+        return right and all(set(of) & set(kinds) for of in (self.kinds, self.also) if of)
 
 
 def clean(d: int, seed: int) -> Instance:
@@ -316,6 +323,118 @@ def _nowhere(instance, best, rng):
     return Planted(instance, Estimate(np.tile(np.eye(best.d), (N, 1, 1)), np.zeros((N, best.d))))
 
 
+# --- Errors of one sensor -------------------------------------------------------------------------
+
+
+def _mount(d):
+    """Where a sensor is on the body: its turn and its place, metres."""
+    turn = np.array([[0.4]] if d == 2 else [[0.2, -0.3, 0.4]])
+    return so.exp(turn)[0], np.array([0.8, -0.5, 0.6])[:d]
+
+
+def _axes(d):
+    """Of a camera, whose z looks ahead."""
+    if d == 2:
+        return np.array([[0.0, -1.0], [1.0, 0.0]])
+    return np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+
+
+def _mounted_motions(R, t):
+    C, a = _mount(R.shape[1])
+    return C.T @ R @ C, (t + R @ a - a) @ C
+
+
+def _biased(R, t):
+    bias = np.zeros((1, so.tangent_dim(R.shape[1])))
+    bias[0, -1] = 0.04
+    return R @ so.exp(bias), t
+
+
+def _of_positions(way):
+    """Measured positions of all poses, to 5 cm."""
+
+    def plant(instance, best, rng):
+        known = instance.truth
+        t = known.translations + SIGMA_T * rng.standard_normal(known.translations.shape)
+        t = way(known.rotations, t)
+        plain = instance.graph.with_information(None)
+        nodes = np.arange(N)
+        graph = certpgo.with_priors(plain, nodes, translations=t - t.mean(axis=0), tau=SIGMA_T**-2)
+        named = {"ids": np.arange(N + 1), "world": N, "truth": None}
+        return Planted(replace(instance, graph=graph, **named))
+
+    return plant
+
+
+def _swapped(R, t):
+    return t[:, [1, 0, 2][: t.shape[1]]]
+
+
+#: Points, and poses from which each is seen.
+POINTS, SEEN = 12, 6
+
+
+def _of_sightings(way):
+    """Points that are each seen from some poses, to 5 cm."""
+
+    def plant(instance, best, rng):
+        known, d = instance.truth, instance.graph.d
+        points = known.translations[rng.choice(N, POINTS)] + rng.standard_normal((POINTS, d))
+        pairs = [(i, k) for k in range(POINTS) for i in rng.choice(N, SEEN, replace=False)]
+        i, k = np.array(pairs).T
+        back = np.swapaxes(known.rotations[i], 1, 2)
+        y = (back @ (points[k] - known.translations[i])[:, :, None])[:, :, 0]
+        y = way(y + SIGMA_T * rng.standard_normal(y.shape))
+        graph, m = instance.graph, len(y)
+        edges = np.concatenate([graph.edges, np.stack([i, N + k], axis=1)])
+        R = np.concatenate([graph.rotations, np.tile(np.eye(d), (m, 1, 1))])
+        kappa, tau = np.r_[graph.kappa, np.zeros(m)], np.r_[graph.tau, np.full(m, SIGMA_T**-2)]
+        turns = certpgo.RotationGraph(N + POINTS, edges, R, kappa)
+        t = np.concatenate([graph.translations, y])
+        seen = certpgo.PoseGraph(turns, t, tau, points=np.arange(N + POINTS) >= N)
+        return Planted(replace(instance, graph=seen, ids=np.arange(N + POINTS), truth=None))
+
+    return plant
+
+
+# --- Several at once ------------------------------------------------------------------------------
+
+
+def _ids_of_two(instance, best, rng):
+    """The maps of two robots in one file, whose poses have the same ids."""
+    graph, other = instance.graph, clean(best.d, int(rng.integers(2**31))).graph
+    both = zip(_columns(graph), _columns(other), strict=True)
+    columns = [np.concatenate(pair) for pair in both]
+    return Planted(_with_information(*columns, best.d))
+
+
+def _columns(graph):
+    return graph.edges, graph.rotations, graph.translations, graph.information_matrices
+
+
+def _truth_of_another_run(instance, best, rng):
+    """A right estimate, and a truth that is to blame."""
+    other = clean(best.d, int(rng.integers(2**31))).truth
+    known = KnownTruth(np.arange(N), other)
+    return Planted(replace(instance, truth=None), best, known)
+
+
+def _mirrored_truth(instance, best, rng):
+    poses = Estimate(*_mirrored(instance.truth.rotations, instance.truth.translations))
+    return Planted(replace(instance, truth=None), best, KnownTruth(np.arange(N), poses))
+
+
+def _with_a_wrong_closure(way, *, knows=False):
+    """An estimate that is read wrongly, and a map with a wrong closure, which it knows or not."""
+
+    def plant(instance, best, rng):
+        planted = _of_one_edge(_elsewhere)(instance, best, rng)
+        found = best if knows else certpgo.solve(planted.instance).estimate
+        return replace(planted, estimate=Estimate(*way(found.rotations, found.translations)))
+
+    return plant
+
+
 # --- Estimates that are merely bad ----------------------------------------------------------------
 
 
@@ -469,5 +588,48 @@ MISTAKES = (
         "identity information",
         ("identity-information", "noise-too-large"),
         _of_weights(lambda W: np.tile(np.eye(W.shape[1]), (len(W), 1, 1))),
+    ),
+    Mistake("closures in feet", ("closures-feet",), _of_edges(_times(1 / 0.3048), "closures")),
+    Mistake(
+        "closures of a mounted sensor",
+        ("closures-turned", "closures-lever-arm"),
+        _of_edges(_mounted_motions, "closures"),
+    ),
+    Mistake("a wheel's scale", ("odometry-scaled",), _of_edges(_times(1.15), "odometry")),
+    Mistake("a gyroscope's bias", ("odometry-turn-bias",), _of_edges(_biased, "odometry")),
+    Mistake("positions in feet", ("positions-feet",), _of_positions(lambda R, t: t / 0.3048)),
+    Mistake("positions with x and y swapped", ("positions-mirrored",), _of_positions(_swapped)),
+    Mistake(
+        "positions of an antenna",
+        ("positions-lever-arm",),
+        _of_positions(lambda R, t: t + R @ _mount(t.shape[1])[1]),
+    ),
+    Mistake("sightings in feet", ("sightings-feet",), _of_sightings(lambda y: y / 0.3048)),
+    Mistake(
+        "sightings of a camera",
+        ("sightings-turned",),
+        _of_sightings(lambda y: y @ _axes(y.shape[1])),
+    ),
+    Mistake(
+        "sightings of a sensor elsewhere",
+        ("sightings-lever-arm",),
+        _of_sightings(lambda y: y - _mount(y.shape[1])[1]),
+    ),
+    Mistake("ids of two robots", ("ids-used-twice",), _ids_of_two),
+    Mistake(
+        "a right estimate, truth of another run", ("truth-contradicts",), _truth_of_another_run
+    ),
+    Mistake("a right estimate, truth mirrored", ("mirrored", "other-handedness"), _mirrored_truth),
+    Mistake(
+        "inverse poses and a wrong closure",
+        ("inverse-poses",),
+        _with_a_wrong_closure(_inverse),
+        also=("wrong-measurement",),
+    ),
+    Mistake(
+        "millimetres, robust to a wrong closure",
+        ("millimetres", "scaled"),  # the best scale is off by what the closure pulls
+        _with_a_wrong_closure(_times(1e3), knows=True),
+        also=("wrong-measurement",),
     ),
 )

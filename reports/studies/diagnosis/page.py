@@ -30,7 +30,7 @@ def text(records: dict[str, Any]) -> str:
     bad = [found for graph in graphs for found in graph["bad"].items()]
     causes = [name for name, (kinds, _) in bad if {*kinds[:1]} - {*NO_CAUSES}]
     right = [
-        found[0][:1] != [] and found[0][0] in mistake.kinds
+        mistake.is_named(found[0])
         for graph in graphs
         for mistake in MISTAKES
         if (found := graph["mistakes"].get(mistake.name))
@@ -73,12 +73,10 @@ def _table(graphs: list[Any], clean: list[Any]) -> Iterator[str]:
     for mistake in MISTAKES:
         name = mistake.name
         own = [graph["mistakes"][name] for graph in graphs if name in graph["mistakes"]]
-        first = [kinds for kinds, _ in own if kinds[:1] and kinds[0] in mistake.kinds]
+        first = [kinds for kinds, _ in own if mistake.is_named(kinds)]
         five = sum(bool({*kinds[:5]} & {*mistake.kinds}) for kinds, _ in own)
         others = Counter(
-            kinds[0] if kinds else "nothing"
-            for kinds, _ in own
-            if not kinds or kinds[0] not in mistake.kinds
+            kinds[0] if kinds else "nothing" for kinds, _ in own if not mistake.is_named(kinds)
         )
         said = ", ".join(f"{kind} ({times})" for kind, times in others.most_common(3))
         time = np.median([ratio for _, ratio in own])
@@ -95,7 +93,7 @@ def _precision(kinds: tuple[str, ...], graphs: list[Any], clean: list[Any]) -> f
         for mistake in MISTAKES:
             found = graph["mistakes"].get(mistake.name, ([], 0.0))[0]
             if found and found[0] in kinds:
-                is_right = found[0] in mistake.kinds
+                is_right = found[0] in (*mistake.kinds, *mistake.also)
                 right, wrong = right + is_right, wrong + (not is_right)
         wrong += sum(
             bool(found) and found[0] in {*kinds} - {*NO_CAUSES}
