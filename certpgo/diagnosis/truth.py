@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from certpgo.diagnosis import conventions, estimates
+from certpgo.diagnosis.blamed_truth import contradicting
 from certpgo.diagnosis.examined import Clock, Examined, KnownTruth
 from certpgo.diagnosis.finding import Finding
 from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate, Instance
-from certpgo.graph.phrases import cost_shown, counted
 from certpgo.io.format import LabelledPoses
 from certpgo.io.matching import Matching
 from certpgo.linalg import rotations as so
@@ -27,7 +27,6 @@ from certpgo.linalg.procrustes import procrustes
 from certpgo.objective.choose_cost import objective_of
 from certpgo.objective.costs import CHORDAL
 from certpgo.optimize.initialization import start_of
-from certpgo.solve.fit import Fit
 from certpgo.solve.metrics import alignment, trajectory_errors
 
 #: Errors that are not asked about: of positions over their spread, and of angles, degrees.
@@ -41,8 +40,6 @@ ROUNDS = 20
 #: Offsets of times that are tried, in median steps to either side, refinements of the best, and
 #: offsets that each tries.
 OFFSETS, REFINED, TRIED = 200, 10, 9
-#: Measurements of a truth that is to blame that are named, and strength of that: causes come first.
-NAMED, BLAMED = 4, 0.5
 #: Nodes by which offsets are found, and the fewest; rounds until a drift is found.
 SOME, FEWEST, DRIFTS = 100, 4, 3
 
@@ -78,44 +75,9 @@ def found(examined: Examined) -> Iterator[Finding]:
         causes.append(chosen.finding(errors))
     if truth.clock is not None:
         causes += _of_offset(examined, given, truth, truth.clock)
-    if not causes and (wrong := _contradicting(examined, truth)) is not None:
+    if not causes and (wrong := contradicting(examined, truth)) is not None:
         causes.append(wrong)
     yield from causes
-
-
-def _contradicting(examined: Examined, truth: KnownTruth) -> Finding | None:
-    """That a truth is to blame, which contradicts measurements that agree with one another."""
-    fit, problem, answer = examined.fit, examined.problem, examined.answer
-    if fit is None or fit.is_unusually_large or truth.poses.keys.are_positions:
-        return None
-    if examined.instance.graph.has_positions and truth.poses.translations is None:
-        return None
-    examined.trying("truth contradicts")
-    place = np.full(examined.instance.graph.num_nodes, -1)
-    place[truth.nodes] = np.arange(len(truth.nodes))
-    edges = problem.graph.edges
-    known = (place[edges] >= 0).all(axis=1)
-    if known.sum() < FEWEST:
-        return None
-    filled = truth.poses.subset(np.maximum(place, 0))
-    costs, best = problem.edge_costs(filled)[known], problem.edge_costs(answer.estimate)[known]
-    turned, moved = (numbers[known] for numbers in problem.numbers)
-    found = Fit(float((costs / problem.double[known]).sum()), int((turned + moved).sum()))
-    given, least = float(costs.sum()), float(best.sum())
-    if not (found.is_unusually_large and least < SHARE * given):
-        return None
-    rows = np.flatnonzero(known)[np.argsort(-costs, kind="stable")[:NAMED]]
-    named = ", ".join(f"{i}-{j}" for i, j in examined.instance.pairs[rows].tolist())
-    return Finding(
-        "truth-contradicts",
-        f"the truth contradicts the measurements, which agree with one another: in it "
-        f"{counted(len(best), 'measurement{s}')} between its poses cost {cost_shown(given)}, in "
-        f"the best estimate {cost_shown(least)}; most do {named}",
-        "check that the truth is of this run, its ids or times, and its poses there",
-        least,
-        given,
-        strength=BLAMED,
-    )
 
 
 @dataclass(frozen=True)
