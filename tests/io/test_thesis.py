@@ -40,6 +40,31 @@ def test_the_scene_of_the_thesis_has_its_counts(dataset_path):
     assert angles.mean() == pytest.approx(uniform, abs=4 * angles.std() / np.sqrt(len(angles)))
 
 
+def test_readings_of_the_scene_turn_outliers_and_widen_the_noise(dataset_path):
+    dataset_path("Notre_Dame.mat")
+    reading = {"outliers": 0.1, "per_axis": True, "turned": True}
+    instance = thesis.langevin_scene("Notre_Dame.mat", 5.0, rng(), **reading)
+    v = so.log(noise(instance))[~instance.outliers]
+    assert np.degrees(v.std()) == pytest.approx(5.0, rel=4 / np.sqrt(2 * v.size) + 6e-3)
+    angles = so.angle(noise(instance))[instance.outliers]  # uniform in [0, pi]
+    allowed = 4.0 * np.pi / np.sqrt(12.0 * len(angles))
+    assert angles.mean() == pytest.approx(np.pi / 2.0, abs=allowed)
+    assert angles.std() == pytest.approx(np.pi / np.sqrt(12.0), rel=0.02)
+
+
+def test_a_spherical_path_from_the_origin_is_the_same_path_moved():
+    there, here = (
+        thesis.spherical_path(0.9, 1.0, 0.01, rng(), n=100, from_origin=moved)
+        for moved in (False, True)
+    )
+    assert np.all(here.truth.translations[0] == 0.0)
+    shift = there.truth.translations - here.truth.translations
+    np.testing.assert_allclose(shift, there.truth.translations[:1].repeat(100, axis=0), atol=1e-12)
+    assert np.linalg.norm(shift[0]) == pytest.approx(100.0)
+    np.testing.assert_array_equal(here.graph.rotations, there.graph.rotations)
+    np.testing.assert_allclose(here.graph.translations, there.graph.translations, atol=1e-12)
+
+
 @pytest.mark.parametrize("d", [2, 3])
 def test_outliers_are_marked_and_all_else_is_exact_without_noise(d):
     instance = thesis.langevin_graph(40, 4.0, 0.0, rng(), outliers=0.3, d=d)

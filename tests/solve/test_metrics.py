@@ -142,3 +142,12 @@ def test_f_gt_is_the_least_over_all_moves_of_the_world(seed, d):
         turn = so.exp(0.05 * rng.standard_normal((1, so.tangent_dim(d))))[0]
         assert unaligned(found.moved(turn, 0.05 * rng.standard_normal(d))) >= least - 1e-12
     assert metrics.f_gt(Estimate(found.rotations), true) < least
+    anchored = metrics.f_gt(found, true, anchored=True)
+    assert (
+        least <= anchored == pytest.approx(metrics.f_gt(found.moved(S, shift), true, anchored=True))
+    )
+    one = found.anchored(0, true)
+    inverse = -np.einsum("nba,nb->na", one.rotations, one.translations)
+    meant = -np.einsum("nba,nb->na", true.rotations, true.translations)
+    apart = ((one.rotations - true.rotations) ** 2).sum() + ((inverse - meant) ** 2).sum()
+    assert anchored == pytest.approx(apart)
