@@ -10,11 +10,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from operator import attrgetter
 from typing import Any
 
 from certpgo.certify.dual import DualBound, Support, dual_bound
+from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Point
+from certpgo.objective.complex_relaxation import over_complex_numbers
 from certpgo.objective.objective import Objective, Surrogate
+from certpgo.objective.quadratic import Quadratic
 
 
 def lower_bound(problem: Objective, point: Point) -> float:
@@ -46,31 +50,55 @@ def lower_bound(problem: Objective, point: Point) -> float:
 
 
 def bound_by(
-    surrogate: Surrogate, point: Point, *, enough: float = -math.inf, **how: Any
+    surrogate: Surrogate,
+    point: Point,
+    *,
+    enough: float = -math.inf,
+    real: bool = False,
+    **how: Any,
 ) -> DualBound | None:
     """The bound by the multipliers of a point of a surrogate's relaxation; None without one.
+
+    In the plane, what the relaxation over real numbers leaves open is left to that over complex
+    ones.
 
     Parameters
     ----------
     enough : a value of it that suffices
+    real : only over real numbers, of which proofs are
     how : see `certpgo.certify.dual.dual_bound`
     """
     for below, constant in surrogate.at(point):
-        for share in below.shares(point.rotations.shape[1]):
-            found = dual_bound(
-                below,
-                below.blocks(point),
-                enough=enough - constant,
-                floor=-constant if below.is_signed else 0.0,
-                given_up=share,
-                **how,
-            )
-            if found is None:
-                continue
-            if constant != 0.0:
-                value = math.nextafter(found.value + constant, -math.inf)
-                found = replace(found, value=value, attained=found.attained + constant)
-            if surrogate.minorants is None:
-                return found
-            return replace(found, support=Support(surrogate.minorants, point))
+        found = _bound_of(below, constant, point, enough, **how)
+        if not real and isinstance(point, Estimate) and (found is None or found.loose):
+            tighter = over_complex_numbers(below)
+            other = None if tighter is None else _bound_of(tighter, constant, point, enough, **how)
+            found = max(filter(None, (found, other)), key=attrgetter("value"), default=None)
+        if found is None:
+            continue
+        if surrogate.minorants is None:
+            return found
+        return replace(found, support=Support(surrogate.minorants, point))
+    return None
+
+
+def _bound_of(
+    below: Quadratic, constant: float, point: Point, enough: float, **how: Any
+) -> DualBound | None:
+    """The bound on a quadratic problem's cost plus a constant."""
+    for share in below.shares(point.rotations.shape[1]):
+        found = dual_bound(
+            below,
+            below.blocks(point),
+            enough=enough - constant,
+            floor=-constant if below.is_signed else 0.0,
+            given_up=share,
+            **how,
+        )
+        if found is None:
+            continue
+        if constant == 0.0:
+            return found
+        value = math.nextafter(found.value + constant, -math.inf)
+        return replace(found, value=value, attained=found.attained + constant)
     return None

@@ -17,6 +17,7 @@ from typing import cast
 import numpy as np
 
 from certpgo.certify.bound import bound_by
+from certpgo.certify.certificate import Tier
 from certpgo.certify.dual import DualBound
 from certpgo.certify.normalized import NormalizedProblem
 from certpgo.certify.resistances import Resistances
@@ -53,6 +54,7 @@ def bound_with(
         point,
         rounding=normalized.rigorous,
         enough=cost - normalized.difference(cost),
+        real=normalized.tier is Tier.PROOF,
         sharp=sharp,
         tight=tight,
     )

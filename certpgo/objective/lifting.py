@@ -68,22 +68,27 @@ def _rising_row(rows: FloatArray, d: int) -> Lift:
 
 def _data_matrix_of_pairs(pattern: BlockPattern, graph: Any, sums: operators.NodeSums) -> CSC:
     """M, (N, N), with four rows for poses and two for points."""
-    n, (i, _), half = graph.num_nodes, graph.edges.T, 0.5 * graph.tau
-    of_positions = np.eye(2)
-    arm = half[:, None, None] * np.swapaxes(_pairs(graph.translations), 1, 2)
-    square = half * (graph.translations**2).sum(axis=1)
-    first = scatter_sum(i, arm, n)
-    second = scatter_sum(i, square, n)[:, None, None] * of_positions
-    diagonal = np.zeros((n, 4, 4))
+    n, (i, j), half = graph.num_nodes, graph.edges.T, 0.5 * graph.tau
+    of_positions, columns = np.eye(2), np.swapaxes(_pairs(graph.translations), 1, 2)
+    lever = half[:, None, None] * columns
+    first = scatter_sum(i, lever, n)
+    second = scatter_sum(i, half * (graph.translations**2).sum(axis=1), n)
     degrees = operators.degrees(graph.edges, half, n)
+    upper = np.zeros((graph.num_edges, 4, 4))
+    upper[:, :2, :2] = -half[:, None, None] * of_positions
+    upper[:, 2:, :2] = -lever
+    upper[:, 2:, 2:] = -operators.coupled(graph)
+    if graph.arms is not None:
+        arms = _pairs(graph.arms)
+        first += scatter_sum(j, half[:, None, None] * np.swapaxes(arms, 1, 2), n)
+        second += scatter_sum(j, half * (graph.arms**2).sum(axis=1), n)
+        upper[:, :2, 2:] = -half[:, None, None] * arms
+        upper[:, 2:, 2:] -= lever @ arms
+    diagonal = np.zeros((n, 4, 4))
     diagonal[:, :2, :2] = degrees[:, None, None] * of_positions
     diagonal[:, 2:, :2] = first
     diagonal[:, :2, 2:] = np.swapaxes(first, 1, 2)
-    diagonal[:, 2:, 2:] = operators.spread(graph) + second
-    upper = np.zeros((graph.num_edges, 4, 4))
-    upper[:, :2, :2] = -half[:, None, None] * of_positions
-    upper[:, 2:, :2] = -arm
-    upper[:, 2:, 2:] = -operators.coupled(graph)
+    diagonal[:, 2:, 2:] = operators.spread(graph) + second[:, None, None] * of_positions
     return pattern.assemble(diagonal, upper, 2)
 
 
@@ -131,7 +136,7 @@ REAL = Lifting(
     _of_each_handedness,
     _rising_row,
 )
-#: In the plane, for edges without arms and matrix weights: lifted rotations stay proper.
+#: In the plane: lifted rotations stay proper.
 COMPLEX = Lifting(
     2,
     Manifold(

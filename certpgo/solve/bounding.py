@@ -24,6 +24,7 @@ from certpgo.errors import GraphError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Point
 from certpgo.linalg.arrays import FloatArray
+from certpgo.objective.complex_relaxation import is_over_complex_numbers
 from certpgo.objective.objective import Surrogate
 from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.descent import CLOSE, descend, polished, rested
@@ -105,7 +106,10 @@ def raised(normalized: NormalizedProblem[Any], minimum: LocalMinimum) -> LocalMi
 def proven(normalized: NormalizedProblem[Any], minimum: LocalMinimum) -> DualBound | None:
     """The bound of a minimum at the proof tier, from that of the standard tier."""
     problem, found = normalized.problem, minimum.bound
-    if problem.is_chordal or len(problem.rejected):
+    again = found is not None and is_over_complex_numbers(
+        found.form
+    )  # of which there are no proofs
+    if problem.is_chordal or len(problem.rejected) or again:
         return bound_near(normalized, minimum.point, minimum.cost)
     return None if found is None else reproven(normalized, found)
 
@@ -261,6 +265,7 @@ def _of_point(
         point,
         rounding=normalized.rigorous,
         enough=cost - normalized.difference(cost),
+        real=normalized.tier is Tier.PROOF,
         sharp=sharp,
         tight=tight,
     )

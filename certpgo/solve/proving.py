@@ -34,11 +34,13 @@ from certpgo.errors import (
     require_path,
 )
 from certpgo.graph import Estimate, Instance
+from certpgo.graph.relaxed_point import Point
 from certpgo.io.writing import atomically
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.threads import one_thread
 from certpgo.objective import choose_cost as costs
 from certpgo.objective.choose_cost import Sum
+from certpgo.objective.complex_relaxation import is_over_complex_numbers
 from certpgo.objective.objective import Objective
 from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.truncated_cost import TruncatedCost
@@ -227,7 +229,7 @@ def _of_f(
     problem, unit = normalized.problem, normalized.unit
     graph = graph._replace(kappa=graph.kappa / unit, tau=graph.tau / unit)
     point = rested(problem, certificate.refined)
-    fallback = certificate.multipliers / unit
+    fallback = _fallback(problem, point, certificate, unit)
     return BoundEvidence.of(find(problem, graph, point, fallback, reference=reference), unit)
 
 
@@ -276,12 +278,13 @@ def of_cost(
         said = "the bound is that of a lower cost, without cross terms or large eigenvalues"
         raise NumericalError(f"{said}; proof files hold minorants of the cost itself")
     normalized = _normalized(problem, certificate)
-    unit, fallback = normalized.unit, certificate.multipliers / normalized.unit
+    unit = normalized.unit
     graph = graph._replace(information=graph.information / unit)
     below, point = normalized.problem.surrogate_of(support.minorants), support.point
     given = claimed(graph, below, tested=find is prove)
     if isinstance(point, Estimate):
         point = rested(below.problem, point)
+    fallback = _fallback(below.problem, point, certificate, unit)
     measured = checker.surrogate(graph, given)
     found = find(below.problem, measured, point, fallback, reference=reference)
     return BoundEvidence.of(found, unit, minorants=scaled(unit, given))
@@ -331,6 +334,17 @@ def _with_minorants(
     fallback = None if bound is None else bound.multipliers
     measured = checker.truncated(graph, given)[0]
     return prove(below, measured, point, fallback, reference=reference), given
+
+
+def _fallback(
+    problem: Quadratic, point: Point, certificate: Certificate, unit: float
+) -> FloatArray | None:
+    """Multipliers (n, d, d) over real numbers that prove less than a point's own, in case."""
+    known = certificate.regions
+    if known is None or not is_over_complex_numbers(known.bound.form):
+        return None if certificate.multipliers is None else certificate.multipliers / unit
+    found = dual_bound(problem, point)
+    return None if found is None else found.multipliers
 
 
 def _normalized(problem: Objective, certificate: Certificate) -> NormalizedProblem[Any]:

@@ -23,6 +23,7 @@ from certpgo.graph.relaxed_point import Point
 from certpgo.graph.trees import tree_initialization
 from certpgo.linalg.threads import one_thread
 from certpgo.objective.choose_cost import Certifiable
+from certpgo.objective.complex_relaxation import over_complex_numbers
 from certpgo.objective.lifted_distances import LiftedDistances
 from certpgo.optimize import similarity_starts
 from certpgo.optimize.curvature import resolution
@@ -228,7 +229,8 @@ def finish_f(search: Search) -> None:
     for point in (search.point, search.best.estimate):
         if not search.is_certified and point is not search.exhausted:
             search.improve_bound(point, tight=False)
-        if search.lower_bound > 0.0:
+        # Over complex numbers, that of an estimate may be better than the last point's.
+        if search.lower_bound > 0.0 and over_complex_numbers(search.problem) is None:
             break
 
 

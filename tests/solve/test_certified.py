@@ -21,6 +21,7 @@ from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.io.datasets.synthetic import corridor, grid3d, helix, winding_cycle
 from certpgo.linalg import factor
 from certpgo.linalg import rotations as so
+from certpgo.objective.complex_relaxation import over_complex_numbers
 from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize import low_rank_descent as low_rank
 from certpgo.optimize import staircase
@@ -214,9 +215,11 @@ def test_loose_relaxations_end_bounded():
         verdicts.append(answer.verdict)
         assert honest(answer, problem)
         assert answer.certificate.lower_bound > 0.0
-        # The bound is the relaxation's: points of enough dimensions come down to it.
+        # The bound is the relaxation's: points of enough dimensions come down to it. Poses in the
+        # plane have a tighter one.
         relaxed = LowRank(rank=d + 4, seed=seed).solve(problem).trace[-1].cost
-        assert answer.certificate.lower_bound <= relaxed * (1.0 + 1e-9)
+        if over_complex_numbers(problem) is None:
+            assert answer.certificate.lower_bound <= relaxed * (1.0 + 1e-9)
         assert answer.certificate.lower_bound >= relaxed * (1.0 - 1e-3)
         judged = certify(problem, answer.estimate)
         assert judged.lower_bound <= answer.certificate.lower_bound * (1.0 + 1e-9)
