@@ -30,7 +30,9 @@ def cause_of(
     ----------
     problem : that the certificate is about
     """
-    if certificate is None or certificate.rejected or (certificate.is_optimal and truth is None):
+    if certificate is None or certificate.rejected or problem.kernel is not None:
+        return None
+    if certificate.is_optimal and truth is None:
         return None
     from certpgo.diagnosis import Examined, first_finding
 

@@ -27,6 +27,12 @@ class Asked(NamedTuple):
     estimate: str = ""
     writes_best: bool = False
     judging: Mapping[str, Any] | None = None
+    kernel: str | None = None
+
+    @property
+    def known_cost(self) -> str | None:
+        """The cost, if registers may know optima under it."""
+        return None if self.kernel else self.cost
 
     def judged_again(self, instance: Instance) -> Iterator[str]:
         """The options on the command line that judge so, but the cost."""
@@ -65,6 +71,7 @@ def steps_after(
         reading=list(arguments(asked.reading)),
         judging=list(asked.judged_again(part)),
         cost=asked.cost,
+        kernel=asked.kernel,
         searched=searched,
         disagreeing=disagreement is not None,
     )

@@ -111,6 +111,30 @@ CostOption = Annotated[
 ]
 
 
+def _kernel(text: str) -> str:
+    """A kernel's name and scale, if there is such a kernel."""
+    from certpgo.objective.kernels import Kernel
+
+    try:
+        Kernel.parse(text)
+    except (InputError, SpecError) as error:
+        raise typer.BadParameter(str(error)) from None
+    return text
+
+
+KernelOption = Annotated[
+    str | None,
+    typer.Option(
+        "--kernel",
+        parser=_kernel,
+        metavar="NAME:SCALE",
+        help="Robust kernel of the costs of measurements: huber, cauchy, geman-mcclure or "
+        "truncated, from a residual of SCALE on (the square root of a cost); of rotations also "
+        "from an angle, as in huber:5deg.",
+    ),
+]
+
+
 def require_for(instance: Instance, **options: Any) -> None:
     """Refuse options that do not take what an instance has, see `certpgo.graph.capabilities`.
 

@@ -15,7 +15,11 @@ if TYPE_CHECKING:
 
 
 def posing(
-    instance: Instance, cost: str, rejected: Path | None, quantile: float | None
+    instance: Instance,
+    cost: str,
+    rejected: Path | None,
+    quantile: float | None,
+    kernel: str | None = None,
 ) -> Callable[[Sequence[Instance]], list[tuple[Instance, Judged]]]:
     """From parts of an instance to these and their problems, truncated if a list names some.
 
@@ -30,7 +34,7 @@ def posing(
     from certpgo.objective.truncated_cost import rejecting
 
     if rejected is None:
-        return lambda parts: [(part, objective_of(part, cost)) for part in parts]
+        return lambda parts: [(part, objective_of(part, cost, kernel)) for part in parts]
     choice = read_rejected(rejected, instance)
     of_cost = choice.of_cost or CHORDAL
     priced = quantile is None and cost == of_cost

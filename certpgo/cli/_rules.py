@@ -34,6 +34,11 @@ def chordal_only(*options: str) -> Rule:
     return Rule(said, *options, "cost", without="cost=chordal")
 
 
+def no_kernel(*options: str) -> Rule:
+    """That options exist for costs without a kernel only."""
+    return Rule("--{option} is not for a cost with --kernel", "|".join(options), "kernel")
+
+
 def without_known_scale(option: str) -> Rule:
     """That --graph is an .npz file, which alone holds graphs without any known scale."""
     said = "{graph}: only .npz files hold a graph without any known scale"

@@ -83,7 +83,7 @@ class Solved(Result):
     @property
     def _of_all(self) -> str | None:
         """The name of the cost, if it is that of all measurements."""
-        return self.asked.cost if self.solution.kept is None else None
+        return self.asked.known_cost if self.solution.kept is None else None
 
     @property
     def certified_cost(self) -> float:
@@ -344,7 +344,7 @@ class Solved(Result):
         """The problem that the estimate solves."""
         from certpgo.objective.choose_cost import objective_of
 
-        posed: Any = objective_of(self.part, self.asked.cost)
+        posed: Any = objective_of(self.part, self.asked.cost, self.asked.kernel)
         rejects = self.solution.weights is not None
         return cast("Certifiable", self.solution.judged(posed) if rejects else posed)
 

@@ -20,6 +20,7 @@ from certpgo.cli._options import (
     GraphName,
     HtmlOut,
     Json,
+    KernelOption,
     MaxDifference,
     ProofOut,
     Quantile,
@@ -38,7 +39,7 @@ from certpgo.cli._paging import origin_of, write_page
 from certpgo.cli._proving import prove
 from certpgo.cli._reading import Reading, covered, restricted_to, takes_reading
 from certpgo.cli._rejected import posing
-from certpgo.cli._rules import Rule, chordal_only, refuse
+from certpgo.cli._rules import Rule, chordal_only, no_kernel, refuse
 from certpgo.cli._show import StatusLine, document, working
 from certpgo.cli._swapped import graph_comes_first
 from certpgo.cli._truth import OF_TRUTH, KnownPoses, TruthFile, TruthOffset
@@ -73,6 +74,7 @@ RULES = (
     Rule("--quantile needs --rejected", "quantile", without="rejected"),
     Rule("--html is for the cost of all measurements: not with --rejected", "html", "rejected"),
     chordal_only("rejected", "proof"),
+    no_kernel("rejected", "proof", "html"),
     OF_TRUTH,
 )
 #: Of several components, and of a part of a file.
@@ -92,6 +94,7 @@ def command(
         list[str], estimate_argument("File or dataset with poses; several need --csv.")
     ],
     cost: CostOption = None,
+    kernel: KernelOption = None,
     best: Annotated[
         Path | None,
         typer.Option("-o", "--out", "--best", metavar="OUT", help="Write the best estimate found."),
@@ -168,18 +171,18 @@ def command(
     outputs.refuse(source, *here, *others)
     with graph_comes_first("certify", source, here):
         instance = timed(reading.open(source, operation=None), timestamps)
-    require_for(instance, proof=proof)
+    require_for(instance, proof=proof, kernel=kernel)
     chosen = chosen_cost(cost, instance, **{"rejected --proof": rejected and proof})
     how = Matching.of(timestamps, max_difference)
     again: dict[str, Any] = {"rejected": rejected, "quantile": quantile, "timestamps": timestamps}
     again["max-difference"] = max_difference
-    asked = Asked(graph, chosen, reading, estimates[0], best is not None, again)
+    asked = Asked(graph, chosen, reading, estimates[0], best is not None, again, kernel)
     outputs = outputs.about(source, instance, asked.cost)
     status = StatusLine()
     settings: dict[str, Any] = {"tier": tier, "rtol": rtol, "atol": atol, "refine": refine}
     settings |= {"time_limit": time_limit, "monitor": status, "ctrl_c": True}
 
-    posed = posing(instance, asked.cost, rejected, quantile)
+    posed = posing(instance, asked.cost, rejected, quantile, kernel)
 
     def judged(of: Instance) -> list[JudgedPart]:
         return [JudgedPart(*one, Judge(one[1], **settings)) for one in posed(reading.parts(of))]
@@ -272,7 +275,7 @@ class _Assessed(Result):
                 *_verdict.distance(self.distance, instance),
                 *([] if self.accuracy is None else accuracy(self.accuracy)),
             ],
-            cost=self.asked.cost,
+            cost=self.asked.known_cost,
             steps=steps,
             fit=found.fit,
         )
@@ -287,7 +290,7 @@ class _Assessed(Result):
             accuracy=self.accuracy,
             fit=self.found.fit,
             best_fit=self.found.best_fit,
-            under=self.asked.cost,
+            under=self.asked.known_cost,
         )
         far = _verdict.distance_as_json(self.distance, self.part.instance)
         return {**judged, **far, **cause_as_json(self.cause)}

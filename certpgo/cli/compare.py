@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -14,7 +14,14 @@ from certpgo.cli._compared import FAILED, latex, markdown, section
 from certpgo.cli._completion import graphs as graphs_named
 from certpgo.cli._completion import methods as method_names
 from certpgo.cli._interrupting import INTERRUPTED, tell_interrupted
-from certpgo.cli._options import CostOption, Json, MaxDifference, Timestamps, chosen_cost
+from certpgo.cli._options import (
+    CostOption,
+    Json,
+    KernelOption,
+    MaxDifference,
+    Timestamps,
+    chosen_cost,
+)
 from certpgo.cli._outputs import refuse_overwriting
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._rules import Rule
@@ -71,6 +78,7 @@ def command(
         ),
     ] = None,
     cost: CostOption = None,
+    kernel: KernelOption = None,
     out: Annotated[
         Path, typer.Option("-o", "--out", metavar="DIR", help="Folder for the results.")
     ] = Path("compare-results"),
@@ -95,7 +103,7 @@ def command(
     from certpgo.solve.comparison import as_data
     from certpgo.solve.comparison_table import notes
 
-    names = _named(methods, cost)
+    names = _named(methods, cost, kernel)
     named = [reading.resolve(name) for name in dict.fromkeys(graphs or ())]
     sources, of_truth = named or _usual(reading, quick), reading.resolve(truth)
     for source in sources:
@@ -109,7 +117,7 @@ def command(
     with results.kept():
         for source in sources:
             try:
-                parts, under = _parts(source, reading, timestamps, cost)
+                parts, under = _parts(source, reading, timestamps, cost, kernel)
             except CertPGOError as error:
                 if len(sources) == 1:
                     raise
@@ -117,8 +125,9 @@ def command(
                 continue
             for part in parts:
                 known = KnownPoses.of(of_truth, part, reading, how)
-                chosen = _methods(names, under, part.graph)
-                _compare(part, chosen, under, results, known, None if json else phases)
+                chosen = _methods(names, under, part.graph, kernel)
+                judged_by = under, kernel
+                _compare(part, chosen, judged_by, results, known, None if json else phases)
     if json:
         document([as_data(result) for result in results.rows])
     else:
@@ -129,7 +138,11 @@ def command(
 
 
 def _parts(
-    source: Source, reading: Reading, timestamps: str | None, cost: str | None
+    source: Source,
+    reading: Reading,
+    timestamps: str | None,
+    cost: str | None,
+    kernel: str | None,
 ) -> tuple[list[Instance], str]:
     """The connected graphs of a source, and the cost that judges estimates of them.
 
@@ -146,7 +159,7 @@ def _parts(
     parts = reading.parts(instance)
     under = chosen_cost(cost, instance)
     for part in parts:
-        objective_of(part, under)
+        objective_of(part, under, kernel)
     return parts, under
 
 
@@ -242,14 +255,15 @@ class _Results:
 def _compare(
     part: Instance,
     methods: Sequence[Competitor],
-    cost: str,
+    judged_by: tuple[str, str | None],
     results: _Results,
     truth: KnownPoses | None,
     phases: bool | None,
 ) -> None:
     """Add the results on a connected graph, and show them, with phases or not; None for not at all.
 
-    On interruption those so far are shown. Without a spinner, each is printed on stderr.
+    Estimates are judged by a cost, under a kernel or none. On interruption those so far are shown.
+    Without a spinner, each is printed on stderr.
     """
     from certpgo.optima import known_optimum
     from certpgo.solve.comparison import compare
@@ -264,7 +278,9 @@ def _compare(
                 status.update(f"{part.name}: {label}")
 
             errors = None if truth is None else truth.errors
-            judged = compare(part, methods, cost=cost, announce=announce, errors=errors)
+            cost, kernel = judged_by
+            how: dict[str, Any] = {"announce": announce, "errors": errors}
+            judged = compare(part, methods, cost=cost, kernel=kernel, **how)
             for result in judged:
                 results.add(result)
                 if in_lines:
@@ -276,7 +292,8 @@ def _compare(
             typer.echo(f"{TITLE}\n" if is_first else "")
             hidden = (FAILED,) if phases else (FAILED, "by phase")
             table(*section(rows, hidden), optional=OPTIONAL)
-            if (known := known_optimum(part, cost)) is not None:
+            cost, kernel = judged_by
+            if kernel is None and (known := known_optimum(part, cost)) is not None:
                 paragraph(f"{str(known)[0].upper()}{str(known)[1:]}.")
             for result in rows:
                 if result.error:
@@ -303,14 +320,15 @@ def _available() -> tuple[Competitor, ...]:
     return tuple(method for method in METHODS if method.solver in known)
 
 
-def _named(methods: str | None, cost: str | None) -> list[str] | None:
+def _named(methods: str | None, cost: str | None, kernel: str | None) -> list[str] | None:
     """The methods that are named; a SpecError if one is no label under a cost and no method."""
     from certpgo import registry
     from certpgo.objective.choose_cost import COSTS
     from certpgo.solve.comparison import methods_under
 
     costs = tuple(COSTS) if cost is None else (cost,)
-    labels = {one.label for under in costs for one in methods_under(under, _available())}
+    usual = (methods_under(under, _available(), kernel or "") for under in costs)
+    labels = {one.label for listed in usual for one in listed}
     known = labels.union(registry.solver_names())
     names = None if methods is None else methods.split(",")
     for name in names or ():
@@ -319,16 +337,18 @@ def _named(methods: str | None, cost: str | None) -> list[str] | None:
     return names
 
 
-def _methods(names: Sequence[str] | None, cost: str, graph: Graph) -> list[Competitor]:
+def _methods(
+    names: Sequence[str] | None, cost: str, graph: Graph, kernel: str | None
+) -> list[Competitor]:
     """Methods by label or name, suited or not; by default those that suit the graph."""
     from certpgo.solve.comparison import Competitor, methods_under
 
-    usual = methods_under(cost, _available())
+    usual = methods_under(cost, _available(), kernel or "")
     if names is None:
         return [method for method in usual if method.suits(graph)]
     known = {method.label: method for method in usual}
     others = [Competitor(name) for name in names if name not in known]
-    known |= {method.label: method for method in methods_under(cost, others)}
+    known |= {method.label: method for method in methods_under(cost, others, kernel or "")}
     return [known[name] for name in dict.fromkeys(names)]
 
 

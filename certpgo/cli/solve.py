@@ -22,6 +22,7 @@ from certpgo.cli._options import (
     GraphNames,
     HtmlOut,
     Json,
+    KernelOption,
     MaxDifference,
     ProofOut,
     Quantile,
@@ -35,7 +36,7 @@ from certpgo.cli._options import (
 )
 from certpgo.cli._outputs import Outputs, Result, emit
 from certpgo.cli._reading import Reading, restricted_to, takes_reading
-from certpgo.cli._rules import Rule, chordal_only, refuse
+from certpgo.cli._rules import Rule, chordal_only, no_kernel, refuse
 from certpgo.cli._show import StatusLine, notice, noticing, working
 from certpgo.cli._solved import Solved
 from certpgo.cli._truth import OF_TRUTH, KnownPoses, TruthFile, TruthOffset
@@ -75,6 +76,8 @@ RULES = (
     Rule("--robust chooses its own method: not with --method", "robust", "method"),
     chordal_only("method"),
     chordal_only("robust", "proof"),
+    no_kernel("method", "robust", "scales_within"),
+    no_kernel("proof", "html", "covariances", "regions"),
     Rule("--scales-within has a cost of its own: not with --cost", "scales_within", "cost"),
     Rule(
         "--scales-within has a start of its own: not with --no-file-start",
@@ -94,6 +97,7 @@ OF_PARTS = (Rule(_CONNECTED, "proof|html|covariances|regions", "several"),)
 def command(
     graphs: GraphNames,
     cost: CostOption = None,
+    kernel: KernelOption = None,
     robust: Annotated[
         bool,
         typer.Option("--robust", help="Reject measurements that disagree with the rest."),
@@ -248,7 +252,7 @@ def command(
     outputs.refuse(*inputs)
     instance = timed(reading.open(source, operation=None), timestamps)
     require_numbers(level=level)
-    require_for(instance, method=method, robust=robust, **files)
+    require_for(instance, method=method, robust=robust, kernel=kernel, **files)
     if scales_within is not None and not instance.graph.has_scales:
         raise InputError(f"{instance.name}: --scales-within is for nodes of unknown scale")
     parts = reading.parts(instance)
@@ -261,7 +265,8 @@ def command(
     start = None if of_initial is None else _start(of_initial, instance, reading, how)
     solver = None if method is None else _solver(method, settings, parts, initial)
     chosen = chosen_cost(cost, instance, method=method, **{"robust --proof": robust and proof})
-    asked = Asked(graph, chosen, reading, judging=_judging(timestamps, max_difference))
+    again = _judging(timestamps, max_difference)
+    asked = Asked(graph, chosen, reading, judging=again, kernel=kernel)
     outputs = outputs.about(source, instance, asked.cost)
 
     from certpgo.optimize.monitor import TableMonitor
@@ -330,8 +335,8 @@ def _certified(
 ) -> Solved:
     from certpgo import solve
 
-    how: dict[str, Any] = {"cost": asked.cost, "on_disagreement": _hinting, "monitor": monitor}
-    found = solve(part, settings, initial=initial, **how)
+    how: dict[str, Any] = {"cost": asked.cost, "kernel": asked.kernel, "monitor": monitor}
+    found = solve(part, settings, initial=initial, on_disagreement=_hinting, **how)
     return Solved(found.certificate, part, "certified", found.solution, asked, found)
 
 

@@ -89,6 +89,11 @@ OPERATIONS = {
     ),
     "compare": Operation("a comparison does", ("scales",), _FULLY, _OF_POSES),
     "bounds": Operation("this command does", ("scales",), _FULLY, _OF_POSES),
+    "kernel": Operation(
+        "a robust kernel does",
+        ("scales", "matrix weights"),
+        of_scales="what is below a term grows with the scale of a node, beyond any kernel",
+    ),
     "tables": Operation(
         "this command does", (*_BLOCKS, "scales"), "certpgo solve and certify do", _OF_POSES
     ),

@@ -19,7 +19,7 @@ from certpgo.linalg import compiled
 from certpgo.linalg.arrays import BoolArray, FloatArray
 
 U = float(np.finfo(float).eps) / 2
-#: Assumed accuracy of sine, cosine and arctangent.
+#: Assumed accuracy of sine, cosine, arctangent and logarithm.
 ULPS = 4.0
 #: A bound on underflow in any single operation.
 TINY = 2.0**-1070
@@ -174,6 +174,13 @@ class Ball:
         low = np.sqrt(np.maximum(low, 0.0)) * (1.0 - 2.0 * u)
         high = np.sqrt(np.maximum(high, 0.0)) * (1.0 + 2.0 * u)
         return _rounded(0.5 * (low + high), 0.5 * (high - low) + u * high)
+
+    def log(self) -> Ball:
+        """Logarithms; of balls that reach zero, everything."""
+        with np.errstate(all="ignore"):
+            least = _doubles(self.mid) * (1.0 - 4.0 * U) - self.radius * _UP
+            error = np.where(least > 0.0, self.radius / least * _UP, np.inf)
+            return _elementary(np.log(self.mid), error)
 
     def sin(self) -> Ball:
         """Sines."""

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from certpgo.errors import InputError, SpecError, refuse, require
 from certpgo.graph import Graph, Instance
+from certpgo.graph.capabilities import lacking
 from certpgo.graph.dataset import graph_of
 from certpgo.graph.kinds import Kind
 from certpgo.graph.phrases import counted
@@ -21,6 +22,9 @@ from certpgo.objective.quadratic import NO_SCALES, Quadratic
 from certpgo.objective.similarity_sum import SimilaritySum
 from certpgo.objective.sum import Sum
 from certpgo.objective.truncated_cost import TruncatedCost
+
+if TYPE_CHECKING:
+    from certpgo.objective.kernels import Kernel
 
 #: What estimates are certified for.
 Certifiable = Quadratic | Sum
@@ -93,18 +97,23 @@ def _unknown_to(cost: str, graph: Graph, *, more: bool = False) -> str:
     return ""
 
 
-def objective_of(posed: Graph | Instance | Certifiable, cost: str | None = None) -> Certifiable:
+def objective_of(
+    posed: Graph | Instance | Certifiable,
+    cost: str | None = None,
+    kernel: Kernel | str | None = None,
+) -> Certifiable:
     """What is minimised of measurements: F where it is a quadratic form, else a sum of terms.
 
     Parameters
     ----------
     posed : a graph or an instance; or an objective, which has its cost already and takes no other
     cost : the name of one of `COSTS`; by default that of `own_cost`
+    kernel : a robust kernel of the costs of edges, or what `Kernel.parse` takes; None for none
 
     Raises
     ------
     SpecError
-        An unknown cost.
+        An unknown cost, or kernel.
     InputError
         A cost of another program, and an objective that has its own, or measurements that the cost
         does not know; there are no poses or no information matrices, or some are not positive
@@ -113,6 +122,8 @@ def objective_of(posed: Graph | Instance | Certifiable, cost: str | None = None)
     if cost is not None:
         require(cost, str, "the name of a cost")
     if isinstance(posed, Objective):
+        if kernel is not None:
+            raise InputError("a kernel is a choice for graphs: this problem has its cost already")
         return _of_own_cost(posed, cost)
     graph, said = _graph_of(posed), source_of(posed)
     if graph.has_scales and cost not in (None, CHORDAL):
@@ -120,7 +131,23 @@ def objective_of(posed: Graph | Instance | Certifiable, cost: str | None = None)
     chosen = own_cost(graph) if cost is None else cost
     if chosen not in COSTS:
         raise SpecError.unknown("cost", chosen, list(COSTS))
+    if kernel is not None:
+        return _robust(posed, chosen, kernel)
     return _under_f(posed) if chosen == CHORDAL else _under(chosen, posed)
+
+
+def _robust(posed: Graph | Instance, cost: str, kernel: Kernel | str) -> Sum:
+    """The sum of terms with a kernel of the costs of edges."""
+    from certpgo.objective.kernels import AppliedKernel, Kernel
+    from certpgo.objective.robust import RobustSum
+
+    require(kernel, Kernel | str, "a kernel, or its name and scale such as huber:1.5,")
+    chosen = Kernel.parse(kernel) if isinstance(kernel, str) else kernel
+    refuse(lacking(graph_of(posed), "kernel"), source_of(posed).removesuffix(": "))
+    plain = _under_f(posed) if cost == CHORDAL else _under(cost, posed)
+    measured = plain.measured
+    whole = Sum(measured, ChordalCost) if isinstance(plain, Quadratic) else plain
+    return RobustSum.of(whole, AppliedKernel(chosen, chosen.squares(measured)))
 
 
 def _under_f(measured: Graph | Instance) -> Certifiable:

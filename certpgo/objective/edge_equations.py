@@ -88,7 +88,7 @@ class _Equations:
     @property
     def has_more(self) -> bool:
         """Whether there are second derivatives beyond those of Gauss and Newton."""
-        return type(self._term).curved is not Term.curved
+        return self._term.has_more
 
     def second(self, point: Estimate, exact: bool) -> tuple[FloatArray, FloatArray]:
         """As `EdgeEquations.second`."""
@@ -102,15 +102,17 @@ class _Equations:
     def _first_in_numpy(self, point: Estimate) -> tuple[float, FloatArray]:
         i, j = self._term.edges.T
         e, at_i, at_j = linearized(self._term, point)
-        weighted = self._term.weights @ e[:, :, None]
+        costs, slopes, _ = self._term.weighed(e)
+        weighted = slopes[:, :, None]
         gradient = scatter_sum(i, (np.swapaxes(at_i, 1, 2) @ weighted)[:, :, 0], self._n)
         gradient += scatter_sum(j, (np.swapaxes(at_j, 1, 2) @ weighted)[:, :, 0], self._n)
-        return float((e[:, None, :] @ weighted).sum()), gradient
+        return float(costs.sum()), gradient
 
     def _second_in_numpy(self, point: Estimate, exact: bool) -> tuple[FloatArray, FloatArray]:
         i, j = self._term.edges.T
-        _, at_i, at_j = linearized(self._term, point)
-        heavy_i, heavy_j = self._term.weights @ at_i, self._term.weights @ at_j
+        e, at_i, at_j = linearized(self._term, point)
+        _, _, weights = self._term.weighed(e, exact=exact)
+        heavy_i, heavy_j = weights @ at_i, weights @ at_j
         diagonal = scatter_sum(i, np.swapaxes(at_i, 1, 2) @ heavy_i, self._n)
         diagonal += scatter_sum(j, np.swapaxes(at_j, 1, 2) @ heavy_j, self._n)
         upper = np.swapaxes(at_i, 1, 2) @ heavy_j
@@ -142,11 +144,14 @@ def linearized(term: Term, point: Estimate) -> tuple[FloatArray, FloatArray, Flo
     at_i = np.concatenate([-by_t, in_v @ lever(v) - turned], axis=2)
     if arms is not None:
         in_w = in_w - in_v @ Q @ lever(arms)
+    if point.translations is None:
+        return e, -turned, in_w
     return e, at_i, np.concatenate([by_t, in_w], axis=2)
 
 
 def _coordinates(point: Estimate) -> int:
-    return point.d * (point.d + 1) // 2
+    d = point.d
+    return d * (d - 1) // 2 if point.translations is None else d * (d + 1) // 2
 
 
 def _poses(point: Estimate) -> tuple[FloatArray, FloatArray]:

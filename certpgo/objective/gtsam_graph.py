@@ -6,9 +6,10 @@ is translation first.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, cast, overload
+from typing import Any, Literal, cast, overload
 
 import numpy as np
 
@@ -21,20 +22,33 @@ from certpgo.linalg.arrays import FloatArray
 from certpgo.objective import gtsam_similarities
 from certpgo.objective.choose_cost import objective_of
 from certpgo.objective.costs.gtsam import GtsamCost
+from certpgo.objective.kernels import AppliedKernel, Kernel
 from certpgo.objective.quadratic import Quadratic
+from certpgo.objective.robust import RobustSum
 from certpgo.objective.sum import Sum
 from certpgo.objective.truncated_cost import TruncatedCost
 
 #: The robust noise whose cost is truncated least squares.
 TRUNCATED = "TruncatedLeastSquares"
+#: What robust noise becomes.
+Robust = Literal["kernel", "weights"]
+#: Kernels by their names in GTSAM, and their scales from the weight at a residual of 1, or of FAR.
+FAR = 2.0**40
+_KERNELS: dict[str, tuple[str, Callable[[Any], float]]] = {
+    "Huber": ("huber", lambda kernel: FAR * kernel.weight(FAR)),
+    "Cauchy": ("cauchy", lambda kernel: _scale_of(kernel.weight(1.0))),
+    "GemanMcClure": ("geman-mcclure", lambda kernel: _scale_of(math.sqrt(kernel.weight(1.0)))),
+}
 
 
 @overload
 def from_gtsam(graph: Any) -> Instance: ...
 @overload
-def from_gtsam(graph: Any, values: Any) -> tuple[Sum | TruncatedCost | Quadratic, Estimate]: ...
 def from_gtsam(
-    graph: Any, values: Any = None
+    graph: Any, values: Any, *, robust: Robust = "kernel"
+) -> tuple[Sum | TruncatedCost | Quadratic, Estimate]: ...
+def from_gtsam(
+    graph: Any, values: Any = None, *, robust: Robust = "kernel"
 ) -> Instance | tuple[Sum | TruncatedCost | Quadratic, Estimate]:
     """A factor graph as an instance; with values, its problem under GTSAM's cost and the estimate.
 
@@ -44,10 +58,12 @@ def from_gtsam(
     if nothing else is, fixes the frame at no cost and is left out; the estimate's cost does not
     include it. Priors with constrained noise hold poses where they are.
 
-    A robust noise model is no cost that can be certified. Its factor gets the weight that it has at
-    the values: at an optimum of GTSAM's, that cost is stationary too, but it is another one, as its
-    title says. With truncated least squares, factors that are cut off at the values cost at most
-    what GTSAM says, and the others are kept: the problem is then a `TruncatedCost`.
+    Robust noise of Huber, Cauchy, or Geman and McClure is a kernel of the problem, with a scale for
+    each factor, if that is the only one in the graph, and is of factors between two nodes.
+    Otherwise, or with ``robust="weights"``, a factor gets the weight that it has at the values: at
+    an optimum of GTSAM's, that cost is stationary too, but it is another one, as its title says; it
+    is easier to certify. With truncated least squares, factors that are cut off at the values cost
+    at most what GTSAM says, and the others are kept: the problem is then a `TruncatedCost`.
 
     Factors of similarities, whose cost of logarithms has no quadratic form below it, become a
     problem of F with the weights of their noise: a `Quadratic`, with all scales unknown.
@@ -57,6 +73,7 @@ def from_gtsam(
     graph : a NonlinearFactorGraph with Gaussian noise, or robust noise if there are values; or one
         of BetweenFactorSimilarity2 or BetweenFactorSimilarity3
     values : a value for every key of the graph
+    robust : what robust noise becomes
 
     Raises
     ------
@@ -87,8 +104,10 @@ def from_gtsam(
     >>> certpgo.solve(problem).verdict.value
     'CERTIFIED'
     """
+    if robust not in ("kernel", "weights"):
+        raise InputError(f"robust is 'kernel' or 'weights', not {robust!r}")
     if values is not None:
-        problem, estimate, _ = judged_factors(graph, values)
+        problem, estimate, _ = judged_factors(graph, values, robust=robust)
         return problem, estimate
     _require_factors(graph)
     if _of_similarities(graph):
@@ -96,14 +115,14 @@ def from_gtsam(
     instance, kernels = instance_of_factors(graph)
     if kernels:
         named = listed(sorted({type(kernel).__name__ for kernel in kernels.values()}))
-        robust = counted(len(kernels), "factor{s}")
-        said = f"{robust} with robust noise ({named}), whose weights are those at an estimate"
+        many = counted(len(kernels), "factor{s}")
+        said = f"{many} with robust noise ({named}), whose weights are those at an estimate"
         raise InputError(f"{said}: from_gtsam(graph, values)")
     return instance
 
 
 def judged_factors(
-    graph: Any, values: Any, cost: str = GtsamCost.name
+    graph: Any, values: Any, cost: str = GtsamCost.name, *, robust: Robust = "weights"
 ) -> tuple[Sum | TruncatedCost | Quadratic, Estimate, Instance | None]:
     """The problem of a factor graph under a cost, the values, and its instance.
 
@@ -117,7 +136,12 @@ def judged_factors(
     if not kernels:
         return problem, estimate, instance
     numbers, costs = instance.known_numbers.tolist(), problem.edge_costs(estimate)
-    return _as_robust(cast("Sum", problem), kernels, numbers, costs), estimate, instance
+    plain = cast("Sum", problem)
+    kernel = _kernel(kernels, numbers[: plain.measured.num_edges]) if robust == "kernel" else None
+    if kernel is not None:
+        applied = AppliedKernel(kernel, kernel.squares(plain.measured))
+        return RobustSum.of(plain, applied), estimate, instance
+    return _as_robust(plain, kernels, numbers, costs), estimate, instance
 
 
 def _require_factors(graph: Any, *values: Any) -> None:
@@ -151,6 +175,29 @@ def _problem_of_similarities(graph: Any, values: Any) -> tuple[Quadratic, Estima
         raise InputError(f"the values have no similarity at key {pairs[missing][0]}")
     edges, d = np.searchsorted(keys, pairs), known[type(between[0]).__name__]
     return gtsam_similarities.problem_of_factors(between, values, keys, edges, d)
+
+
+def _kernel(kernels: Mapping[int, Any], numbers: Sequence[int]) -> Kernel | None:
+    """The kernel of all robust factors, with infinite scales of others.
+
+    None if they have several, or if some are no edges between nodes.
+
+    Parameters
+    ----------
+    kernels : by number
+    numbers : of the edges
+    """
+    names = {type(kernel).__name__ for kernel in kernels.values()}
+    if len(names) != 1 or not names <= _KERNELS.keys() or not kernels.keys() <= {*numbers}:
+        return None
+    name, scale_of = _KERNELS[names.pop()]
+    scales = [scale_of(kernels[k]) if k in kernels else np.inf for k in numbers]
+    return Kernel(name, np.array(scales))
+
+
+def _scale_of(share: float) -> float:
+    """The scale k whose k^2 / (k^2 + 1) is this."""
+    return math.sqrt(share / (1.0 - share))
 
 
 def _as_robust(

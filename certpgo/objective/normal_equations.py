@@ -73,7 +73,8 @@ class NormalEquations:
         """The largest gradient over ``scale``, see `Sum.stationarity`."""
         unpack = self.problem.tangent_layout.unpack
         length = self.problem.length
-        return largest_step(unpack(self.gradient), unpack(scale), self.problem.d, length)
+        moves = self.problem.d if self.problem.has_positions else 0
+        return largest_step(unpack(self.gradient), unpack(scale), moves, length)
 
     def factor(self, A: CSC) -> LinearSolver | None:
         """The factor of a matrix with the same pattern, in single precision where that suffices."""
@@ -83,6 +84,10 @@ class NormalEquations:
     def moved(self, x: FloatArray) -> NormalEquations:
         """The normal equations after a step x (N,)."""
         moves, d = self.problem.tangent_layout.unpack(x), self.problem.d
+        if not self.problem.has_positions:
+            turned = so.nearest_to_rounding(so.turned(self.point.rotations, moves))
+            alone = self.problem.normal_equations(Estimate.trusted(turned, None))
+            return cast("NormalEquations", alone)
         turned = so.nearest_to_rounding(so.turned(self.point.rotations, moves[:, d:]))
         t = translations_of(self.point) + moves[:, :d]
         there = self.problem.normal_equations(Estimate.trusted(turned, t))

@@ -70,6 +70,8 @@ class Objective(Speaking, ABC):
     cost_name: Any = "chordal"
     #: Whether it is F, of which the objective's own matrix is.
     is_chordal: ClassVar[bool] = False
+    #: A robust kernel of the measurements' costs, if there is one.
+    kernel: Any = None
     #: Whether its bound is that of a point above this space.
     is_lifted: Any = False
     #: Whether scales of nodes may be unknown.

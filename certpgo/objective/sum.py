@@ -318,7 +318,7 @@ class Sum(Objective):
         """(m,) lower and upper bounds on the terms of f."""
         return enclosures_of(self.terms, estimate)
 
-    def residual_lengths(self, estimate: Estimate) -> FloatArray:
+    def residual_lengths(self, estimate: Estimate) -> FloatArray | None:
         """(m,) norms of t_j - t_i - R_i t_ij, then of other residuals that are lengths, metres."""
         m = self.measured.num_edges
         lengths = cast("FloatArray", self.chordal.residual_lengths(estimate))
@@ -380,7 +380,7 @@ class Sum(Objective):
     @cached_property
     def held(self) -> FloatArray:
         """(N,) one for the anchor's coordinates, zero for the others."""
-        held = np.zeros((self.n, self.d + so.tangent_dim(self.d)))
+        held = np.zeros((self.n, self.d * self.has_positions + so.tangent_dim(self.d)))
         held[self.chordal.anchor] = 1.0
         return self.tangent_layout.pack(held)
 

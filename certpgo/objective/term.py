@@ -17,7 +17,7 @@ from certpgo.graph import Graph
 from certpgo.graph.estimate import Estimate
 from certpgo.graph.information import unmeasured
 from certpgo.graph.observations import Observations
-from certpgo.graph.relaxed_point import Point, translations_of
+from certpgo.graph.relaxed_point import Point
 from certpgo.graph.scale import Scale
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import Ball
@@ -113,6 +113,23 @@ class Term(ABC):
         """(k,) the quadratic part of the costs in moves v (k, d); by default none."""
         return np.zeros(len(v))
 
+    def weighed(
+        self, e: FloatArray, *, exact: bool = False
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Costs (k,) of residuals e, and derivatives of half of them in e: (k, r) and (k, r, r).
+
+        Parameters
+        ----------
+        exact : whether second derivatives may be indefinite
+        """
+        We = (self.weights @ e[:, :, None])[:, :, 0]
+        return (e * We).sum(axis=1), We, self.weights
+
+    @property
+    def has_more(self) -> bool:
+        """Whether second derivatives beyond those of Gauss and Newton are known."""
+        return type(self).curved is not Term.curved
+
     def curved(self, v: FloatArray) -> FloatArray | None:
         """(k, d, d) second derivatives of half the costs in v, beyond those of Gauss and Newton.
 
@@ -129,8 +146,9 @@ class Term(ABC):
         """(k,) lower and upper bounds on the costs, with translations taken as stored."""
         i, j = self.edges.T
         R = Ball.within(estimate.rotations, rotation_defect(estimate.rotations))
-        t = Ball.exact(translations_of(estimate))
-        v, Q = R.T[i].apply(t[j] - t[i]), R.T[i] @ R[j]
+        Q, at = R.T[i] @ R[j], estimate.translations
+        t = Ball.exact(np.zeros((R.mid.shape[0], R.mid.shape[1])) if at is None else at)
+        v = R.T[i].apply(t[j] - t[i])
         if (arms := self.arms) is not None:
             v = v + Q.apply(Ball.exact(arms))
         found = self.enclosures(v, Q)
@@ -169,11 +187,14 @@ def relative(
 ) -> tuple[FloatArray, FloatArray]:
     """(m, d) vectors v = R_i^T (t_j + R_j a - t_i) and (m, d, d) rotations Q = R_i^T R_j.
 
-    Of these edges (m, 2), with arms (m, d) at their second nodes or None for zeros.
+    Of these edges (m, 2), with arms (m, d) at their second nodes or None for zeros. Without
+    translations, v is zero.
     """
     i, j = edges.T
-    R, t = point.rotations, translations_of(point)
+    R, t = point.rotations, point.translations
     back = np.swapaxes(R[i], 1, 2)
+    if t is None:
+        return np.zeros((len(i), R.shape[2])), back @ R[j]
     v, Q = (back @ (t[j] - t[i])[:, :, None])[:, :, 0], back @ R[j]
     return v if arms is None else v + (Q @ arms[:, :, None])[:, :, 0], Q
 

@@ -87,6 +87,8 @@ class TruncatedCost(Objective):
             raise InputError(
                 f"prices must be {self.whole.graph.num_edges} positive numbers, one per edge"
             )
+        if self.whole.kernel is not None:
+            raise UncertifiableError(f"measurements are not rejected of {self.whole.title}")
         _, *of_blocks = by_rows(self.measured, self.is_rejected)
         for block, cut in zip(self.measured.blocks, of_blocks, strict=True):
             if cut.any():

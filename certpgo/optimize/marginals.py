@@ -95,6 +95,10 @@ class Marginals:
     def __post_init__(self) -> None:
         if not hasattr(self.problem, "tangent_layout"):
             raise InputError(f"a problem of poses expected, not {kind_of(self.problem)}")
+        if getattr(self.problem, "kernel", None) is not None:
+            raise InputError(
+                "covariances are for costs without a robust kernel: it states no noise"
+            )
         self.problem.check(self.estimate)
         for node in (self.anchor, *self.held):
             self._require(node)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -22,6 +23,7 @@ from certpgo.objective.choose_cost import (
     COSTS,
     Sum,
     objective_of,
+    own_cost,
 )
 from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.solution import Solution, Solver, Status
@@ -42,7 +44,7 @@ class Competitor:
     takes : ``"poses"`` or ``"rotations"`` if restricted to these; empty for both
     reads_source : whether the method reads the graph's file itself (for the full information
         matrices, which our graphs do not keep); the path is passed as its setting ``source``
-    cost : the cost that it minimises, see `certpgo.objective.choose_cost`
+    cost, kernel : the cost that it minimises, see `certpgo.objective.choose_cost`
     """
 
     solver: str = ""
@@ -52,6 +54,7 @@ class Competitor:
     takes: Literal["", "poses", "rotations"] = ""
     reads_source: bool = False
     cost: str = CHORDAL
+    kernel: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "settings", MappingProxyType(dict(self.settings)))
@@ -151,11 +154,18 @@ class MethodResult:
     accuracy: Mapping[str, float | None] = field(default_factory=dict)
 
 
-def methods_under(cost: str, methods: Iterable[Competitor] = METHODS) -> tuple[Competitor, ...]:
+def methods_under(
+    cost: str, methods: Iterable[Competitor] = METHODS, kernel: str = ""
+) -> tuple[Competitor, ...]:
     """The methods with a cost to minimise where they can; the others minimise F.
 
-    The certified pipeline is also there for F, labelled so.
+    The certified pipeline is also there for F, labelled so. It alone minimises under kernels.
     """
+    if kernel:
+        under = replace(_CERTIFIED, cost=cost, kernel=kernel)
+        of_f = replace(_CERTIFIED, label="certified (F)")
+        listed = ((under, of_f) if method == _CERTIFIED else (method,) for method in methods)
+        return tuple(itertools.chain.from_iterable(listed))
     if cost == CHORDAL:
         return tuple(methods)
     chosen: list[Competitor] = []
@@ -182,6 +192,7 @@ def compare(
     methods: Iterable[Competitor] | None = None,
     *,
     cost: str | None = None,
+    kernel: str | None = None,
     announce: Callable[[str], None] = lambda label: None,
     errors: Callable[[Estimate], TrajectoryErrors] | None = None,
 ) -> Iterator[MethodResult]:
@@ -197,6 +208,7 @@ def compare(
     cost : the cost that judges all estimates, whichever each method minimises: ``"chordal"``, or
         for an instance with information matrices ``"g2o"`` or ``"gtsam"``, see
         `certpgo.objective.choose_cost`. By default that of its `own_cost`, as for `certpgo.solve`
+    kernel : a robust kernel of that cost, such as ``"huber:5deg"``
     announce : called with the label of each method before it runs
     errors : the errors of an estimate, if the truth is known
 
@@ -211,10 +223,11 @@ def compare(
     if methods is not None:
         require(methods, Iterable, "a list of Competitors")
     require_capable(instance.graph, "compare", instance.name)
-    posed = objective_of(instance, cost)
-    cost, judge = posed.cost_name, Judge(posed)
+    cost = own_cost(instance) if cost is None else cost
+    posed = objective_of(instance, cost, kernel)
+    judge = Judge(posed)
     objective = OF_F if posed.is_chordal else posed.title
-    for method in methods_under(cost) if methods is None else methods:
+    for method in methods_under(cost, kernel=kernel or "") if methods is None else methods:
         require(method, Competitor, "a Competitor")
         announce(method.label)
         blank = MethodResult(
@@ -226,7 +239,7 @@ def compare(
             method.label,
             dict(method.settings),
             objective,
-            method.cost,
+            f"{method.cost}, {method.kernel}" if method.kernel else method.cost,
         )
         try:
             problem, left_out = _given(posed, method)
@@ -316,11 +329,11 @@ def solution_of(
         own["source"] = "" if instance is None else instance.source
     solver = registry.build(method.solver, own, problem.graph)
     posed: Quadratic | Sum = problem
-    if method.cost != CHORDAL:
+    if method.cost != CHORDAL or method.kernel:
         minimised = getattr(solver, "own_costs", ())
         if instance is None or (method.cost in COSTS and method.cost not in minimised):
             raise SpecError(f"{method.solver} does not minimise the cost {method.cost}")
-        posed = objective_of(instance, method.cost)
+        posed = objective_of(instance, method.cost, method.kernel or None)
     if method.start is None:
         return _timed(solver, posed)
     start = solution_of(method.start, problem, instance, settings=settings)

@@ -152,11 +152,11 @@ def fit_of(
 
     Returns
     -------
-    None where the source does not state the noise, of nodes of unknown scale, where held nodes are
-    moved, where a robust method changed weights, where nothing is measured twice, or where numbers
-    are beyond the range of doubles.
+    None where the source does not state the noise, of nodes of unknown scale, under a robust
+    kernel, where held nodes are moved, where a robust method changed weights, where nothing is
+    measured twice, or where numbers are beyond the range of doubles.
     """
-    if not instance.states_noise or problem.takes_scales:
+    if not instance.states_noise or problem.takes_scales or problem.kernel is not None:
         return None
     if displaced(instance, estimate):
         return None

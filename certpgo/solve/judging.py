@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,6 +29,9 @@ from certpgo.optimize.solution import Status
 from certpgo.solve import bounding
 from certpgo.solve.minima import elsewhere, local_minimum
 
+if TYPE_CHECKING:
+    from certpgo.objective.kernels import Kernel
+
 #: Steps of an estimate's descent before one from another start begins; most descents take fewer.
 FEW = 20
 #: Steps, each as good as the last ones, within which that must reach a proven optimum from then on.
@@ -41,6 +45,7 @@ def certify(
     estimate: Estimate | AnyAnswer | AnyPath,
     *,
     cost: str | None = None,
+    kernel: Kernel | str | None = None,
     rejected: IntArray | None = None,
     quantile: float | None = None,
     tier: Tier | str = Tier.STANDARD,
@@ -63,7 +68,7 @@ def certify(
         read, or the path of its file
     estimate : n poses or rotations in the graph's order and units, from any source; or an answer of
         `certpgo.solve`, or the path of a file, see `certpgo.read_estimate`
-    cost : the cost of a graph, an instance or a file, as in `certpgo.solve`
+    cost, kernel : the cost of a graph, an instance or a file, as in `certpgo.solve`
     rejected : (k,) indices of measurements that were rejected, as in ``solution.rejected`` of a
         robust answer. The certificate is then about the truncated cost, that of the others plus
         min(f_e, c_e) of each of these: CERTIFIED if no other estimate costs less, whichever of them
@@ -103,8 +108,8 @@ def certify(
     """
     whole = posed = measured(problem)
     given = estimated(estimate, posed)
-    if cost is not None or isinstance(posed, Instance | Graph):
-        posed = objective_of(posed, cost)
+    if cost is not None or kernel is not None or isinstance(posed, Instance | Graph):
+        posed = objective_of(posed, cost, kernel)
     if rejected is not None:
         posed = rejecting(posed, rejected, quantile)
     elif quantile is not None:

@@ -132,7 +132,7 @@ def _counted(problem: Certifiable) -> FloatArray:
 
 def _require(problem: Certifiable, level: float) -> None:
     require_numbers(level=level)
-    if problem.takes_scales:
+    if problem.takes_scales or problem.kernel is not None:
         raise InputError(f"{problem.title} is no chi^2: give an excess, and no level")
 
 

@@ -108,7 +108,8 @@ def disagreement(
 
     Returns
     -------
-    None if the residuals are consistent with the weights or with one another.
+    None if the residuals are consistent with the weights or with one another, or if a robust kernel
+    expects others.
 
     Examples
     --------
@@ -124,7 +125,7 @@ def disagreement(
     >>> print(disagreement(problem, solve(problem).estimate, refit=True))
     1 of 13 measurements disagrees with the rest, by up to 90 degrees
     """
-    if agrees(problem, estimate):
+    if problem.kernel is not None or agrees(problem, estimate):
         return None
     stated = states_noise(problem)
     angles = problem.residual_angles(estimate)

@@ -27,6 +27,7 @@ from certpgo.objective.complex_relaxation import over_complex_numbers
 from certpgo.objective.lifted_distances import LiftedDistances
 from certpgo.optimize import similarity_starts
 from certpgo.optimize.curvature import resolution
+from certpgo.optimize.descent import descend
 from certpgo.optimize.initialization import Start, averaged_start, start_of
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.randomized_rounding import roundings
@@ -44,6 +45,8 @@ from certpgo.solve.settings import SolveSettings
 ORIGIN = "a random point of higher rank"
 #: Surrogates after which a search does not begin again.
 MOST_SURROGATES = 10
+#: Times a robust kernel's scale is doubled for a start.
+GRADUATED = 4
 
 
 @one_thread
@@ -79,6 +82,8 @@ def plan_of(problem: Certifiable) -> Plan:
         return DISTANCES
     if problem.takes_scales:
         return SIMILARITIES if problem.is_chordal else SIMILARITY_SUMS
+    if problem.kernel is not None:
+        return ROBUST
     return CHORDAL if problem.is_chordal else SURROGATES
 
 
@@ -137,10 +142,26 @@ def _chordal_start(own: Search) -> Start:
     for phase, seconds in found.solution.seconds.items():
         own.watch.seconds[phase] = own.watch.seconds.get(phase, 0.0) + seconds
     own.stop.interrupted |= found.solution.status is Status.INTERRUPTED
-    if found.disagreement is not None:
+    if found.disagreement is not None and own.original.kernel is None:
         own.heed_outliers(found.disagreement)
     best = "optimum" if found.verdict is Verdict.CERTIFIED else "best estimate found"
     return Start(found.estimate, f"the {best} under the chordal cost")
+
+
+def _graduated_start(own: Search) -> Start:
+    """The end of descents under kernels of falling scale, from the best estimate under F.
+
+    Graduated non-convexity (Blake and Zisserman 1987; Yang et al., RA-L 2020).
+    """
+    start = _chordal_start(own)
+    estimate, kernel = start.estimate, own.problem.kernel
+    for power in range(GRADUATED, 0, -1):
+        if own.stop.should_stop():
+            break
+        wider = replace(own.problem, kernel=kernel.scaled(4.0**power))
+        with suppress(NumericalError, np.linalg.LinAlgError):
+            estimate = descend(wider, estimate, monitor=own.stop, watch=own.watch).estimate
+    return Start(estimate, f"kernels of falling scale, from {start.name}")
 
 
 # --- F: local minima of rising rank ---------------------------------------------------------------
@@ -352,6 +373,8 @@ SURROGATES = Plan(
     descended=False,
     settled=frozenset({Status.CONVERGED}),
 )
+#: A cost under a robust kernel: other basins are likely, and measurements that disagree expected.
+ROBUST = replace(SURROGATES, starts=(_averaged_start, _graduated_start), outliers=None)
 #: F with unknown scales, and other measurements besides.
 SIMILARITY_SUMS = replace(
     SURROGATES,

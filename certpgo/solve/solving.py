@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from certpgo.certify.certificate import of_instance
 from certpgo.errors import InputError, kind_of, require
@@ -22,6 +22,9 @@ from certpgo.solve.result import GIVEN, CertifiedSolution
 from certpgo.solve.search import search
 from certpgo.solve.settings import SolveSettings, settings_from
 
+if TYPE_CHECKING:
+    from certpgo.objective.kernels import Kernel
+
 #: Name of the initial values of an instance.
 STORED = "the initial values of the file"
 
@@ -31,6 +34,7 @@ def solve(
     settings: SolveSettings | None = None,
     *,
     cost: str | None = None,
+    kernel: Kernel | str | None = None,
     initial: Estimate | AnyAnswer | AnyPath | None = None,
     monitor: Monitor | None = None,
     on_disagreement: Callable[[Disagreement], object] | None = None,
@@ -49,6 +53,8 @@ def solve(
         of `certpgo.objective.costs`, such as ``"g2o"`` or ``"gtsam"``: what these programs
         minimise. By default that of `certpgo.objective.choose_cost.own_cost`: of the program of
         the file that was read
+    kernel : a robust kernel of the costs of edges, such as ``"huber:1.5"``, of rotations alone also
+        ``"huber:5deg"``, see `certpgo.objective.kernels.Kernel`; by default none
     settings : limits, tolerances and tuning, see `SolveSettings`
     initial : initial estimate, n poses, in metres, or an answer, or the path of a file; by default
         one is computed. An instance's own initial values are tried too, see ``try_file_start``
@@ -73,7 +79,7 @@ def solve(
         An initial estimate of another graph, invalid limits or tolerances, weights beyond the range
         of doubles.
     SpecError
-        An unknown tier or setting.
+        An unknown tier, setting or kernel.
     NumericalError
         No initialization could be computed.
 
@@ -100,7 +106,7 @@ def solve(
             f"solve takes a graph, a problem, an instance or a path, not {kind_of(posed)}"
         )
     source = posed if isinstance(posed, Instance) else None
-    problem = objective_of(posed, cost)
+    problem = objective_of(posed, cost, kernel)
     given = None if start is None else Start(start, GIVEN)
     stored = _stored(source) if chosen.try_file_start else None
     with watched(monitor) as shown:

@@ -16,6 +16,8 @@ from certpgo.optimize.solution import Status
 
 #: A sentence, and a command or an empty text.
 Step = tuple[str, str]
+#: Commands with an option --kernel.
+TAKE_KERNELS = ("solve", "certify")
 _ENDED = "The search ended by itself, and more time would not help. The gap"
 _SOLVED = "The relaxation is solved, so more time would not raise the bound. The gap"
 _GUARANTEE = "is still a guarantee, and may be small enough to act on."
@@ -36,17 +38,18 @@ class _Given(NamedTuple):
     disagreeing: bool
     judged_by: str
     judging: tuple[str, ...]
+    kernel: str | None
 
     @property
     def provable(self) -> bool:
         """Whether there are proofs about this cost of this graph."""
-        return not objective_of(self.instance, self.judged_by).unprovable
+        return not objective_of(self.instance, self.judged_by, self.kernel).unprovable
 
     @property
     def is_of_poses(self) -> bool:
-        """Whether it has neither distances nor unknown scales, which are not rejected."""
+        """Whether measurements may be rejected: without distances, unknown scales and kernels."""
         graph = self.instance.graph
-        return graph.ranges is None and not graph.has_scales
+        return self.kernel is None and graph.ranges is None and not graph.has_scales
 
     @property
     def _named(self) -> str:
@@ -86,6 +89,7 @@ def advice(
     reading: Sequence[str] = (),
     judging: Sequence[str] = (),
     cost: str,
+    kernel: str | None = None,
     searched: bool = False,
     disagreeing: bool = False,
 ) -> list[Step]:
@@ -97,7 +101,7 @@ def advice(
     graph, estimate : their files, as named in commands
     reading : the command-line options with which they were read
     judging : those with which ``certify`` matched and judged the estimate
-    cost : the name of the cost that judged them
+    cost, kernel : the name of the cost that judged them, and its kernel as it was given
     searched : whether the certified search found the estimate, not another program
     disagreeing : whether some measurements disagree with the rest
     """
@@ -107,12 +111,13 @@ def advice(
         graph,
         estimate,
         tuple(reading),
-        cost_options(instance, cost),
+        cost_options(instance, cost) + (("--kernel", kernel) if kernel else ()),
         searched=searched,
         stopped=obstacle.ended_early,
         disagreeing=disagreeing,
         judged_by=cost,
         judging=tuple(judging),
+        kernel=kernel,
     )
     interrupted = searched and obstacle.stopped is Status.INTERRUPTED
     if interrupted and certificate.verdict is not Verdict.CERTIFIED:
@@ -127,6 +132,8 @@ def advice(
             steps = _after_undecided(certificate, given)
         case _:
             steps = _after_bounded(certificate, given)
+    if kernel:
+        return [step for step in steps if not step[1] or step[1].split()[1] in TAKE_KERNELS]
     return list(steps)
 
 

@@ -41,6 +41,7 @@ ASKED = {
     "follow": lambda g: list(streamed(g)),
     "robust fit": certpgo.solve_robustly,
     "rejections": lambda g: rejecting(objective_of(g), np.array([g.num_edges - 1])),
+    "kernel": lambda g: objective_of(g, kernel="huber:1").terms,
     "tables": require_poses_alone,
     "compare": lambda g: list(compare(g, [Competitor("certified")])),
     "isotropic method": lambda g: (

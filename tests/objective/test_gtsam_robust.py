@@ -41,13 +41,45 @@ def optimum(kernel, n=12):
 @pytest.mark.parametrize("name", KERNELS)
 def test_the_cost_with_the_weights_of_an_optimum_is_stationary_there(name):
     graph, values = optimum(robust(name, KERNELS[name]))
-    problem, estimate = certpgo.from_gtsam(graph, values)
+    problem, estimate = certpgo.from_gtsam(graph, values, robust="weights")
     assert problem.stationarity(estimate) < 1e-6
     found = certify(problem, estimate)
     assert found.verdict.value == "CERTIFIED"
     assert found.objective.endswith(f"with the weights of {name} at the given values")
     # The wrong loop counts for less, if at all.
     assert found.cost_upper < 2.0 * graph.error(values)
+
+
+@pytest.mark.parametrize("name", ["Huber", "Cauchy", "GemanMcClure"])
+def test_a_kernel_is_the_cost_itself_with_a_scale_for_each_factor(name):
+    graph, values = optimum(robust(name, KERNELS[name]))
+    problem, estimate = certpgo.from_gtsam(graph, values)
+    scale = problem.kernel.kernel.scale
+    assert np.isinf(scale).sum() == 12
+    assert scale[np.isfinite(scale)] == pytest.approx(KERNELS[name], rel=1e-9)
+    assert problem.cost(estimate) == pytest.approx(2.0 * graph.error(values), rel=1e-12)
+    assert problem.stationarity(estimate) < 1e-6
+    found = certify(problem, estimate)
+    # Poses have bounds where other measurements hold them, and no false ones.
+    assert found.verdict.value in ("BOUNDED", "UNDECIDED")
+    assert found.lower_bound <= found.cost_upper
+    if name != "Cauchy":
+        assert found.lower_bound > 0.9 * found.cost_upper
+    best = certpgo.solve(problem, time_limit=10.0)
+    assert found.lower_bound <= best.cost <= problem.cost(estimate) * (1.0 + 1e-9)
+
+
+def test_kernels_that_are_mixed_or_unknown_become_weights():
+    graph, values = optimum(robust("Huber", 1.0))
+    key = gtsam.Pose2(1.0, 0.0, 0.1)
+    base = gtsam.noiseModel.Isotropic.Sigma(3, 0.05)
+    other = gtsam.noiseModel.Robust.Create(robust("Cauchy", 1.0), base)
+    graph.add(gtsam.BetweenFactorPose2(0, 1, key, other))
+    problem, _ = certpgo.from_gtsam(graph, values)
+    assert problem.kernel is None
+    assert problem.title.endswith("with the weights of Cauchy and Huber at the given values")
+    with pytest.raises(InputError, match="robust is 'kernel' or 'weights', not 'none'"):
+        certpgo.from_gtsam(graph, values, robust="none")
 
 
 def test_truncated_least_squares_is_the_truncated_cost():
