@@ -77,7 +77,7 @@ def test_a_cycle_that_winds_is_not_proven(winding):
 
 
 @given(seeds, dimensions, st.floats(0.9, 1.1), st.booleans())
-@settings(max_examples=20)
+@settings(max_examples=10)
 def test_weighted_cycles_hold_exactly_up_to_half_a_turn(seed, d, total, beyond):
     """The sum of the angles alone decides, that of one beyond 90 degrees included."""
     rng, n = rng_of(seed), 6
@@ -130,7 +130,6 @@ def test_k4_has_optima_that_cycles_do_not_prove():
     [
         ("cycle20_0.5_SO3.g2o", 0.860),
         ("tinyGrid3D.g2o", 0.287),
-        ("smallGrid3D.g2o", 0.457),
         ("MIT.g2o", 0.62),
     ],
 )
@@ -148,7 +147,7 @@ def test_public_sets_are_proven(path, ratio, dataset_path):
 
 
 @given(seeds, st.integers(2, 7), dimensions)
-@settings(max_examples=60)
+@settings(max_examples=40)
 def test_a_cycle_passes_where_its_form_is_positive(seed, m, d):
     """The lemma, by eigenvalues: sum w |z - z'|^2 + 2 f.(z x z') around the cycle."""
     rng = rng_of(seed)
@@ -220,7 +219,7 @@ def test_edges_that_are_doubled_are_twice_as_stiff():
 
 
 @given(seeds, dimensions, st.sampled_from([0.2, 0.6, 1.2]), st.booleans())
-@settings(max_examples=40)
+@settings(max_examples=12)
 def test_what_is_proven_is_optimal_and_bounds_are_below_the_optimum(seed, d, noise, optimum):
     rng = rng_of(seed)
     graph, _ = rotation_graph(
@@ -237,7 +236,7 @@ def test_what_is_proven_is_optimal_and_bounds_are_below_the_optimum(seed, d, noi
 
 
 @given(seeds, dimensions, st.floats(1e-6, 1.0))
-@settings(max_examples=30)
+@settings(max_examples=10)
 def test_the_bound_holds_at_any_rotations(seed, d, far):
     """The loss is of second order in the distance from a stationary point."""
     rng = rng_of(seed)
