@@ -93,7 +93,7 @@ def main() -> int:
         (OUT / f"{name}.tex").write_text(tabular(header, rows, ABOVE.get(name, "")))
     (OUT / "numbers.tex").write_text(numbers())
     (OUT / "body.tex").write_text(body(NOTE.read_text()))
-    for name in ("manuscript.tex", "related.tex", "paper.bib"):
+    for name in ("manuscript.tex", "related.tex", "cycles.tex", "paper.bib"):
         shutil.copy(HERE / name, OUT / name)
     said = [_latex("manuscript"), _of_journal()]
     for problem in filter(None, said):
@@ -108,6 +108,7 @@ def tables() -> dict[str, tuple[Sequence[str], list[Sequence[str]]]]:
         "certifiers": certifiers(),
         "times": times(),
         "regions": regions(),
+        "cycles_table": cycles(),
     }
 
 
@@ -172,6 +173,7 @@ def numbers() -> str:
     ]
     left = [r for r in ours if r.verdict != "CERTIFIED"]
     tallies = _of_regions()["campaign"].values()
+    by_cycles = [row["proven"] for row in _of_cycles().values()]
     said = {
         "ofGraphs": len({r.row.partition(", ")[0] for r in ours}),
         "openGtwoo": sum(r.objective == "g2o" for r in left),
@@ -179,6 +181,8 @@ def numbers() -> str:
         "slowest": f"{max(r.metrics['total_seconds'] for r in ours if r not in left):.1f}",
         "regionChecks": f"{sum(tally['checks'] for tally in tallies):,}",
         "regionsOutside": sum(tally["outside"] for tally in tallies),
+        "cyclesProven": sum(by_cycles),
+        "cyclesTried": len(by_cycles),
     }
     return "".join(f"\\newcommand{{\\{name}}}{{{value}}}\n" for name, value in said.items())
 
@@ -246,6 +250,32 @@ def regions() -> tuple[Sequence[str], list[Sequence[str]]]:
             cells += [*widths, _two_digits(row and row["time"])]
         rows.append((graph, *cells))
     return ("graph", "$n$", *("position", "angle", "time") * 2), rows
+
+
+def cycles() -> tuple[Sequence[str], list[Sequence[str]]]:
+    """Proofs of rotations by cycles, of ``cycle_proofs``."""
+    header = ("graph", "$n$", "$m$", "residual", "ratio", "cycles", "gap", "check, s", "file, kB")
+    rows: list[Sequence[str]] = [
+        (
+            name.removesuffix("_SO3").replace("_", " "),
+            f"{of['nodes']:,}",
+            f"{of['edges']:,}",
+            f"{of['residual']:.1f}",
+            f"{of['ratio']:.3g}" if of["solved"] else "",
+            f"{of['cycles']:,}",
+            f"{1.0 - of['lower_bound'] / of['cost']:.0e}",
+            f"{of['check_seconds']:.1f}",
+            f"{of['bytes'] / 1e3:,.0f}",
+        )
+        for name, of in _of_cycles().items()
+    ]
+    return header, rows
+
+
+def _of_cycles() -> dict[str, Any]:
+    """The records of ``reports.studies.cycle_proofs``."""
+    read: dict[str, Any] = json.loads((RESULTS / "cycle_proofs.json").read_text())
+    return read
 
 
 def _of_regions() -> dict[str, Any]:

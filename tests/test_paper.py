@@ -1,5 +1,6 @@
 """The papers: their tables are the records', their citations exist, and the note becomes LaTeX."""
 
+import json
 import re
 import shutil
 
@@ -51,6 +52,20 @@ def test_prose_that_holds_numbers_holds_those_of_the_records():
     numbers = dict(re.findall(r"newcommand\{\\(\w+)\}\{([^}]*)\}", build.numbers()))
     assert set(numbers) <= set(re.findall(r"\\(\w+)", manuscript))
     assert int(numbers["ofGraphs"]) == len(rows)
+
+
+def test_proofs_by_cycles_are_those_of_the_study():
+    header, rows = build.cycles()
+    records = json.loads((build.RESULTS / "cycle_proofs.json").read_text())
+    assert len(rows) == len(records)
+    [mit] = [dict(zip(header, row, strict=True)) for row in rows if row[0] == "MIT"]
+    assert (mit["ratio"], mit["cycles"]) == (
+        f"{records['MIT']['ratio']:.3g}",
+        str(records["MIT"]["cycles"]),
+    )
+    for row, of in zip(rows, records.values(), strict=True):
+        assert not of["proven"] or float(row[header.index("ratio")]) < 1.0
+    assert "\\input{cycles}" in (build.HERE / "manuscript.tex").read_text()
 
 
 def test_theorems_and_proofs_become_environments():
