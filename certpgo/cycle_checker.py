@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 TAGS = {"EDGE_SE2": (2, 3, 6), "EDGE_SE3:QUAT": (3, 7, 21)}  # dimension, numbers, information
 OTHERS = {"VERTEX_SE2", "VERTEX_SE3:QUAT", "FIX", "PARAMS_SE2OFFSET", "PARAMS_SE3OFFSET"}
 NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,3})?")
+MOST_BITS = 4096
 FINE = 1 << 700  # costs are rounded to multiples of 1/FINE
 
 
@@ -160,6 +161,18 @@ def _whole(word: str) -> Any:
     raise Refused(f"a proof holds integers, not {word[:40]}")
 
 
+def _require_known(claim: dict[str, Any]) -> None:
+    """Refuse options without a meaning, and numbers that only take time."""
+    choices = ["tangent", "rpy", *["quaternion"] * (claim["d"] == 3)]
+    if claim["rotation_information"] not in choices:
+        raise ValueError(f"rotation_information must be {' or '.join(choices)}")
+    if type(claim["bits"]) is not int or abs(claim["bits"]) > MOST_BITS:
+        raise ValueError(f"bits must be an integer up to {MOST_BITS}")
+    kappa = [1, 1] if claim["kappa"] is None else claim["kappa"]
+    if [type(number) for number in kappa] != [int, int]:
+        raise ValueError("kappa must be null, or a numerator and a denominator")
+
+
 def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
     """Check a proof about a graph file; raises `Refused` or `Unreadable`."""
     try:
@@ -171,6 +184,7 @@ def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
             raise Refused(
                 f"{graph_path} is not the file that was proven about: its SHA-256 differs"
             )
+        _require_known(claim)
         edges = read_graph(data.decode("ascii"), claim)
         ids = sorted({k for edge in edges for k in edge[:2]})
         rows = [[0] * (6 - 2 * claim["d"]) + row for row in claim["rotations"]]

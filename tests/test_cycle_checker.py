@@ -158,6 +158,12 @@ def test_the_program(tmp_path):
         {"cycles": [[[1], [1, -1, 99], [1, 1, 1]]]},
         {"cycles": [[[1], [], []]]},
         {"cycles": None},
+        {"rotation_information": "nonsense"},
+        {"d": 2, "rotation_information": "quaternion"},
+        {"bits": 10**30},
+        {"bits": -(10**30)},
+        {"kappa": ["1e999999999"]},
+        {"kappa": [True, 1]},
     ],
 )
 def test_wrong_documents_are_refused(example, changes):

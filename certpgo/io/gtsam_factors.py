@@ -184,7 +184,9 @@ def _factor(number: int, factor: Any, kind: _Kind) -> _Factor:
     noise, kernel = factor.noiseModel(), None
     if type(noise).__name__ == "Robust":
         noise, kernel = noise.noise(), noise.robust()
-    information = _information(noise, kind, len(keys) == 1, _named(factor, keys))
+    information = _information(noise, kind, len(keys) == 1, named := _named(factor, keys))
+    if information is None and kernel is not None:
+        raise InputError(f"{named} has Constrained noise in a robust one: no constraint")
     return _Factor(number, kind, keys, np.array(value, dtype=np.float64), information, kernel)
 
 
@@ -227,6 +229,9 @@ def _nodes(factors: Sequence[_Factor]) -> tuple[IntArray, BoolArray]:
 def _frame(priors: Sequence[_Factor]) -> tuple[list[_Factor], list[_Factor]]:
     """The priors that cost something, and those that hold a pose or choose the frame."""
     held = [factor for factor in priors if factor.information is None]
+    keys = Counter(factor.keys[0] for factor in held)
+    if twice := [key for key, count in keys.items() if count > 1]:
+        raise InputError(f"{few(twice)} held by several priors: one is expected")
     kept = [factor for factor in priors if factor.information is not None]
     if len(kept) == 1 and not held and kept[0].kind.measures == "pose":
         return [], kept

@@ -56,7 +56,8 @@ def from_gtsam(
     priors on poses, rotations, translations and points, GPS, and distances. Nodes are the keys of
     factors, ascending, and then the world, where something is measured in it. One prior on a pose,
     if nothing else is, fixes the frame at no cost and is left out; the estimate's cost does not
-    include it. Priors with constrained noise hold poses where they are.
+    include it. Priors with constrained noise hold poses where they are; of several, all but the one
+    of the lowest key may only be the first pose of relative poses.
 
     Robust noise of Huber, Cauchy, or Geman and McClure is a kernel of the problem, with a scale for
     each factor, if that is the only one in the graph, and is of factors between two nodes.

@@ -221,6 +221,8 @@ def test_what_has_no_term_is_named_with_its_count():
 REFUSED = {
     "robust": r"1 factor with robust noise \(Huber\)",
     "constrained": "the BetweenFactorPose2 between x0 and x3 has Constrained noise",
+    "held twice": "x0 held by several priors",
+    "robust constraint": "the PriorFactorPose2 of x0 has Constrained noise in a robust one",
     "two dimensions": "a graph of BetweenFactorPose2 or of BetweenFactorPose3",
     "pose and point": "l0 is a pose and a point",
     "large key": "keys below 2",
@@ -236,6 +238,13 @@ def test_what_is_refused(what):
         model = gtsam.noiseModel.Robust.Create(huber, model)
     if what == "constrained":
         model = gtsam.noiseModel.Constrained.All(3)
+    if what == "held twice":
+        for k in range(2):
+            world.add("PriorFactorPose2", X[0], world.poses[k], gtsam.noiseModel.Constrained.All(3))
+    if what == "robust constraint":
+        huber = gtsam.noiseModel.mEstimator.Huber.Create(1.0)
+        hard = gtsam.noiseModel.Robust.Create(huber, gtsam.noiseModel.Constrained.All(3))
+        world.add("PriorFactorPose2", X[0], world.poses[0], hard)
     if what == "two dimensions":
         world.add("GPSFactor", X[0], np.zeros(3), isotropic(3))
     if what == "pose and point":
