@@ -141,7 +141,8 @@ def judged_factors(
     kernel = _kernel(kernels, numbers[: plain.measured.num_edges]) if robust == "kernel" else None
     if kernel is not None:
         applied = AppliedKernel(kernel, kernel.squares(plain.measured))
-        return RobustSum.of(plain, applied), estimate, instance
+        if (applied.idle == np.isinf(kernel.scale)).all():  # no measurement from a world has it
+            return RobustSum.of(plain, applied), estimate, instance
     return _as_robust(plain, kernels, numbers, costs), estimate, instance
 
 
@@ -243,7 +244,7 @@ def to_gtsam(problem: Sum | Quadratic | Graph, estimate: Estimate) -> tuple[Any,
     Raises
     ------
     InputError
-        It is neither; or there are points or known scales among similarities.
+        It is neither, or has a robust kernel; or similarities have points or known scales.
     MissingDependency
         GTSAM is not installed.
 
@@ -283,6 +284,8 @@ def to_gtsam(problem: Sum | Quadratic | Graph, estimate: Estimate) -> tuple[Any,
 
 def factors_of(problem: Sum) -> Any:
     """The factor graph of `to_gtsam`."""
+    if problem.kernel is not None:
+        raise InputError(f"to_gtsam takes costs without a kernel, not {problem.title}")
     for block in problem.measured.blocks:
         raise InputError(f"to_gtsam takes relative poses, not {block.kind.plural}")
     gtsam, measured, d = _library(), problem.graph, problem.d

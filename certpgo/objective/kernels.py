@@ -13,6 +13,9 @@ from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_floats
 from certpgo.linalg.ball_arithmetic import Ball
 from certpgo.objective.kernel_profiles import FARTHEST, PROFILES, Profile
 
+#: Scales whose squares, over weights too, are doubles.
+SCALES = 1e-100, 1e100
+
 
 @dataclass(frozen=True, eq=False)
 class Kernel:
@@ -51,6 +54,9 @@ class Kernel:
         scale = np.asarray(self.scale, dtype=np.float64)
         if scale.ndim > 1 or not (scale > 0.0).all():
             raise InputError("the scale of a kernel must be positive, for all edges or for each")
+        if not ((scale >= SCALES[0]) & (scale <= SCALES[1]) | np.isinf(scale)).all():
+            said = f"from {SCALES[0]:g} to {SCALES[1]:g}, or infinite"
+            raise InputError(f"the scale of a kernel is {said}: its square is beyond doubles")
         if self.in_degrees and not (scale <= 180.0).all():
             raise InputError("the scale of a kernel in degrees is at most 180")
 

@@ -119,3 +119,23 @@ def test_constrained_noise_is_still_refused():
     graph.add(gtsam.BetweenFactorPose2(1, 4, gtsam.Pose2(), noise))
     with pytest.raises(InputError, match="Constrained"):
         certpgo.from_gtsam(graph, values)
+
+
+@pytest.mark.parametrize("name", ["Huber", "Cauchy", "GemanMcClure"])
+def test_a_robust_prior_gets_a_weight(name):
+    """A kernel leaves what is measured from the world as it is: that would be another cost."""
+    graph, values = optimum(robust(name, KERNELS[name]))
+    noise = gtsam.noiseModel.Robust.Create(
+        robust(name, KERNELS[name]), gtsam.noiseModel.Isotropic.Sigma(3, 0.05)
+    )
+    for k in (0, 5):
+        graph.add(gtsam.PriorFactorPose2(k, gtsam.Pose2(k, 1.0, 0.0), noise))
+    problem, _ = certpgo.from_gtsam(graph, values)
+    assert problem.kernel is None
+    assert problem.title.endswith(f"with the weights of {name} at the given values")
+
+
+def test_a_kernel_is_not_written():
+    problem, estimate = certpgo.from_gtsam(*optimum(robust("Huber", 1.345)))
+    with pytest.raises(InputError, match="to_gtsam takes costs without a kernel"):
+        certpgo.to_gtsam(problem, estimate)

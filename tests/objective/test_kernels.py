@@ -349,6 +349,8 @@ def test_poses_are_solved_with_what_else_is_measured(cost, name):
         ("huber:inf", "needs a scale"),
         ("cauchy:5grad", "one of degrees such as cauchy:5deg"),
         ("huber:190deg", "at most 180"),
+        ("huber:1e-200", "from 1e-100 to 1e.100"),
+        ("huber:1e200", "beyond doubles"),
     ],
 )
 def test_kernels_without_a_scale_are_refused(text, said):
