@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from operator import attrgetter
 from typing import Any
 
 from certpgo.certify.dual import DualBound, Support, dual_bound
@@ -73,7 +72,9 @@ def bound_by(
         if not real and isinstance(point, Estimate) and (found is None or found.loose):
             tighter = over_complex_numbers(below)
             other = None if tighter is None else _bound_of(tighter, constant, point, enough, **how)
-            found = max(filter(None, (found, other)), key=attrgetter("value"), default=None)
+            # Costs are not negative: a bound that says no more is none, and others may be better.
+            if other is not None and other.value > (0.0 if found is None else found.value):
+                found = other
         if found is None:
             continue
         if surrogate.minorants is None:

@@ -6,6 +6,7 @@ import numpy as np
 
 from certpgo.diagnosis.examined import Examined, KnownTruth
 from certpgo.diagnosis.finding import Finding
+from certpgo.graph import Estimate
 from certpgo.graph.phrases import cost_shown, counted
 from certpgo.solve.fit import Fit
 
@@ -31,7 +32,9 @@ def contradicting(examined: Examined, truth: KnownTruth) -> Finding | None:
     known = (place[edges] >= 0).all(axis=1)
     if known.sum() < FEWEST:
         return None
-    filled = truth.poses.subset(np.maximum(place, 0))
+    R, t, at = truth.poses.rotations, truth.poses.translations, np.maximum(place, 0)
+    # Where nothing is known, any pose: its measurements are not counted.
+    filled = Estimate.trusted(R[at], None if t is None else t[at])
     costs, best = problem.edge_costs(filled)[known], problem.edge_costs(answer.estimate)[known]
     turned, moved = (numbers[known] for numbers in problem.numbers)
     found = Fit(float((costs / problem.double[known]).sum()), int((turned + moved).sum()))

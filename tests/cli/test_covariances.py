@@ -46,7 +46,7 @@ def test_rotations(certpgo, tmp_path):
 def test_where_none_are_written(certpgo, square, tmp_path):
     done = certpgo("solve", square, "--covariances", tmp_path / "missing" / "c.csv")
     assert done.code == 1
-    assert "no such folder" in done.err
+    assert "no folder" in done.err
     done = certpgo("solve", square, "--covariances", square)
     assert done.code == 1
     assert "is also an input" in done.err

@@ -95,8 +95,8 @@ def test_the_page_of_a_robust_method_is_of_what_it_kept(certpgo, square, tmp_pat
         (("certify", "{graph}", "{graph}", "--html", "{graph}"), "lost"),
         (("solve", "{graph}", "--html", "{graph}"), "lost"),
         (("solve", "{graph}", "--html", "{out}", "--proof", "{out}"), "two outputs"),
-        (("solve", "{graph}", "--html", "{nowhere}"), "no such folder"),
-        (("certify", "{graph}", "{graph}", "--html", "{nowhere}"), "no such folder"),
+        (("solve", "{graph}", "--html", "{nowhere}"), "no folder"),
+        (("certify", "{graph}", "{graph}", "--html", "{nowhere}"), "no folder"),
     ],
 )
 def test_refusals(certpgo, square, tmp_path, arguments, said):

@@ -143,7 +143,7 @@ def test_what_cannot_be_proven_is_said_before_the_work(certpgo, square, tmp_path
     assert "convert it first" in done.err
     done = certpgo(command, square, *more, "--proof", tmp_path / "no" / "out.cert")
     assert done.code == 1
-    assert "no such folder" in done.err
+    assert "no folder" in done.err
     done = certpgo(command, square, *more, "--proof", square)
     assert done.code == 1
     assert not out.exists()

@@ -74,11 +74,14 @@ def test_a_node_with_distances_alone_does_not_come(certpgo, beacon):
     assert not done.out
 
 
-@pytest.mark.parametrize("command", ["bounds", "compare"])
-def test_distances_are_not_left_out(certpgo, beacon, command):
-    """The odometry alone is optimal at no cost, which says nothing of the distances."""
-    done = certpgo(command, beacon, "--components", "largest")
-    fails_in_one_line(done, "beacon.pyfg: this command does not take distances")
+def test_bounds_and_comparisons_say_what_they_make_of_distances(certpgo, beacon, tmp_path):
+    whole = ("--components", "largest")
+    bounds = certpgo("bounds", beacon, *whole)
+    assert "the bounds are about F without distances" in bounds.err
+    methods = ("--methods", "certified,spanning_tree", "--out", tmp_path / "out")
+    compared = certpgo("compare", beacon, *whole, *methods)
+    assert "beacon: certified: CERTIFIED" in compared.err
+    assert "spanning_tree: the graph has 2 components" in compared.err
 
 
 def test_no_proof_is_about_distances(certpgo, beacon):

@@ -467,12 +467,11 @@ def test_a_changed_noise_is_said_first_and_the_stated_one_judged_too(certpgo, tm
     assert ("with those rejected" in robust) == bool(len(report["rejected"]))
 
 
-def test_a_stream_under_f_says_how_the_noise_of_turns_is_read(certpgo, tmp_path):
+def test_a_robust_stream_is_judged_by_the_cost_of_its_file(certpgo, tmp_path):
     path = tmp_path / "spatial.g2o"
     upper = " ".join("100" if i == j else "0" for i in range(6) for j in range(i, 6))
     lines = [f"EDGE_SE3:QUAT {i} {i + 1} 1 0 0 0 0 0 1 {upper}\n" for i in range(3)]
     path.write_text("".join(lines))
-    said = "--rotation-information quaternion reads the noise of turns as g2o does"
-    assert said in flat(certpgo("follow", path, "--robust").err)
-    read_so = ("--rotation-information", "quaternion")
-    assert said not in flat(certpgo("follow", path, "--robust", *read_so).err)
+    assert "g2o's chi2 of EdgeSE3:QUAT" in flat(certpgo("follow", path, "--robust").out)
+    of_f = certpgo("follow", path, "--robust", "--cost", "chordal")
+    assert "chordal cost F" in flat(of_f.out)

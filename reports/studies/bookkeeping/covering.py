@@ -16,7 +16,7 @@ Factors = Mapping[str, Sequence[str]]
 Row = dict[str, str]
 Pair = tuple[tuple[str, str], tuple[str, str]]
 #: Attempts at a row with a pair.
-ATTEMPTS = 40
+ATTEMPTS = 100
 
 
 @dataclass(frozen=True)

@@ -25,24 +25,24 @@ def judge_merge(rng: np.random.Generator, found: Findings) -> None:
     whole = of.subset(np.concatenate([order, np.flatnonzero(~own)]))
     maps = [_with_nodes(of.subset(own & (of_map == k))) for k in set(owner) - {-1}]
     between = _with_nodes(of.subset(~own))
-    robust = bool(rng.random() < 0.3)
+    robust, name = bool(rng.random() < 0.3), str(rng.choice(["chordal", "g2o", "gtsam"]))
     with found.refusals("merge"):
         parts = [part.instance for part in maps]
-        merged = certpgo.merge(parts, between.instance, robust=robust)
+        merged = certpgo.merge(parts, between.instance, robust=robust, cost=name)
         ours = _poses(merged, whole)
         kept = np.ones(whole.m, dtype=bool)
         if robust:
             kept[merged.disagreeing] = False
         judge(
             found,
-            Cost(whole.subset(kept)),
+            Cost(whole.subset(kept), name),
             [Claim.of("merged", merged.answer.certificate, ours)],
         )
         for part, answer in zip(maps, merged.parts, strict=True):
-            judge(found, Cost(part), [Claim.of("map", answer.certificate, answer.estimate)])
-        terms = Cost(whole).terms(ours)[merged.between]
+            judge(found, Cost(part, name), [Claim.of("map", answer.certificate, answer.estimate)])
+        terms = Cost(whole, name).terms(ours)[merged.between]
         off = np.abs(terms - merged.terms).max(initial=0.0)
-        slack = SAME * terms.sum() + 4.0 * Cost(whole).rounding(ours)
+        slack = SAME * terms.sum() + 4.0 * Cost(whole, name).rounding(ours)
         found.require(off <= slack, f"merged: terms are off by {off:.3g}")
 
 
@@ -88,17 +88,17 @@ def _owners(rng: np.random.Generator, of: Measurements) -> Array:
 def judge_sparsify(rng: np.random.Generator, found: Findings) -> None:
     """Fewer loop closures: what is promised of both graphs, and of all choices."""
     of = draw(rng, nodes=(4, 8), points=0.0, priors=0.0, loops=1.5)
-    keep = float(rng.uniform(0.2, 1.0))
+    keep, name = float(rng.uniform(0.2, 1.0)), str(rng.choice(["chordal", "g2o", "gtsam"]))
     with found.refusals("sparsify"):
-        sparse = certpgo.sparsify(of.instance, keep)
-        whole, part = Cost(of), Cost(of.subset(sparse.kept))
+        sparse = certpgo.sparsify(of.instance, keep, cost=name)
+        whole, part = Cost(of, name), Cost(of.subset(sparse.kept), name)
         judge(found, whole, [Claim.of("whole", sparse.whole.certificate, sparse.whole.estimate)])
         claim = Claim.of("sparse", sparse.answer.certificate, sparse.answer.estimate)
         judge(found, part, [claim])
         own = whole.value(claim.estimate or whole.of.R)
         off = abs(own - sparse.cost)
         slack = SAME * own + 4.0 * whole.rounding(claim.estimate or whole.of.R)
-        found.require(off <= slack, f"sparsify: F of all is {own!r}, not {sparse.cost!r}")
+        found.require(off <= slack, f"sparsify: the cost of all is {own!r}, not {sparse.cost!r}")
         _judge_connectivity(found, of, sparse)
 
 

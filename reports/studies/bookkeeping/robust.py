@@ -32,16 +32,17 @@ def judge_session(rng: np.random.Generator, found: Findings) -> None:
     """`RobustSession`: kept and rejected are all that came, each once."""
     of = with_outliers(rng, draw(rng, nodes=(4, 8), priors=0.0, noises=(1e-3, 0.05)))
     of = of.subset(growing(rng, of))
-    session = RobustSession(every=int(rng.integers(2, 12)), time_limit=LIMIT)
+    cost = Cost(of, str(rng.choice(["chordal", "g2o", "gtsam"])))
+    session = RobustSession(every=int(rng.integers(2, 12)), cost=cost.name, time_limit=LIMIT)
     fed: list[int] = []
     with found.refusals("robust session"):
         cuts = np.unique(rng.integers(1, of.m + 1, int(rng.integers(0, 5))))
         for part in np.split(np.arange(of.m), cuts[cuts < of.m]):
             session.add(part_of(rng, of, part))
             fed += part.tolist()
-            _judge_standing(found, session, of, fed, "robust on the way")
+            _judge_standing(found, session, cost, fed, "robust on the way")
         session.settle() if rng.random() < 0.5 else session.refresh()
-        _judge_standing(found, session, of, fed, "robust session")
+        _judge_standing(found, session, cost, fed, "robust session")
 
 
 def judge_suspicion(rng: np.random.Generator, found: Findings) -> None:
@@ -69,12 +70,12 @@ def _order(session: Session, of: Measurements) -> Array:
 
 
 def _judge_standing(
-    found: Findings, session: RobustSession, of: Measurements, fed: list[int], name: str
+    found: Findings, session: RobustSession, of: Cost, fed: list[int], name: str
 ) -> None:
     kept, rejected = session.edges.tolist(), session.rejected.tolist()
     every = sorted([*kept, *rejected])
     found.require(every == list(range(len(fed))), f"{name}: measurements {every} of {len(fed)}")
-    cost = of_known(Cost(of), fed)
+    cost = of_known(of, fed)
     inside = replace(cost, of=cost.of.subset(np.array(kept)))
     s = session.standing
     claim = standing(name, s, poses_in(session, cost.of))
