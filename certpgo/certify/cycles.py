@@ -23,7 +23,7 @@ import numpy as np
 from certpgo import cycle_checker
 from certpgo.certify.cycle_program import Split, SplitProgram
 from certpgo.certify.tolerances import ATOL, FLOOR, RTOL, SETTLED, allowed
-from certpgo.errors import InputError
+from certpgo.errors import InputError, require
 from certpgo.graph import Estimate
 from certpgo.graph.cycles import Cycles, cycle_list
 from certpgo.graph.display import Brief
@@ -103,10 +103,14 @@ def prove(
     Raises
     ------
     InputError
-        An estimate of another graph, nodes of unknown scale, or weights that are not isotropic.
+        Not a problem of F, an estimate of another graph, nodes of unknown scale, or weights that
+        are negative or not isotropic.
     """
+    require(problem, Quadratic, "the chordal problem of a graph")
     if problem.takes_scales:
         raise InputError(NO_SCALES)
+    if problem.graph.is_signed:
+        raise InputError("proofs by cycles are for positive weights")
     if problem.graph.has_matrix_weights:
         raise InputError("proofs by cycles are for isotropic weights (no couplings, no arms)")
     problem.check(estimate)

@@ -29,7 +29,7 @@ from certpgo import cycle_checker
 from certpgo.certify.cycles import SOLVED, of_matrices
 from certpgo.certify.tolerances import ATOL, FLOOR, RTOL, allowed
 from certpgo.certify.wrench_program import split_wrenches
-from certpgo.errors import InputError
+from certpgo.errors import InputError, require
 from certpgo.graph import Estimate
 from certpgo.graph.cycles import Cycles, cycle_list
 from certpgo.graph.display import Brief
@@ -99,6 +99,7 @@ def prove_poses(
         An estimate of another graph; a graph without positions, with points, nodes of unknown
         scale, or edges that are not relative poses of isotropic weights.
     """
+    require(problem, Quadratic, "the chordal problem of a graph")
     if problem.takes_scales:
         raise InputError(NO_SCALES)
     graph = problem.graph

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from certpgo.certify.certificate import of_instance
-from certpgo.errors import require_numbers
+from certpgo.errors import InputError, require_numbers
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.capabilities import require_capable
 from certpgo.io.accept_paths import AnyPath, measured
@@ -97,6 +97,8 @@ def solve_robustly(
     given = measured(graph)
     source = given if isinstance(given, Instance) else None
     posed: Any = objective_of(given, cost)
+    if posed.kernel is not None:
+        raise InputError(f"a robust fit rejects measurements, which {posed.kernel.kernel} keeps")
     require_capable(posed.graph, "robust fit", "" if source is None else source.name)
     chosen = settings_from(settings, options)
     limit = chosen.time_limit

@@ -17,6 +17,7 @@ from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.cycles import cycle_list
 from certpgo.io.datasets.synthetic import complete, random_graph, winding_cycle
 from certpgo.linalg import rotations as so
+from certpgo.objective.choose_cost import objective_of
 from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.riemannian_newton import NewtonSettings, newton
 
@@ -292,6 +293,8 @@ def test_refusals():
     weights = np.tile(np.diag([1.0, 2.0, 3.0]), (graph.num_edges, 1, 1))
     with pytest.raises(InputError, match="isotropic weights"):
         prove(Quadratic(graph.with_matrix_weights(weights)), here)
+    with pytest.raises(InputError, match="chordal problem"):
+        prove(objective_of(graph, kernel="huber:5deg"), here)
 
 
 def test_more_cycles_ask_for_less():

@@ -11,7 +11,15 @@ from scipy.optimize import least_squares
 from strategies import pose_graph, rng_of
 
 import certpgo
-from certpgo import Estimate, InputError, RotationGraph, SpecError, certify, solve
+from certpgo import (
+    Estimate,
+    InputError,
+    RotationGraph,
+    SpecError,
+    certify,
+    solve,
+    solve_robustly,
+)
 from certpgo.certify.bound import lower_bound
 from certpgo.linalg import rotations as so
 from certpgo.linalg.ball_arithmetic import Ball
@@ -375,6 +383,8 @@ def test_what_a_kernel_is_not_for_is_refused():
         solve(poses, kernel="huber:5deg")
     with pytest.raises(UncertifiableError, match="measurements are not rejected of F, under"):
         rejecting(problem, np.array([0]), prices=np.array([1.0]))
+    with pytest.raises(InputError, match="a robust fit rejects measurements, which Huber's kernel"):
+        solve_robustly(problem)
     with pytest.raises(InputError, match="the proof tier is not for F, under Huber"):
         solve(problem, tier="proof")
     answer = solve(problem)
