@@ -105,7 +105,9 @@ def test_a_folder_that_cannot_be_written_to_is_one_line(bar, tmp_path):
 def test_names_are_completed_over_tables_and_figures():
     assert scan.get_experiment("eriksson2018-figure1").name == "eriksson2018_figure1"
     assert scan.get_experiment("eriksson2018-table1").name == "eriksson2018_table1"
-    with pytest.raises(SpecError, match="did you mean eriksson2018_figure1"):
+    with pytest.raises(
+        SpecError, match="did you mean eriksson2018_figure2 or eriksson2018_figure1"
+    ):
         scan.get_experiment("eriksson2018-figure")
     with pytest.raises(SpecError, match="unknown figure"):
         scan.get_figure("eriksson2018-table1")

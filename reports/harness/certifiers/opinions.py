@@ -127,6 +127,8 @@ def _faults(case: ZooPoint, opinion: Opinion) -> Iterator[Outcome]:
     problem = case.problem
     if opinion.multipliers is not None and problem.n <= MOST_NODES and not isinstance(problem, Sum):
         holds = oracle.is_proof(problem, opinion.multipliers)
+        if holds is False and problem.d == 2 and problem.has_positions:
+            holds = oracle.is_proof(problem, opinion.multipliers, over_complex=True)
         if holds is False:
             yield Outcome.FALSE_PROOF
         else:

@@ -134,35 +134,62 @@ def lower_bound(problem: Quadratic, point: Estimate, allowed: float) -> float:
     return -math.inf
 
 
-def is_proof(problem: Quadratic, multipliers: FloatArray) -> bool | None:
+def is_proof(
+    problem: Quadratic, multipliers: FloatArray, *, over_complex: bool = False
+) -> bool | None:
     """Whether tr(Lam) is a lower bound: M - blkdiag(0, Lam) is positive semidefinite.
 
     None where the balls are too wide to say.
+
+    Parameters
+    ----------
+    over_complex : whether M is that of poses in the plane over complex numbers
     """
     for bits in (BITS, MORE_BITS):
         with library().ctx.workprec(bits):
-            S = _certificate_matrix(problem, _objective(problem), multipliers)
+            M = _objective(problem)
+            if over_complex:
+                S = _certificate_matrix(problem, _over_complex(M), multipliers, positions=2)
+            else:
+                S = _certificate_matrix(problem, M, multipliers)
             found = _is_definite(S)
         if found is not None:
             return found
     return None
 
 
-def _certificate_matrix(problem: Quadratic, M: Matrix, multipliers: FloatArray) -> Matrix:
+def _certificate_matrix(
+    problem: Quadratic, M: Matrix, multipliers: FloatArray, positions: int = 1
+) -> Matrix:
     """M - blkdiag(0, Lam), without the first translation, and the rotations that points lack."""
     flint, d = library(), problem.d
-    poses = problem.has_positions
-    width = d + poses
+    rows = positions if problem.has_positions else 0
+    width = d + rows
     S = dict(M)
     for node, block in enumerate(0.5 * (multipliers + np.swapaxes(multipliers, 1, 2))):
         for a in range(d):
             for b in range(d):
-                at = node * width + poses + a, node * width + poses + b
+                at = node * width + rows + a, node * width + rows + b
                 S[at] = S.get(at, flint.arb(0)) - float(block[a, b])
-    cut = {0} if poses else set()
+    cut = set(range(rows))
     for node in np.setdiff1d(np.arange(problem.n), problem.poses).tolist():
-        cut.update(node * width + poses + a for a in range(d))
+        cut.update(node * width + rows + a for a in range(d))
     return {at: x for at, x in S.items() if cut.isdisjoint(at)}
+
+
+def _over_complex(M: Matrix) -> Matrix:
+    """The same form of (t, J t, u, J u), J a quarter turn: half at (t, u, J u), half at J times these.
+
+    J J u = -u.
+    """
+    copies = ((0, 1), (2, 1), (3, 1)), ((1, 1), (3, 1), (2, -1))
+    lifted: Matrix = {}
+    for (p, q), value in M.items():
+        for copy in copies:
+            (a, sign), (b, other) = copy[p % 3], copy[q % 3]
+            at = p // 3 * 4 + a, q // 3 * 4 + b
+            lifted[at] = lifted.get(at, library().arb(0)) + value * sign * other / 2
+    return lifted
 
 
 def _objective(problem: Quadratic) -> Matrix:
