@@ -178,7 +178,7 @@ def _certificate_matrix(
 
 
 def _over_complex(M: Matrix) -> Matrix:
-    """The same form of (t, J t, u, J u), J a quarter turn: half at (t, u, J u), half at J times these.
+    """The same form of (t, J t, u, J u), J a quarter turn: half at (t, u, J u), half at J times it.
 
     J J u = -u.
     """
