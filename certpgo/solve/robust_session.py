@@ -67,12 +67,17 @@ class RobustSession(Session):
         self, settings: SolveSettings | None = None, *, every: int | None = 100, **options: Any
     ) -> None:
         super().__init__(settings, every=every, **options)
-        #: Each rejected measurement, with the names of its nodes.
-        self._put_aside: dict[int, tuple[Graph | Observations, list[Label]]] = {}
+        #: Each rejected measurement, an edge or a row of a block, with the names of its nodes.
+        self._edges_aside: dict[int, tuple[Graph, list[Label]]] = {}
+        self._rows_aside: dict[int, tuple[Observations, list[Label]]] = {}
 
     def _take(self, graph: Graph, labels: Sequence[Label], numbers: Sequence[int]) -> None:
         require_capable(graph, "robust session")
         super()._take(graph, labels, numbers)
+
+    @property
+    def _put_aside(self) -> dict[int, tuple[Graph | Observations, list[Label]]]:
+        return {**self._edges_aside, **self._rows_aside}
 
     @property
     def rejected(self) -> IntArray:
@@ -145,20 +150,25 @@ class RobustSession(Session):
 
     def _keep(self, kept: set[int]) -> None:
         """Keep the measurements with these numbers, and put the others aside."""
-        aside, kept = self._put_aside, {*kept, ASSUMED}
-        for number in sorted(kept & aside.keys()):
-            one, names = aside.pop(number)
-            if isinstance(one, Graph):
-                self._take(one, names, [number])
-                continue
-            self._measured.replace(self._beside(self.graph, one, names), self._terms)
-            self._numbers.blocks.setdefault(type(one), []).append(number)
+        edges, others, kept = self._edges_aside, self._rows_aside, {*kept, ASSUMED}
+        for number in sorted(kept & edges.keys()):
+            self._take(*edges.pop(number), [number])
+        for number in sorted(kept & others.keys()):
+            block, names = others.pop(number)
+            self._measured.replace(self._beside(self.graph, block, names), self._terms)
+            self._numbers.blocks.setdefault(type(block), []).append(number)
             self._adopt(self.estimate)
         graph, labels, rows = self.graph, self.nodes, self._numbers.rows
         for place, number in enumerate(rows.tolist()):
-            if number not in kept:
-                ends = np.unique(graph.pairs[place])
-                aside[number] = _row(graph, place, ends), [labels[k] for k in ends]
+            if number in kept:
+                continue
+            ends = np.unique(graph.pairs[place])
+            names = [labels[k] for k in ends]
+            if place < graph.num_edges:
+                one = graph.with_blocks().with_edges(np.array([place])).subgraph(ends)
+                edges[number] = one, names
+            else:
+                others[number] = _row(graph.blocks, place - graph.num_edges, ends), names
         self.remove(set(rows.tolist()) - kept)
 
     def _beside(self, graph: Graph, block: Observations, names: Sequence[Label]) -> Graph:
@@ -175,15 +185,13 @@ class RobustSession(Session):
     def _with_worlds(self) -> list[Measured]:
         aside = [
             (one, names.index(WORLD) if WORLD in names else None, self._origin)
-            for one, names in self._put_aside.values()
-            if isinstance(one, Graph)
+            for one, names in self._edges_aside.values()
         ]
         return [*super()._with_worlds, *aside]
 
     def _move_world(self, measured: Sequence[Graph], origin: FloatArray | None) -> None:
-        graphs = [k for k, (one, _) in self._put_aside.items() if isinstance(one, Graph)]
-        for number, one in zip(graphs, measured[1:], strict=True):
-            self._put_aside[number] = one, self._put_aside[number][1]
+        for number, one in zip(self._edges_aside, measured[1:], strict=True):
+            self._edges_aside[number] = one, self._edges_aside[number][1]
         super()._move_world(measured[:1], origin)
 
     def _everything(self) -> tuple[Quadratic | Sum, IntArray]:
@@ -191,30 +199,24 @@ class RobustSession(Session):
         whole, place = self.graph, self._poses.numbers
         edges, others = [*self._numbers.edges], {k: [*of] for k, of in self._numbers.blocks.items()}
         parts, nodes = [whole], [np.arange(whole.num_nodes)]
-        for number, (one, names) in self._put_aside.items():
-            if isinstance(one, Graph):
-                parts.append(one)
-                nodes.append(np.array([place[name] for name in names]))
-                edges.append(number)
+        for number, (one, names) in self._edges_aside.items():
+            parts.append(one)
+            nodes.append(np.array([place[name] for name in names]))
+            edges.append(number)
         if len(parts) > 1:
             whole = joined(parts, whole.num_nodes, whole.is_point, nodes)
         order = np.argsort(edges)
         whole = whole.with_edges(order)
-        for number, (one, names) in self._put_aside.items():
-            if not isinstance(one, Graph):
-                whole = self._beside(whole, one, names)
-                others.setdefault(type(one), []).append(number)
+        for number, (block, names) in self._rows_aside.items():
+            whole = self._beside(whole, block, names)
+            others.setdefault(type(block), []).append(number)
         rows = [np.array(edges)[order], *(np.array(of) for of in others.values())]
         return self._terms.problem(whole, self._called), np.concatenate(rows).astype(np.intp)
 
 
-def _row(graph: Graph, place: int, ends: IntArray) -> Graph | Observations:
-    """A row of a graph between its two nodes, ascending: an edge, or one of a block."""
-    one, others = place, graph.blocks
-    if one < graph.num_edges:
-        return graph.with_blocks().with_edges(np.array([one])).subgraph(ends)
-    one -= graph.num_edges
-    while one >= others[0].num_edges:
-        one, others = one - others[0].num_edges, others[1:]
-    found = others[0].subset(np.array([one]))
+def _row(blocks: Sequence[Observations], place: int, ends: IntArray) -> Observations:
+    """A row of blocks, counted through, between its two nodes, ascending."""
+    while place >= blocks[0].num_edges:
+        place, blocks = place - blocks[0].num_edges, blocks[1:]
+    found = blocks[0].subset(np.array([place]))
     return replace(found, num_nodes=len(ends), edges=np.searchsorted(ends, found.edges))
