@@ -306,7 +306,6 @@ class _Reconstructed(Result):
             ],
             "points": len(found.scene),
             "depth_factors": None if (factors := _factors(found)) is None else factors.tolist(),
-            "depth_tilt": None if factors is None else [*getattr(found, "tilt", (0.0, 0.0))],
         }
 
     def notices(self, outputs: Outputs) -> list[str]:

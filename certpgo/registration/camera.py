@@ -80,24 +80,6 @@ class Camera:
         return np.asarray(outer + across * (z**2)[:, None, None])
 
 
-def slopes(points: FloatArray) -> FloatArray:
-    """(k, 2) u and v of the rays (u, v, 1) to points (k, 3)."""
-    return np.asarray(points[:, :2] / points[:, 2:])
-
-
-def straightened(points: FloatArray, tilt: tuple[float, float]) -> FloatArray:
-    """Points (k, 3) with their depths z, and all along with them, times 1 + a u + b v.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from certpgo.registration.camera import straightened
-    >>> straightened(np.array([[1.0, 0.0, 2.0]]), (0.02, 0.0)).tolist()
-    [[1.01, 0.0, 2.02]]
-    """
-    return np.asarray(points * (1.0 + slopes(points) @ np.array(tilt))[:, None])
-
-
 def depth_noise(z: FloatArray) -> FloatArray:
     """Standard deviation of depths z, metres."""
     return BASE + GROWTH * np.maximum(z - NEAREST, 0.0) ** 2

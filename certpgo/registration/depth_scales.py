@@ -43,35 +43,26 @@ class ScaledSequence(FrameSequence):
     ----------
     source : the frames as they are
     factors : (n,) positive
-    tilt : a and b: depths at the ray (u, v, 1) are multiplied by 1 + a u + b v as well
     """
 
     source: FrameSequence
     factors: FloatArray
-    tilt: tuple[float, float] = (0.0, 0.0)
 
     def frame(self, k: int) -> Frame:
         """The k-th frame."""
         frame = self.source.frame(k)
-        depth = self.factors[k] * frame.depth
-        if any(self.tilt):
-            pixels = np.stack(np.meshgrid(*map(np.arange, depth.shape[::-1])), axis=-1)
-            slopes = self.camera.rays(pixels.astype(np.float64))[..., :2]
-            depth = depth * (1.0 + slopes @ np.array(self.tilt))
-        return Frame(frame.colour, depth.astype(np.float32))
+        return Frame(frame.colour, (self.factors[k] * frame.depth).astype(np.float32))
 
     def key(self, k: int) -> str:
-        """A digest of the k-th frame's content, factor and tilt."""
-        return digest(self.source.key(k), float(self.factors[k]), self.tilt)
+        """A digest of the k-th frame's content and factor."""
+        return digest(self.source.key(k), float(self.factors[k]))
 
     def _of_frames(self, kept: list[int]) -> dict[str, Any]:
         return {"source": self.source.chosen(kept), "factors": self.factors[kept]}
 
 
-def with_factors(
-    frames: FrameSequence, factors: FloatArray, tilt: tuple[float, float] = (0.0, 0.0)
-) -> ScaledSequence:
-    """Frames with their depths multiplied by factors (n,), and straightened by a tilt.
+def with_factors(frames: FrameSequence, factors: FloatArray) -> ScaledSequence:
+    """Frames with their depths multiplied by factors (n,).
 
     Examples
     --------
@@ -92,7 +83,6 @@ def with_factors(
         registered=frames.registered,
         source=frames,
         factors=np.asarray(factors, dtype=np.float64),
-        tilt=tilt,
     )
 
 

@@ -13,7 +13,6 @@ from certpgo.errors import FormatError, InputError, InputNotice
 from certpgo.graph.phrases import counted
 from certpgo.linalg.arrays import FloatArray
 from certpgo.registration import features as keypoints
-from certpgo.registration.depth_tilt import depth_tilt
 from certpgo.registration.features import ColourCamera, Features
 from certpgo.registration.fuse import STEP, WIDE, voxel_means
 from certpgo.registration.judging import about_depths, judge_depths
@@ -65,7 +64,6 @@ class FrontEnd:
         self.frames, self.settings = frames, settings
         self.cache, self.progress = cache, progress
         self.kept: list[Keyframe | None] = []
-        self.tilt = (0.0, 0.0)
         self._keys: list[str] = []
 
     def views(self) -> tuple[list[Keyframe | None], tuple[str, ...], tuple[int, int]]:
@@ -85,21 +83,6 @@ class FrontEnd:
         if len(sizes) > 1:
             raise InputError(f"{self.frames.name}: images of several sizes: {sorted(sizes)}")
         return self.kept, skipped, sizes.pop()
-
-    def straighten(self, loops: list[FramePair]) -> bool:
-        """Whether what is kept of frames is now without the tilt of depths that loops tell.
-
-        Depths that are registered to colour have been calibrated: they are left as they are.
-        """
-        if self.settings.colour is None:
-            return False
-        features = {k: view.features for k, view in enumerate(self.kept) if view}
-        self.tilt = depth_tilt(loops, features, self.settings.colour.camera)
-        if not any(self.tilt):
-            return False
-        self.kept = [view and view.straightened(self.tilt) for view in self.kept]
-        self._keys = [digest(key, self.tilt) for key in self._keys]
-        return True
 
     def _view(self, k: int) -> _Looked:
         key = digest(self.frames.key(k), self.settings.cutoff, self.settings.colour)

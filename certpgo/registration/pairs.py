@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.registration.camera import Camera, straightened
+from certpgo.registration.camera import Camera
 from certpgo.registration.dense import DenseRegistration, PreparedCloud, align, prepare
 from certpgo.registration.features import Features, match
 from certpgo.registration.ransac import Motion, RansacSettings, register
@@ -48,12 +48,6 @@ class Keyframe:
 
     features: Features
     cloud: NDArray[np.float32]
-
-    def straightened(self, tilt: tuple[float, float]) -> Keyframe:
-        """The same with depths z (1 + a u + b v)."""
-        points = straightened(self.features.points, tilt)
-        cloud = straightened(self.cloud.astype(np.float64), tilt).astype(np.float32)
-        return Keyframe(replace(self.features, points=points), cloud)
 
 
 @dataclass(frozen=True, eq=False)

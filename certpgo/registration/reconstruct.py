@@ -55,8 +55,7 @@ class ReconstructSettings:
         default where depth images are not registered to colour
     scales : whether the depths of each frame have an unknown factor: a scale is estimated for each,
         by keypoints alone. Lengths in metres are then in the unit in which the median depth of
-        frames is 2, in the geometric mean. Where colour has a camera of its own, a tilt of depths
-        over the image is estimated as well
+        frames is 2, in the geometric mean
     ransac : when two frames match
     """
 
@@ -90,9 +89,8 @@ class Reconstruction:
     skipped : frames that could not be used, each with the reason
     scene : the fused cloud, in the frame of the first pose
     colour : the colour camera, given or estimated; None if depth is taken for registered
-    factors : (n,) by which depths of the nodes are multiplied to be in the map's unit, besides
-        their tilt, where depths have an unknown factor; ``frames`` are those with depths in that
-        unit and straightened. Else None
+    factors : (n,) by which depths of the nodes are multiplied to be in the map's unit, where depths
+        have an unknown factor; ``frames`` are those with depths in that unit. Else None
     """
 
     frames: FrameSequence
@@ -105,11 +103,6 @@ class Reconstruction:
     scene: ColouredCloud
     colour: ColourCamera | None = None
     factors: FloatArray | None = None
-
-    @property
-    def tilt(self) -> tuple[float, float]:
-        """The a and b by which depths are multiplied by 1 + a u + b v at rays (u, v, 1)."""
-        return self.frames.tilt if isinstance(self.frames, ScaledSequence) else (0.0, 0.0)
 
     @property
     def instance(self) -> Instance:
@@ -166,17 +159,9 @@ class Reconstruction:
         low, high = self.factors.min(), self.factors.max()
         return [
             ("depth factors", f"{low:.4g} to {high:.4g}"),
-            *self._tilt(),
             ("unit", f"that in which median depths are {MEDIAN:g}, in the geometric mean"),
             ("weights", "in the frames' own units, at the estimate"),
         ]
-
-    def _tilt(self) -> list[tuple[str, str]]:
-        """What depths were multiplied by over the image, if that was estimated."""
-        if not any(self.tilt):
-            return []
-        a, b = self.tilt
-        return [("depth tilt", f"depths times 1 {a:+.4f} u {b:+.4f} v at rays (u, v, 1)")]
 
     def _disagreement(self) -> list[tuple[str, str]]:
         """What was measured of the agreement of keypoints and clouds, if both were used."""
@@ -258,10 +243,6 @@ def reconstruct(
         raise InputError(f"{frames.name}: no frame matches the next one: they do not overlap")
     alike = retrieved([view.features if view else None for view in views], np.random.default_rng(0))
     loops = work.measured("loops", alike)
-    if chosen.scales and work.straighten(loops):
-        views = work.kept
-        steps = work.measured("odometry again", neighbours)
-        loops = work.measured("loops again", alike)
     scales = agreed_scales([*steps, *loops], len(frames)) if chosen.scales else np.ones(len(frames))
     steps, loops = in_units_of(scales, steps), in_units_of(scales, loops)
     nodes, reckoning = composed(steps, frames.names, frames.name)
@@ -275,7 +256,7 @@ def reconstruct(
     final = average(pairs, frames.names, frames.name, first.poses, trust=chosen.trust)
     if isinstance(frames, ScaledSequence) and final.scales is not None:
         scales[final.nodes] *= final.scales
-        frames = with_factors(given, frames.factors * scales, work.tilt)
+        frames = with_factors(given, frames.factors * scales)
         factors = frames.factors[final.nodes]
     scene = fused(
         frames,

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import product
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 from certpgo.errors import InputError, MissingDependency
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.registration.camera import Camera
 
 Colour = NDArray[np.uint8]
 
@@ -27,30 +27,6 @@ SPARSE = 4
 #: Gigabytes that all blocks may take: a voxel has a distance, a weight and a colour, in floats.
 MOST = 1.0
 VOXEL_BYTES = 4 * 5
-
-
-class Pinhole(Protocol):
-    """Focal lengths and centre of a camera, pixels."""
-
-    @property
-    def fx(self) -> float:
-        """Focal length along a row."""
-        ...
-
-    @property
-    def fy(self) -> float:
-        """Focal length along a column."""
-        ...
-
-    @property
-    def cx(self) -> float:
-        """Column of the centre."""
-        ...
-
-    @property
-    def cy(self) -> float:
-        """Row of the centre."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +63,7 @@ class Volume:
 def integrate(
     frames: Iterable[tuple[Colour, FloatArray]],
     poses: Estimate,
-    camera: Pinhole,
+    camera: Camera,
     *,
     voxel: float,
     truncation: float | None = None,
@@ -129,13 +105,12 @@ def integrate(
 
 
 def _touched(
-    volume: Volume, depth: FloatArray, camera: Pinhole, R: FloatArray, t: FloatArray
+    volume: Volume, depth: FloatArray, camera: Camera, R: FloatArray, t: FloatArray
 ) -> list[tuple[int, int, int]]:
     """The blocks within the truncation of a seen point."""
     # Blocks between these pixels are neighbours of those that they see.
     v, u = SPARSE * np.array(np.nonzero(depth[::SPARSE, ::SPARSE] > 0.0))
-    z = depth[v, u]
-    ray = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(len(z))], 1)
+    z, ray = depth[v, u], camera.rays(np.stack([u, v], axis=1).astype(np.float64))
     edge, found = BLOCK * volume.voxel, [np.empty((0, 3), dtype=np.int64)]
     # Steps along the ray of at most half a block, and the cubes around them.
     steps = np.linspace(-1.0, 1.0, 2 * int(np.ceil(2.0 * volume.truncation / edge)) + 1)
@@ -153,7 +128,7 @@ def _update(
     place: tuple[int, int, int],
     depth: FloatArray,
     colour: Colour,
-    camera: Pinhole,
+    camera: Camera,
     R: FloatArray,
     t: FloatArray,
 ) -> None:

@@ -16,7 +16,6 @@ from certpgo.registration.depth_scales import (
     with_factors,
     with_factors_of,
 )
-from certpgo.registration.features import ColourCamera
 from certpgo.registration.pairs import FramePair, in_units_of
 from certpgo.registration.reconstruct import ReconstructSettings
 from certpgo.registration.synthetic import synthetic_sequence
@@ -113,21 +112,6 @@ def test_c_times_the_depth_has_a_factor_1_c_times_as_large(frames, found):
     )
     assert np.abs(again.factors * more / found.factors - 1.0).max() < 1e-4
     assert np.abs(again.estimate.translations - found.estimate.translations).max() < 1e-4
-
-
-def test_depths_that_are_tilted_are_straightened(frames, monkeypatch):
-    """Keypoints, clouds and depth images are as without a tilt."""
-    monkeypatch.setattr("certpgo.registration.front_end.depth_tilt", lambda *_: (0.02, -0.015))
-    few, hidden = frames.chosen(range(3)), HIDDEN[:3]
-    tilted = with_factors(few, hidden, (-0.02, 0.015))
-    settings = ReconstructSettings(scales=True)
-    found = certpgo.reconstruct(tilted, settings, colour=ColourCamera(frames.camera))
-    assert np.abs(np.log(even(found.factors * hidden))).max() < 0.005
-    assert dict(found.consistency())["depth tilt"] == (
-        "depths times 1 +0.0200 u -0.0150 v at rays (u, v, 1)"
-    )
-    depth, true = found.frames.frame(2).depth, frames.frame(2).depth
-    assert depth == pytest.approx(found.factors[2] * hidden[2] * true, rel=1e-3)
 
 
 def test_a_frame_without_depth_keeps_its_unit(frames):

@@ -1,25 +1,22 @@
 """Fused depth: surfaces rendered in closed form come back."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
 from certpgo.registration import tsdf
+from certpgo.registration.camera import Camera
 
 pytest.importorskip("skimage")
 
-CAMERA = SimpleNamespace(fx=120.0, fy=120.0, cx=63.5, cy=47.5)
+CAMERA = Camera(fx=120.0, fy=120.0, cx=63.5, cy=47.5)
 RADIUS, AWAY = 0.5, 2.0
 
 
 def rays():
     v, u = np.mgrid[0:96, 0:128]
-    return np.stack(
-        [(u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones(u.shape)], axis=-1
-    )
+    return CAMERA.rays(np.stack([u, v], axis=-1).astype(float))
 
 
 def looking_at_the_origin(direction):

@@ -5,9 +5,10 @@
 The depth of each frame, or each scan, is multiplied by a hidden factor between .5 and 2. Errors of
 factors are those of their logarithms, about their mean; those of positions are root mean squares
 after the best similarity. Two checks say why factors are wrong: how well the measured ratios agree
-on one factor for each frame, and how much of the errors a tilt of all depths explains. Data are
-looked for in the folders ``rgbd`` and ``scans`` of CERTPGO_DATA. What is computed of frames and
-pairs is kept in DIR.
+on one factor for each frame, and how much of the errors a tilt of all depths explains. Where depth
+is not registered to colour, a tilt is estimated from loops as well, and frames are reconstructed
+again with straight depths. Data are looked for in the folders ``rgbd`` and ``scans`` of
+CERTPGO_DATA. What is computed of frames and pairs is kept in DIR.
 """
 
 import argparse
@@ -21,21 +22,28 @@ from scipy.spatial import cKDTree
 
 import certpgo
 from certpgo.graph import Estimate
-from certpgo.registration.camera import straightened
+from certpgo.registration.camera import Camera
 from certpgo.registration.depth_scales import with_factors
-from certpgo.registration.features import detect, match, place
+from certpgo.registration.features import Features, detect, match, place
 from certpgo.registration.ransac import RansacSettings, refine
 from certpgo.registration.reconstruct import Reconstruction, ReconstructSettings
 from certpgo.registration.scans import Scan, read_initial, read_scan
+from certpgo.registration.sequences import FrameSequence
 from certpgo.registration.submaps import ScanMatches, register_submaps
 from certpgo.registration.synthetic import synthetic_sequence
 from certpgo.solve.metrics import position_errors
+from reports.studies.unknown_scales.depth_tilt import (
+    StraightenedSequence,
+    depth_tilt,
+    straightened,
+)
 
 DATA = Path(os.environ.get("CERTPGO_DATA", "."))
 #: Matches of two scans of the bunny, how many of them are wrong, and how near points are, metres.
 MATCHES, WRONG, NEAR = 300, 100, 0.0005
 #: A small tilt of depths, and when matches of a kept pair are looked at again with it.
 SMALL, LOOSE = 0.003, RansacSettings(share=0.0)
+SCALES = ReconstructSettings(scales=True)
 
 
 def hidden_factors(n: int) -> np.ndarray:
@@ -81,14 +89,7 @@ def tilt_of_factors(found: Reconstruction, hidden: np.ndarray) -> str:
     Depths z are z (1 + a u + b v) at rays (u, v, 1). Ratios of kept pairs, and so the factors that
     fit them best, change with a and b; those are chosen for which errors of factors are least.
     """
-    frames, graph, colour = found.frames, found.instance.graph, found.colour
-    camera = frames.camera if colour is None else colour.camera
-    views = []
-    for k in found.nodes.tolist():
-        frame = frames.frame(k)
-        views.append(
-            place(*detect(frame), frame.depth, frames.camera, colour=colour, cutoff=np.inf)
-        )
+    graph, camera, views = found.instance.graph, camera_of(found), views_of(found)
     ratios, edges = [], []
     for e in np.flatnonzero(found.averaged.kept).tolist():
         i, j = graph.edges[e].tolist()
@@ -111,12 +112,41 @@ def tilt_of_factors(found: Reconstruction, hidden: np.ndarray) -> str:
     errors -= errors.mean()
     best = np.linalg.lstsq(slopes, -errors)[0]
     rest = 100.0 * (errors + slopes @ best)
-    a, b = best + frames.tilt
+    a, b = best
     return (
-        f"with a tilt of {a:.4f} and {b:.4f}, by the hidden factors, in place of "
-        f"{frames.tilt[0]:.4f} and {frames.tilt[1]:.4f}, off by {rest.std():.3f} %, at most "
-        f"{np.abs(rest).max():.3f} %"
+        f"with a tilt of {a:.4f} and {b:.4f}, by the hidden factors, off by {rest.std():.3f} %, "
+        f"at most {np.abs(rest).max():.3f} %"
     )
+
+
+def tilt_of_loops(
+    found: Reconstruction, frames: FrameSequence, hidden: np.ndarray, cache: str | None
+) -> str:
+    """The tilt that loops tell, and errors of factors once depths are straightened by it."""
+    views = dict(zip(found.nodes.tolist(), views_of(found), strict=True))
+    loops = [pair for pair in found.pairs[found.odometry :] if {pair.i, pair.j} <= views.keys()]
+    tilt = depth_tilt(loops, views, camera_of(found))
+    said = f"with a tilt of {tilt[0]:.4f} and {tilt[1]:.4f}, by loops"
+    if not any(tilt):
+        return said
+    straight = StraightenedSequence.of(frames, tilt)
+    again = certpgo.reconstruct(straight, SCALES, colour=found.colour, cache=cache)
+    return f"{said}, {scale_errors(again.factors, hidden[again.nodes])}"
+
+
+def camera_of(found: Reconstruction) -> Camera:
+    """The camera of keypoints."""
+    return found.frames.camera if found.colour is None else found.colour.camera
+
+
+def views_of(found: Reconstruction) -> list[Features]:
+    """Keypoints of the nodes, in the map's unit."""
+    views, frames = [], found.frames
+    for k in found.nodes.tolist():
+        frame = frames.frame(k)
+        where = {"colour": found.colour, "cutoff": np.inf}
+        views.append(place(*detect(frame), frame.depth, frames.camera, **where))
+    return views
 
 
 def row(name: str, cache: str | None) -> str:
@@ -127,21 +157,23 @@ def row(name: str, cache: str | None) -> str:
         found = certpgo.reconstruct(frames, ReconstructSettings(dense=dense), cache=cache)
         errors.append(trajectory_error(found.estimate, frames.truth.subset(found.nodes)))
     hidden = hidden_factors(len(frames))
-    settings = ReconstructSettings(scales=True)
     scaled = with_factors(frames, hidden)
-    found = certpgo.reconstruct(scaled, settings, cache=cache)
+    found = certpgo.reconstruct(scaled, SCALES, cache=cache)
     truth = frames.truth.subset(found.nodes)
     own = trajectory_error(found.estimate, truth)
     # As --depth-factors does: depths as they are, times the factors.
     known = with_factors(scaled.chosen(found.nodes.tolist()), found.factors)
     again = certpgo.reconstruct(known, cache=cache)
     rigid = trajectory_error(again.estimate, known.truth.subset(again.nodes))
+    tilts = [tilt_of_factors(found, hidden)]
+    if found.colour is not None:
+        tilts.insert(0, tilt_of_loops(found, scaled, hidden, cache))
     return (
         f"{name:14}true depth {errors[0]:.3f} mm, by keypoints alone {errors[1]:.3f} mm; hidden "
         f"factors {own:.3f} mm, {own / errors[0]:.2f} and {own / errors[1]:.2f} times; "
         f"with the factors found, by clouds too {rigid:.3f} mm, {rigid / errors[0]:.2f} times; "
         f"{scale_errors(found.factors, hidden[found.nodes])}; "
-        f"{ratio_errors(found, hidden)}; {tilt_of_factors(found, hidden)}; "
+        f"{ratio_errors(found, hidden)}; {'; '.join(tilts)}; "
         f"{found.answer.verdict.value}, {len(found.nodes)} of {len(frames)} frames"
     )
 

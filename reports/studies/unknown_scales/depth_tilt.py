@@ -10,14 +10,17 @@ z (1 + a u + b v) are estimated.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from certpgo.linalg.arrays import FloatArray
-from certpgo.registration.camera import Camera, slopes, straightened
+from certpgo.registration.camera import Camera
 from certpgo.registration.features import Features, match
 from certpgo.registration.pairs import FramePair
 from certpgo.registration.ransac import jacobian, moved
+from certpgo.registration.sequences import Frame, FrameSequence
 
 #: Pairs that are looked at, at most.
 PAIRS = 300
@@ -29,6 +32,59 @@ DOUBTFUL = 9.0
 #: largest one. Without any, at most 22 was seen. Noise is as large as pairs say, not as stated, but
 #: pairs that share a frame are not independent, and steps of disparity are no noise.
 CONVINCING, LARGEST = 25.0, 0.1
+
+
+def slopes(points: FloatArray) -> FloatArray:
+    """(..., 2) u and v of the rays (u, v, 1) to points (..., 3)."""
+    return np.asarray(points[..., :2] / points[..., 2:])
+
+
+def straightened(points: FloatArray, tilt: tuple[float, float]) -> FloatArray:
+    """Points (k, 3) with their depths z, and all along with them, times 1 + a u + b v."""
+    return np.asarray(points * (1.0 + slopes(points) @ np.array(tilt))[:, None])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StraightenedSequence(FrameSequence):
+    """Frames whose depths at the ray (u, v, 1) are multiplied by 1 + a u + b v.
+
+    Attributes
+    ----------
+    source : the frames as they are
+    tilt : a and b
+    """
+
+    source: FrameSequence
+    tilt: tuple[float, float]
+
+    @classmethod
+    def of(cls, frames: FrameSequence, tilt: tuple[float, float]) -> StraightenedSequence:
+        """The frames without that tilt."""
+        return cls(
+            name=frames.name,
+            names=frames.names,
+            times=frames.times,
+            camera=frames.camera,
+            truth=frames.truth,
+            registered=frames.registered,
+            source=frames,
+            tilt=tilt,
+        )
+
+    def frame(self, k: int) -> Frame:
+        """The k-th frame."""
+        frame = self.source.frame(k)
+        pixels = np.stack(np.meshgrid(*map(np.arange, frame.depth.shape[::-1])), axis=-1)
+        rays = self.camera.rays(pixels.astype(np.float64))
+        depth = frame.depth * (1.0 + slopes(rays) @ np.array(self.tilt))
+        return Frame(frame.colour, depth.astype(np.float32))
+
+    def key(self, k: int) -> str:
+        """What the k-th frame is made of."""
+        return f"{self.source.key(k)} {self.tilt}"
+
+    def _of_frames(self, kept: list[int]) -> dict[str, Any]:
+        return {"source": self.source.chosen(kept)}
 
 
 def depth_tilt(

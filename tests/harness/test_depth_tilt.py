@@ -7,10 +7,15 @@ import numpy as np
 import pytest
 
 from certpgo.linalg import rotations as so
-from certpgo.registration.camera import Camera, straightened
-from certpgo.registration.depth_tilt import depth_tilt
+from certpgo.registration.camera import Camera
 from certpgo.registration.features import Features
 from certpgo.registration.pairs import FramePair
+from certpgo.registration.synthetic import synthetic_sequence
+from reports.studies.unknown_scales.depth_tilt import (
+    StraightenedSequence,
+    depth_tilt,
+    straightened,
+)
 
 CAMERA = Camera(525.0, 525.0, 319.5, 239.5)
 HIDDEN = np.array([0.5, 2.0, 1.3, 0.8, 1.7, 0.6])
@@ -42,6 +47,14 @@ def seen(tilt, *, noise=0.0):
 def test_the_tilt_of_exact_points_is_exact(tilt):
     pairs, features = seen(tilt)
     assert depth_tilt(pairs, features, CAMERA) == pytest.approx(tilt, abs=1e-6)
+
+
+def test_frames_are_straightened_as_their_points_are():
+    frames, tilt = synthetic_sequence(2, size=(64, 48)), (0.02, -0.015)
+    straight = StraightenedSequence.of(frames, tilt).chosen([1])
+    seen = frames.camera.cloud(frames.frame(1).depth)
+    found = frames.camera.cloud(straight.frame(0).depth)
+    assert found == pytest.approx(straightened(seen, tilt), rel=1e-6)
 
 
 def test_noise_is_not_taken_for_a_tilt():

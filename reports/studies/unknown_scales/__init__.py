@@ -1,0 +1,1 @@
+"""Factors of depths and scales of sub-maps, recovered from hidden ones."""
