@@ -42,6 +42,12 @@ def spanning_tree(
     return _breadth_first(tree, start)[1]
 
 
+def edges_of(graph: GraphData, parents: IntArray) -> IntArray:
+    """(n - 1,) the edges of a tree, in the order of the children."""
+    children = np.flatnonzero(parents >= 0)
+    return _edges_between(graph, parents[children], children)[0]
+
+
 def tree_initialization(graph: GraphData) -> Estimate:
     """Poses composed along the breadth-first tree of a central node."""
     return compose(graph, spanning_tree(graph, root="center"))

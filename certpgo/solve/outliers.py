@@ -258,7 +258,10 @@ def _begun(
     trusted: IntArray | None,
     monitor: Monitor,
 ) -> Selection:
-    """The choice by F of the edges alone, with all other measurements."""
+    """The choice by F of the edges alone, with the other measurements that agree with it.
+
+    These must agree with one another, too: where edges leave open what they measure, all are kept.
+    """
     if not problem.measured.blocks:
         edges = problem.chordal
         return select(edges, fit=fit, initial=initial, trusted=trusted, monitor=monitor)
@@ -270,7 +273,14 @@ def _begun(
         return Selection(np.ones(rows), found, "residuals", 1.0)
     own = None if trusted is None else trusted[trusted < graph.num_edges]
     chosen = select(alone, initial=initial or fit, trusted=own, monitor=monitor)
-    return chosen.with_more(rows - problem.measured.num_edges)
+    costs, usual = problem.edge_costs(chosen.estimate), quantiles(problem, 0.5)
+    others = np.arange(rows) >= problem.measured.num_edges
+    weighed = others & (usual > 0.0)
+    scale = math.sqrt(float(np.median(costs[weighed] / usual[weighed]))) if weighed.any() else 1.0
+    kept = ~outlying(problem, costs, WIDER * max(1.0, scale))
+    if trusted is not None:
+        kept[trusted] = True
+    return chosen.with_more(np.where(kept, 1.0, 0.0)[others])
 
 
 def _beside(problem: Posed, chosen: Selection, stated: list[Selection]) -> Selection:

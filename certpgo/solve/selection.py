@@ -53,11 +53,10 @@ class Selection(Brief):
         chosen = f"chosen by {self.method}, assuming {scale}the noise stated by the weights"
         return "; ".join(filter(None, (chosen, remark(problem.chordal, self.weights))))
 
-    def with_more(self, count: int) -> Selection:
-        """The choice with more measurements, which are kept."""
-        weights = np.append(self.weights, np.ones(count))
-        stated = None if self.stated is None else self.stated.with_more(count)
-        return replace(self, weights=weights, stated=stated)
+    def with_more(self, weights: FloatArray) -> Selection:
+        """The choice with more measurements, of these weights."""
+        stated = None if self.stated is None else self.stated.with_more(weights)
+        return replace(self, weights=np.append(self.weights, weights), stated=stated)
 
 
 def near_relaxation(problem: Sum) -> Estimate:

@@ -251,6 +251,35 @@ def test_a_wrong_compass_is_rejected_whichever_it_is(wrong):
 
 
 @pytest.mark.parametrize("d", [2, 3])
+def test_wrong_closures_and_fixes_of_gps_are_rejected_and_no_others(d):
+    """A fit to all measurements hides them: odometry and GPS alone show where to begin."""
+    rng, n = np.random.default_rng(d), 80
+    turn = np.linspace(0.0, 4.0 * np.pi, n)
+    t = np.stack([20.0 * np.cos(turn), 12.0 * np.sin(turn), 2.0 * np.sin(3.0 * turn)], axis=1)
+    yaw = np.pad(turn[:, None], ((0, 0), (2, 0)))
+    R = so.exp(yaw if d == 3 else turn[:, None])
+    steps = np.stack([np.arange(n - 1), np.arange(1, n)], axis=1)
+    around = np.stack([np.arange(0, n // 2, 3), np.arange(0, n // 2, 3) + n // 2], axis=1)
+    bad = np.array([[3, 50], [11, 62], [20, 33], [40, 71], [9, 27]])
+    pairs = np.concatenate([steps, around, bad])
+    i, j = pairs.T
+    turns = np.swapaxes(R[i], 1, 2) @ R[j]
+    turns = turns @ so.exp(0.01 * rng.standard_normal((len(pairs), so.tangent_dim(d))))
+    turns[-5:] = so.exp(rng.uniform(-1.0, 1.0, (5, so.tangent_dim(d))))
+    moves = np.einsum("mba,mb->ma", R[i], (t[j] - t[i])[:, :d])
+    moves += 0.03 * rng.standard_normal(moves.shape)
+    moves[-5:] = rng.uniform(-2.0, 2.0, (5, d))
+    m, nodes = len(pairs), np.arange(0, n, 8)
+    rotation = RotationGraph(n, pairs, turns, np.full(m, 5e3))
+    measured = t[nodes, :d] + 0.3 * rng.standard_normal((len(nodes), d))
+    measured[4] += 12.0
+    graph = PoseGraph(rotation, moves, np.full(m, 0.03**-2))
+    answer = certpgo.solve_robustly(with_priors(graph, nodes, translations=measured, tau=0.3**-2))
+    assert answer.rejected.tolist() == [*range(m - 5, m), m + 4]
+    assert answer.verdict is answer.rejection.verdict is Verdict.CERTIFIED
+
+
+@pytest.mark.parametrize("d", [2, 3])
 def test_files_of_attitudes_alone_are_read_written_and_merged(tmp_path, d):
     """Where the world is put is in no file, and in no count."""
     if d == 2:

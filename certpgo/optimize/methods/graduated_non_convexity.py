@@ -14,6 +14,7 @@ import numpy as np
 
 from certpgo.errors import SpecError
 from certpgo.graph import Estimate
+from certpgo.graph.trees import edges_of, spanning_tree
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.chi_squared import quantiles
@@ -120,10 +121,22 @@ class GraduatedNonConvexity(Iterative):
 
 
 def _start(problem: Quadratic) -> Estimate:
-    """Poses along the tree of the earliest measurements, if each measures a whole pose."""
-    if problem.graph.is_partial:
-        return start_of(problem).estimate
-    return SpanningTree("earliest").solve(problem).estimate
+    """Poses along the tree of the earliest measurements.
+
+    Where some measure no whole pose, such as GPS and sightings, these are fitted together with the
+    tree of the earliest ones that do: loop closures must not take part, as some may be wrong.
+    """
+    graph = problem.graph
+    if not graph.is_partial:
+        return SpanningTree("earliest").solve(problem).estimate
+    whole = graph.measures_rotation & graph.measures_translation
+    order = np.arange(1.0, graph.num_edges + 1.0)
+    tree = edges_of(graph, spanning_tree(graph, np.where(whole, order, graph.num_edges + order)))
+    weights = np.where(whole, FAINT, 1.0)
+    weights[tree] = 1.0
+    weighted = problem.reweighted(weights)
+    start = start_of(weighted)
+    return newton(weighted, start.estimate, near=start.near).estimate
 
 
 def largest_angle(problem: Quadratic, c: float) -> float:
