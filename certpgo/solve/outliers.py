@@ -258,10 +258,7 @@ def _begun(
     trusted: IntArray | None,
     monitor: Monitor,
 ) -> Selection:
-    """The choice by F of the edges alone, with the other measurements that agree with it.
-
-    These must agree with one another, too: where edges leave open what they measure, all are kept.
-    """
+    """The choice by F of the edges alone, with what else agrees with it, or all that disagrees."""
     if not problem.measured.blocks:
         edges = problem.chordal
         return select(edges, fit=fit, initial=initial, trusted=trusted, monitor=monitor)
@@ -276,8 +273,8 @@ def _begun(
     costs, usual = problem.edge_costs(chosen.estimate), quantiles(problem, 0.5)
     others = np.arange(rows) >= problem.measured.num_edges
     weighed = others & (usual > 0.0)
-    scale = math.sqrt(float(np.median(costs[weighed] / usual[weighed]))) if weighed.any() else 1.0
-    kept = ~outlying(problem, costs, WIDER * max(1.0, scale))
+    ratio = np.median(costs[weighed] / usual[weighed]) if weighed.any() else 1.0
+    kept = ~outlying(problem, costs, WIDER * math.sqrt(max(1.0, float(ratio))))
     if trusted is not None:
         kept[trusted] = True
     return chosen.with_more(np.where(kept, 1.0, 0.0)[others])
