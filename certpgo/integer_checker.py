@@ -1,37 +1,33 @@
-"""Verifies proofs that an estimate of a pose graph is nearly optimal, in integers alone.
+"""Verifies that an estimate of a pose graph is proven nearly optimal, in integers alone.
 
+    python integer_checker.py PLAIN
     python integer_checker.py GRAPH PROOF
 
-needs only this file and Python, and no floating-point number. It reads the same files as checker.py
-and prints the same lines about the chordal cost, but shares no code with it. docs/checker.md says
-what is proven (section 1), what a proof holds (section 10) and why this is right (section 11).
+needs only this file and Python, and no floating-point number. PLAIN is a text of integers: all
+measurements, and all numbers of a proof. docs/plain_proofs.md says what each line means, and
+docs/checker.md why what is proven is true (section 11). The second form has integer_reader.py,
+which must be in the same folder, write that text from a graph file and a proof file.
 """
 
 from __future__ import annotations
 
-import ast
-import hashlib
-import io
-import json
-import re
 import sys
-import zipfile
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
+from collections.abc import Callable, Sequence
+from decimal import Decimal
 from fractions import Fraction
-from functools import cache, reduce
+from functools import cache
+from importlib import import_module
 from itertools import chain
 from math import isqrt
-from operator import lt, mul
+from operator import mul
 from pathlib import Path
 from typing import Any, NamedTuple
 
 ULP = 1074  # every double is an integer times 2^-ULP, and stored as that integer
-ONE, FAR = 1 << ULP, 1 << 400
+ONE = 1 << ULP
 FINE = 1400  # fractional bits of costs
 PRECISIONS = (88, 184)  # fractional bits of factors, tried in turn
-SERIES = 320  # fractional bits of exponentials of similarities
 
 
 class Refused(Exception):  # noqa: N818
@@ -39,42 +35,253 @@ class Refused(Exception):  # noqa: N818
 
 
 class Unreadable(Exception):  # noqa: N818
-    """The graph or proof file cannot be read, with the reason."""
+    """A file cannot be read, with the reason."""
 
 
-# --- Doubles --------------------------------------------------------------------------------------
+# --- The plain proof ------------------------------------------------------------------------------
+
+Quaternion = tuple[int, ...]  # x y z w of any norm; in the plane 0 0 sin cos of half the angle
 
 
-def nearest(n: int, d: int) -> int:
-    """The double nearest to n/d, d > 0; of two, the one with an even last bit."""
-    size = abs(n)
-    exponent = size.bit_length() - d.bit_length()
-    exponent -= size << max(-exponent, 0) < d << max(exponent, 0)
-    last = max(exponent - 52, -ULP)
-    bottom = d << max(last, 0)
-    kept, left = divmod(size << max(-last, 0), bottom)
-    kept += 2 * left + (kept & 1) > bottom
-    if kept.bit_length() + last > 1024:
-        raise ValueError("a number that is not finite")
-    return (kept if n >= 0 else -kept) << (last + ULP)
+class Edge(NamedTuple):
+    """A measurement of node j in the frame of node i; kappa = 0 if of its position alone."""
+
+    i: int
+    j: int
+    q: Quaternion
+    t: tuple[int, ...]  # empty for rotations alone
+    kappa: int
+    tau: int
+    scale: int = ONE  # of similarities
 
 
-_DECIMAL = re.compile(r"([+-]?)([0-9]*)(?:\.([0-9]*))?(?:[eE]([+-]?[0-9]+))?")
+class Graph(NamedTuple):
+    """Edges between nodes 0 ... n-1, and which of these are points."""
+
+    n: int
+    edges: list[Edge]
+    points: set[int]
+    free: set[int] | None = None  # poses of unknown scale; None if it is no graph of similarities
+    ids: tuple[int | None, ...] = ()  # by which nodes are called; the world has none
+
+    @property
+    def in_mean_unit(self) -> bool:
+        """Whether no scale is known, and the cost is F over the mean of their squares."""
+        return self.free is not None and len(self.free) + len(self.points) == self.n
 
 
-def decimal(word: str) -> tuple[int, int]:
-    """Integers m and e with the number m 10^e that a word states."""
-    match = _DECIMAL.fullmatch(word)
-    if match is None or not (match[2] or match[3]):
-        raise ValueError(f"a decimal number expected, not {word[:40]}")
-    after = match[3] or ""
-    return int(match[1] + match[2] + after), int(match[4] or 0) - len(after)
+class Rejected(NamedTuple):
+    """A claim min(f_e, price) >= price - kappa |Q - C|^2 - tau |v - t|^2, see `constant`."""
+
+    edge: int
+    price: int
+    kappa: int
+    tau: int
+    C: list[list[int]]
+    t: tuple[int, ...]
 
 
-def double(word: str) -> int:
-    """The double nearest to a decimal number; beyond 10^4800 and 10^-4800 m does not matter."""
-    m, e = decimal(word)
-    return nearest(m * 10 ** min(max(e, 0), 4800), 10 ** min(max(-e, 0), 4800))
+class Within(NamedTuple):
+    """How far a node is from where x has it, in any estimate that costs at most the upper bound.
+
+    Seen from the reference: both are compared in the frame of that pose.
+    """
+
+    node: int | None  # by its id; None: every node
+    metres: Decimal | None  # None: nothing is said
+    degrees: Decimal | None  # points have none
+    reference: int | None  # the pinned pose, by its id; None: the world
+
+    def __str__(self) -> str:
+        far = [(self.metres, "m"), (self.degrees, "degrees")]
+        said = " and ".join(f"{x} {unit}" for x, unit in far if x is not None)
+        node = "every node" if self.node is None else called(self.node)
+        return f"within {said} of every optimum: {node}, seen from {called(self.reference)}"
+
+
+def called(node: int | None) -> str:
+    """A node by its id, which the world has none of."""
+    return "the world" if node is None else f"node {node}"
+
+
+class Proof(NamedTuple):
+    """An estimate and what is claimed about it; none of it is trusted."""
+
+    q: list[Quaternion]
+    t: list[list[int]]  # empty for rotations alone
+    multipliers: list[list[int]]
+    order: list[int]
+    pin: int
+    exponent: int
+    rejected: list[Rejected]  # empty but for a truncated cost
+    s: list[int]  # ONE but for similarities
+
+
+class Plain(NamedTuple):
+    """What a plain proof is about, and its proof."""
+
+    sha256: str  # of the graph file
+    about: str
+    kind: str  # "poses", "rotations" or "similarities"
+    d: int
+    graph: Graph
+    proof: Proof
+    within: tuple[Within, ...]
+
+
+def number(word: str) -> int:
+    """The number m 2^e of a word m or mpe."""
+    m, _, e = word.partition("p")
+    if e and int(e) > ULP:
+        raise ValueError("a number beyond doubles")
+    return int(m) << (ULP + int(e or 0))
+
+
+def grouped(words: Sequence[str], *sizes: int) -> list[list[int]]:
+    """Numbers, so many in each group."""
+    if len(words) != sum(sizes):
+        raise ValueError(f"{sum(sizes)} numbers expected, not {len(words)}")
+    numbers = map(number, words)
+    return [[next(numbers) for _ in range(size)] for size in sizes]
+
+
+def quaternion(numbers: Sequence[int], d: int) -> Quaternion:
+    """The same rotation by small integers."""
+    if not any(numbers) or (d == 2 and any(numbers[:2])):
+        raise Refused("a rotation is zero, or not in the plane")
+    return tuple(trimmed(numbers)[0])
+
+
+class Lines:
+    """The lines of a plain proof, as they are read."""
+
+    def __init__(self) -> None:
+        self.said: dict[str, list[str]] = {}
+        self.d, self.poses, self.similar = 0, True, False
+        self.claims: list[tuple[int | None, Decimal | None, Decimal | None]] = []
+        self.ids: list[int | None] = []
+        self.points, self.free = set[int](), set[int]()
+        self.q: list[Quaternion] = []
+        self.t: list[list[int]] = []
+        self.multipliers: list[list[int]] = []
+        self.s: list[int] = []
+        self.edges: list[Edge] = []
+        self.rejected: list[Rejected] = []
+
+    def add(self, line: str) -> None:
+        """One more line."""
+        d, poses, similar = self.d, self.d * self.poses, self.similar
+        match line.split(" "):
+            case ["graph" | "about" | "pin" | "order" as word, *words] if word not in self.said:
+                self.said[word] = words
+            case ["cost", cost, kind, dimension] if not d:
+                self.cost(cost, kind, dimension)
+            case ["within", node, metres, degrees] if metres != degrees and not similar:
+                claim = None if node == "every" else int(node), distance(metres), distance(degrees)
+                if not poses and claim[1]:
+                    raise ValueError("rotations have no metres")
+                self.claims.append(claim)
+            case ["pose", name, *words] if d:
+                q, t, Lam = grouped(words, 4, poses, d * (d + 1) // 2)
+                self.node(name, q, t, Lam, ONE)
+            case ["free", name, *words] if similar:
+                q, t, (s,), Lam = grouped(words, 4, d, 1, d * (d + 1) // 2)
+                self.free.add(len(self.ids))
+                self.node(name, q, t, Lam, s)
+            case ["point", name, *words] if poses:
+                self.points.add(len(self.ids))
+                (t,) = grouped(words, d)
+                self.node(name, [0, 0, 0, ONE], t, [0] * (d * (d + 1) // 2), ONE)
+            case ["edge", i, j, *words] if d:
+                (kappa,), tau, q, t, scale = grouped(words, 1, self.poses, 4, poses, similar)
+                turn, weight = quaternion(q, d), (*tau, ONE)[0]
+                self.edge(Edge(int(i), int(j), turn, (*t,), kappa, weight, *scale))
+            case ["position", i, j, *words] if poses:
+                (weight,), t, scale = grouped(words, 1, d, similar)
+                self.edge(Edge(int(i), int(j), (0, 0, 0, 1), (*t,), 0, weight, *scale))
+            case ["rejected", *words] if self.edges and not similar:
+                (price, kappa), C, tau, t = grouped(words, 2, d * d, self.poses, poses)
+                rows = [C[d * a : d * a + d] for a in range(d)]
+                e = len(self.edges) - 1
+                if self.rejected and self.rejected[-1].edge == e:
+                    raise ValueError("a measurement is rejected twice")
+                self.rejected.append(Rejected(e, price, kappa, (*tau, 0)[0], rows, (*t,)))
+            case _:
+                raise ValueError(f"another line expected than {line[:40]!r}")
+
+    def cost(self, cost: str, kind: str, dimension: str) -> None:
+        """What the other lines are about."""
+        if cost != "chordal":
+            raise Unreadable("integers check proofs of --cost chordal; without --exact, others too")
+        if dimension not in ("2", "3"):
+            raise ValueError("2 or 3 dimensions expected")
+        if kind not in ("poses", "rotations", "similarities"):
+            raise ValueError("poses, rotations or similarities expected")
+        self.said["cost"], self.d = [kind], int(dimension)
+        self.poses, self.similar = kind != "rotations", kind == "similarities"
+
+    def node(self, name: str, q: list[int], t: list[int], Lam: list[int], s: int) -> None:
+        """One more node."""
+        if s <= 0:
+            raise ValueError("a scale that is not positive")
+        self.ids.append(None if name == "world" else int(name))
+        self.q.append(quaternion(q, self.d))
+        self.t += [t] * self.poses
+        self.multipliers.append(Lam)
+        self.s.append(s)
+
+    def edge(self, edge: Edge) -> None:
+        """One more measurement, after all nodes."""
+        n = len(self.ids)
+        if not (0 <= edge.i < n and 0 <= edge.j < n and edge.i != edge.j):
+            raise ValueError("a measurement between two nodes expected")
+        if edge.i in self.points or (edge.kappa and edge.j in self.points):
+            raise ValueError("a point, which has no rotation, measures or is turned")
+        if edge.kappa < 0 or min(edge.tau, edge.scale) <= 0:
+            raise ValueError("a weight or scale that is not positive")
+        self.edges.append(edge)
+
+
+def distance(word: str) -> Decimal | None:
+    """A positive number of metres or degrees, or none."""
+    if word == "-":
+        return None
+    x = Decimal(word)
+    if not (len(word) < 500 and Decimal("1e-120") < x < Decimal("1e120")):
+        raise ValueError("a distance out of range")
+    return x
+
+
+def read(text: str) -> Plain:
+    """A plain proof."""
+    lines, first = Lines(), "certpgo plain proof 1\n"
+    if not text.startswith(first) or not text.endswith("\n"):
+        raise Unreadable("not a plain proof of version 1, or not all of it")
+    at = 1
+    try:
+        for line in text[len(first) : -1].split("\n"):
+            at += 1
+            lines.add(line)
+        (kind,), (pin, exponent) = lines.said["cost"], map(int, lines.said["pin"])
+        (sha256,), order = lines.said["graph"], [*map(int, lines.said["order"])]
+        about = " ".join(lines.said["about"])
+    except (ValueError, ArithmeticError, KeyError) as error:
+        raise Unreadable(f"line {at}: {error}") from None
+    n = len(lines.ids)
+    if not lines.edges or sorted(order) != [*range(n)]:
+        raise Refused("order is no permutation of the nodes, or nothing is measured")
+    if not (0 <= pin < n and abs(exponent) <= 300):
+        raise Refused("pin or exponent out of range")
+    free = lines.free if lines.similar else None
+    graph = Graph(n, lines.edges, lines.points, free, tuple(lines.ids))
+    proof = Proof(
+        lines.q, lines.t, lines.multipliers, order, pin, exponent, lines.rejected, lines.s
+    )
+    within = tuple(Within(*claim, graph.ids[pin]) for claim in lines.claims)
+    return Plain(sha256, about, kind, lines.d, graph, proof, within)
+
+
+# --- Numbers --------------------------------------------------------------------------------------
 
 
 def trimmed(numbers: Sequence[int]) -> tuple[list[int], int]:
@@ -89,18 +296,6 @@ def trimmed(numbers: Sequence[int]) -> tuple[list[int], int]:
 def shifted(x: int, by: int) -> int:
     """The integer x 2^by, rounded down."""
     return x << by if by >= 0 else x >> -by
-
-
-# --- Rotations ------------------------------------------------------------------------------------
-
-Quaternion = tuple[int, ...]  # x y z w of any norm; in the plane 0 0 sin cos of half the angle
-
-
-def quaternion(numbers: Sequence[int]) -> Quaternion:
-    """The same rotation by small integers; two numbers are a cosine and a sine."""
-    if not any(numbers):
-        raise Refused("a rotation is zero")
-    return tuple(trimmed(numbers if len(numbers) == 4 else [0, 0, *numbers[::-1]])[0])
 
 
 def norm(q: Sequence[int]) -> int:
@@ -126,24 +321,6 @@ def matrix(q: Quaternion, d: int) -> list[list[int]]:
     return [
         [2 * (q[a] * q[b] + w * cross[a][b]) + same * (a == b) for b in range(d)] for a in range(d)
     ]
-
-
-def half_angle(theta: int) -> tuple[int, int]:
-    """The doubles nearest to the cosine and the sine of theta/2."""
-    if abs(theta) > 10**6 * ONE:
-        raise ValueError("an angle beyond 1e6 radians")
-    if theta == 0:
-        return ONE, 0
-    bits = 320 + max(0, ULP - theta.bit_length())
-    cosine, sine = circle(shifted(abs(theta), bits - ULP - 1), bits)
-    sine = sine if theta > 0 else -sine
-    ends = -(1 << 32), 1 << 32
-    found = {
-        (nearest(cosine + e, 1 << bits), nearest(sine + f, 1 << bits)) for e in ends for f in ends
-    }
-    if len(found) > 1:
-        raise ValueError("an angle too close to call")
-    return found.pop()
 
 
 def circle(x: int, bits: int) -> tuple[int, int]:
@@ -172,565 +349,6 @@ def quarter_turn(bits: int) -> int:
             total += factor * (power // k) * (2 - k % 4)
             power, k = power // (n * n), k + 2
     return total
-
-
-def similarity(logarithm: Sequence[int]) -> tuple[list[int], list[int], int]:
-    """The quaternion, translation and scale of [omega, upsilon, sigma], each number rounded once.
-
-    With A = sigma I + omega x, and h = omega / 2: exp(h), the sum of A^k upsilon / (k + 1)!, and
-    exp(sigma), by their series in units of 2^-SERIES.
-    """
-    *v, sigma = (x >> (ULP - SERIES) for x in logarithm)
-    if max(map(abs, v[:3])) > 10 << SERIES or abs(sigma) > 69 << SERIES:
-        raise ValueError("turns within 10 radians and logarithms of scales within 69 expected")
-    (x, y, z), upsilon, one = v[:3], v[3:], 1 << SERIES
-    half = (x >> 1, y >> 1, z >> 1, 0)
-
-    def grown(a: list[int]) -> list[int]:
-        p, q, r = a
-        return [sigma * p + y * r - z * q, sigma * q + z * p - x * r, sigma * r + x * q - y * p]
-
-    return (
-        series([0, 0, 0, one], lambda a: product(half, tuple(a)), 1),
-        series(upsilon, grown, 2),
-        series([one], lambda a: [sigma * a[0]], 1)[0],
-    )
-
-
-def series(term: list[int], step: Callable[[list[int]], Sequence[int]], k: int) -> list[int]:
-    """The doubles nearest to the sum of a term and those that follow, each its step over k."""
-    total = term
-    while not {0, -1}.issuperset(term):
-        term, k = [x // (k << SERIES) for x in step(term)], k + 1
-        total = [x + y for x, y in zip(total, term, strict=True)]
-    return [nearest(x, 1 << SERIES) for x in total]
-
-
-def shepperd(M: Sequence[int]) -> list[int]:
-    """A quaternion of a matrix, row by row, each addition rounded to the nearest double."""
-
-    def add(total: int, *terms: int) -> int:
-        for term in terms:
-            total = nearest(total + term, ONE)
-        return total
-
-    a, b, c = M[::4]
-    trace = add(a, b, c)
-    x, y, z = add(M[7], -M[5]), add(M[2], -M[6]), add(M[3], -M[1])
-    xy, xz, yz = add(M[3], M[1]), add(M[2], M[6]), add(M[7], M[5])
-    if trace >= max(a, b, c):
-        return [x, y, z, add(ONE, trace)]
-    if a >= max(b, c):
-        return [add(ONE, add(a, -b, -c)), xy, xz, x]
-    if b >= c:
-        return [xy, add(ONE, add(b, -a, -c)), yz, y]
-    return [xz, yz, add(ONE, add(c, -a, -b)), z]
-
-
-# --- The graph ------------------------------------------------------------------------------------
-
-
-class Edge(NamedTuple):
-    """A measurement of node j in the frame of node i; kappa = 0 if of its position alone."""
-
-    i: int  # of a prior the world, at first not numbered
-    j: int
-    q: Quaternion
-    t: tuple[int, ...]
-    kappa: int
-    tau: int
-    role: str
-    scale: int = ONE  # of similarities
-
-
-class Graph(NamedTuple):
-    """Edges between nodes 0 ... n-1, by ascending ids, and which of these are points."""
-
-    n: int
-    edges: list[Edge]
-    points: set[int]
-    free: set[int] | None = None  # poses of unknown scale; None if it is no graph of similarities
-    ids: tuple[int | None, ...] = ()  # of the file, which has none of the world
-
-    @property
-    def in_mean_unit(self) -> bool:
-        """Whether no scale is known, and the cost is F over the mean of their squares."""
-        return self.free is not None and len(self.free) + len(self.points) == self.n
-
-
-#: The tags that are read: role, dimension, and whether they measure a rotation.
-TAGS = {
-    "EDGE_SE2": ("pose", 2, True),
-    "EDGE_SE3:QUAT": ("pose", 3, True),
-    "EDGE_SE2_XY": ("sighting", 2, False),
-    "LANDMARK2": ("apart", 2, False),
-    "EDGE_SE3_TRACKXYZ": ("sighting", 3, False),
-    "EDGE_PRIOR_SE2": ("prior", 2, True),
-    "EDGE_SE2_PRIOR": ("prior", 2, True),
-    "EDGE_SE3_PRIOR": ("prior", 3, True),
-    "EDGE_PRIOR_SE2_XY": ("prior", 2, False),
-    "EDGE_SE2_GPS": ("prior", 2, False),
-    "EDGE_SE3_XYZPRIOR": ("prior", 3, False),
-}
-_OTHERS = re.compile(
-    r"VERTEX_(SE2|SE3:QUAT|XY|TRACKXYZ|POINT_XYZ)|FIX|PARAMS_(SE2OFFSET|SE3OFFSET|CAMERACALIB)"
-    r"|EDGE_(BEARING_SE2_XY|POINT_XYZ)|LANDMARK3"
-)
-_PLAIN = {9, *range(32, 127), *range(128, 256)}
-MARK = b"\xef\xbb\xbf"  # may begin a file
-
-
-def read_edges(text: bytes, claim: dict[str, Any]) -> Iterator[Edge]:
-    """The measurements of a g2o or 1DSfM file that a proof's header asks for."""
-    formats, sensors, used = set(), {0: True}, set()
-    asked = {"pose": True, "prior": claim["priors"]}
-    similar = claim.get("kind") == "similarities"
-    lines = text.removeprefix(MARK).replace(b"\r\n", b"\n").split(b"\n")
-    for number, line in enumerate(lines, 1):
-        try:
-            if not _PLAIN.issuperset(line) or not (said := line.split(b"#")[0]).isascii():
-                raise ValueError("plain text expected, and lines that end in LF or CRLF")
-            tag, *words = said.decode().split() or [""]
-            role, d, _ = TAGS.get(tag, ("", 3, False))
-            if similar:
-                if tag in ("", "VERTEX_SIM3:EXPMAP", "FIX"):
-                    continue
-                role, d, edge = "pose", 3, similarity_edge(tag, words, claim)
-            elif role and asked.get(role, claim["landmarks"]):
-                sensor, edge = g2o_edge(tag, words, claim)
-                used.add(sensor)
-            elif tag == "PARAMS_SE3OFFSET" and claim["maps"] and claim["d"] == 3:
-                (sensor,), pose = split(words, 1, 7)
-                *zeros, w = map(double, pose)
-                here = not any(zeros) and 0 < abs(w) < FAR * ONE
-                sensors[sensor] = sensors.get(sensor, True) and here
-                continue
-            elif role or not tag or _OTHERS.fullmatch(tag):
-                continue
-            else:
-                edge = matrix_edge([tag, *words])
-        except ValueError as error:
-            raise Unreadable(f"line {number}: {error}") from None
-        if edge.i == edge.j and edge.role == "pose":
-            raise Unreadable(f"line {number}: node {edge.i} is measured from itself")
-        formats.add((d, bool(role)))
-        yield edge
-    if unknown := [sensor for sensor in used if not sensors.get(sensor, False)]:
-        raise Unreadable(f"sensor {min(unknown)} is not known to be at its body's origin")
-    if len(formats) > 1 or {d for d, _ in formats} != {claim["d"]}:
-        raise Unreadable(f"no graph of {claim['d']}D measurements")
-
-
-def split(words: list[str], ids: int, *sizes: int) -> tuple[list[int], list[str]]:
-    """Ids, and as many other words as one of the sizes."""
-    if len(words) - ids not in sizes:
-        raise ValueError(f"{' or '.join(str(ids + size) for size in sizes)} numbers expected")
-    if not all(re.fullmatch(r"[+-]?[0-9]+", word) for word in words[:ids]):
-        raise ValueError("ids are integers")
-    return [int(word) for word in words[:ids]], words[ids:]
-
-
-def g2o_edge(tag: str, words: list[str], claim: dict[str, Any]) -> tuple[int, Edge]:
-    """The sensor, 0 for none, and a line of ids, a position, a rotation and information."""
-    role, d, turned = TAGS[tag]
-    has_sensor, p = d == 3 and role != "pose", 3 * d - 3 if turned else d
-    size = (4 * d - 5) if turned else d
-    ids, rest = split(words, 2 - (role == "prior") + has_sensor, size, size + p * (p + 1) // 2)
-    sensor = ids.pop() if has_sensor else 0
-    numbers, information = [double(word) for word in rest[:size]], tuple(rest[size:])
-    turn = [0, 0, 0, ONE] if not turned else half_angle(numbers[2]) if d == 2 else numbers[3:]
-    kappa, tau = ONE, ONE
-    for word in information:
-        decimal(word)
-    if information and None in (claim["kappa"], claim["tau"]):
-        kappa, tau = weights(information, turned)
-        if claim["rotation_information"] == "quaternion":
-            kappa >>= 2  # half the angle, a quarter of the information
-    edge = Edge(
-        ids[0], ids[-1], quaternion(turn), tuple(numbers[:d]), max(kappa, 1) * turned, tau, role
-    )
-    return sensor, edge
-
-
-def similarity_edge(tag: str, words: list[str], claim: dict[str, Any]) -> Edge:
-    """A line of two ids, the logarithm of a similarity and information."""
-    if tag != "EDGE_SIM3:EXPMAP":
-        raise ValueError("EDGE_SIM3:EXPMAP expected, in a graph of similarities")
-    (i, j), rest = split(words, 2, 7, 35)
-    q, t, scale = similarity([double(word) for word in rest[:7]])
-    kappa, tau = ONE, ONE
-    for word in rest[7:]:
-        decimal(word)
-    if len(rest) > 7 and None in (claim["kappa"], claim["tau"]):
-        kappa, tau = weights(tuple(rest[7:]), True)
-    return Edge(i, j, quaternion(q), tuple(t), kappa, tau, "pose", scale)
-
-
-def unit_node(text: bytes, ids: set[int]) -> int:
-    """The node of scale 1: of those that a file fixes, or else of all, the smallest id."""
-    lines = [line.split(b"#")[0].split() for line in text.removeprefix(MARK).split(b"\n")]
-    fixed = [word for words in lines if words[:1] == [b"FIX"] for word in words[1:]]
-    if not all(re.fullmatch(rb"[+-]?[0-9]+", word) for word in fixed):
-        raise Unreadable("FIX: ids expected")
-    return min(ids & {int(word) for word in fixed}, default=min(ids))
-
-
-@cache
-def weights(words: tuple[str, ...], turned: bool) -> tuple[int, int]:
-    """The doubles kappa and tau that an upper triangle in decimals says, row by row."""
-    if not turned:
-        return 0, harmonic_mean(words)
-    if len(words) == 28:  # of similarities: rotation, translation, scale
-        kappa = harmonic_mean([words[k] for k in (0, 1, 2, 7, 8, 13)], 2)
-        return kappa, harmonic_mean([words[k] for k in (18, 19, 20, 22, 23, 25)])
-    if len(words) == 6:
-        return harmonic_mean(words[5:]), harmonic_mean([words[k] for k in (0, 1, 3)])
-    return harmonic_mean(words[15:], 2), harmonic_mean([words[k] for k in (0, 1, 2, 6, 7, 11)])
-
-
-def harmonic_mean(words: Sequence[str], over: int = 1) -> int:
-    """The double nearest to size / tr(A^-1) / over, A of this upper triangle."""
-    pairs = [decimal(word) for word in words]
-    powers = [e for _, e in pairs]
-    if not -400 <= min(powers) <= max(powers) <= 400:
-        raise ValueError("an information number out of range")
-    upper = [m * 10 ** (e - min(powers)) for m, e in pairs]
-    d = {1: 1, 3: 2, 6: 3}[len(upper)]
-    if d < 3:  # more rows and columns of the identity
-        upper = [upper[0], 0, 0, 1, 0, 1] if d == 1 else [*upper[:2], 0, upper[2], 0, 1]
-    a, b, c, p, q, r = upper
-    first, second = a * p - b * b, p * r - q * q
-    whole = a * second - b * (b * r - c * q) + c * (b * q - c * p)
-    if min(a, first, whole) <= 0:
-        raise ValueError("information that is not positive definite")
-    trace = first + second + a * r - c * c - (3 - d) * whole
-    n, m = d * whole, trace * over
-    return nearest(n * 10 ** max(min(powers), 0), m * 10 ** max(-min(powers), 0))
-
-
-def matrix_edge(words: list[str]) -> Edge:
-    """Ids, a rotation matrix row by row, and a direction, which is not used."""
-    (i, j), rest = split(words, 2, 12)
-    q = of_matrix([double(word) for word in rest][:9])
-    return Edge(i, j, q, (0, 0, 0), ONE, ONE, "pose")
-
-
-def of_matrix(M: Sequence[int]) -> Quaternion:
-    """The quaternion of a matrix near a rotation, row by row."""
-    a, b, c = M[::3], M[1::3], M[2::3]
-    off = max(abs(sum(map(mul, x, y)) - ONE * ONE * (x is y)) for x in (a, b, c) for y in (a, b, c))
-    normal = [a[k - 2] * b[k - 1] - a[k - 1] * b[k - 2] for k in range(3)]
-    turned = 1000 * sum(map(mul, normal, c)) > ONE**3
-    if max(map(abs, M)) >= 2 * ONE or 1000 * off > ONE * ONE or not turned:
-        raise ValueError("a rotation matrix expected")
-    return quaternion(shepperd(M))
-
-
-def read_graph(text: bytes, claim: dict[str, Any], kept: set[int] | None) -> Graph:
-    """The measurements that F is made of."""
-    similar = claim.get("kind") == "similarities"
-    if similar and text.startswith(b"PK"):
-        return read_archive(text, claim)
-    edges, points = with_own_ids(list(read_edges(text, claim)))
-    if kept is not None:
-        edges = [edge for edge in edges if kept.issuperset(edge[:2])]
-    if claim["keep"] != "all":
-        places = range(len(edges))[:: -1 if claim["keep"] == "first" else 1]
-        chosen = {frozenset(edges[k][:2]): k for k in places}
-        edges = [edges[k] for k in sorted(chosen.values())]
-    if not edges:
-        raise Unreadable("no measurements")
-    number = {k: node for node, k in enumerate(sorted({k for edge in edges for k in edge[:2]}))}
-    given = {k: None if claim[k] is None else double(str(claim[k])) for k in ("kappa", "tau")}
-    if 0 in given.values():
-        raise Unreadable("kappa and tau must be positive")
-    origin = [double(str(o)) for o in claim["origin"] or ()]
-    for k, edge in enumerate(edges):
-        kappa = edge.kappa and (edge.kappa if given["kappa"] is None else given["kappa"])
-        tau, t = edge.tau if given["tau"] is None else given["tau"], edge.t
-        if not all(ONE < weight * FAR < ONE * FAR * FAR for weight in (kappa or ONE, tau)):
-            raise Unreadable("kappa and tau must be positive, and neither tiny nor huge")
-        if edge.role == "prior" and origin:
-            t = tuple(x - o for x, o in zip(t, origin, strict=True))
-            if any(nearest(x, ONE) != x for x in t):
-                raise Refused("a position from the origin of the proof is not a double")
-        edges[k] = edge._replace(i=number[edge.i], j=number[edge.j], t=t, kappa=kappa, tau=tau)
-    free = {*number.values()} - {number[unit_node(text, {*number})]} if similar else None
-    world = {edge.i for edge in edges if edge.role == "prior"}
-    ids = (None if node in world else k for k, node in number.items())
-    return Graph(len(number), edges, {number[k] for k in points}, free, tuple(ids))
-
-
-#: The arrays of an archive that the cost is made of, and others that may be there.
-_STATED = {
-    *("kind", "version", "num_nodes", "edges", "rotations", "translations", "scales", "kappa"),
-    *("tau", "free", "points"),
-}
-_UNUSED = {
-    *("ids", "name", "names", "fixed", "options", "notices", "world", "origin", "assumed"),
-    *("absolute", "apart", "moved_by", "times_ns", "stated", "numbers", "outliers", "camera"),
-    *("information", "information_index", "information_residual"),
-    *(f"{of}_{x}" for of in ("initial", "truth") for x in ("rotations", "translations", "scales")),
-}
-
-
-def read_archive(data: bytes, claim: dict[str, Any]) -> Graph:
-    """The similarities in an archive of arrays."""
-    given = [claim[name] for name in ("keep", "kappa", "tau", "rotation_information")]
-    if given != ["all", None, None, "tangent"]:
-        raise Unreadable("an archive of similarities is read as it is, without options")
-    try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            names = [name.removesuffix(".npy") for name in archive.namelist()]
-            files = dict(zip(names, map(archive.read, archive.namelist()), strict=True))
-        if len(files) < len(names) or not _STATED - {"points"} <= {*names} <= _STATED | _UNUSED:
-            raise Refused("other arrays expected, in a graph of similarities")
-        return _of_arrays(files, claim["d"])
-    except Exception as error:  # damaged archives can raise anything
-        raise Unreadable(f"not a readable graph of similarities: {error}") from None
-
-
-def _of_arrays(files: dict[str, bytes], d: int) -> Graph:
-    kind, version, n = npy(files["kind"])[3], *map(_integer, ("version", "num_nodes"), [files] * 2)
-    if (kind.decode("utf-32-le"), version) != ("graph", 1):
-        raise Refused("a graph of version 1 expected")
-    m = npy(files["kappa"])[1][0]
-
-    def doubles(name: str, *shape: int) -> list[list[int]]:
-        return [[from_bits(x) for x in row] for row in stored(files[name], "<f8", m, *shape)]
-
-    R, t = doubles("rotations", d, d), doubles("translations", d)
-    (scales,), (kappas,), (taus,) = map(doubles, ("scales", "kappa", "tau"))
-    (free,) = stored(files["free"], "|b1", n)
-    (seen,) = stored(files["points"], "|b1", n) if "points" in files else [[0] * n]
-    points, unknown = ({k for k in range(n) if flags[k]} for flags in (seen, free))
-    edges = []
-    for k, (i, j) in enumerate(stored(files["edges"], "<i8", m, 2)):
-        kappa, tau, scale = kappas[k], taus[k], scales[k]
-        if not (max(i, j) < n and i != j and i not in points and not (kappa and j in points)):
-            raise Refused("measurements between different nodes expected, and from poses")
-        if not all(ONE < x * FAR < ONE * FAR * FAR for x in (kappa or ONE, tau, scale)):
-            raise Refused("positive weights and scales expected, neither tiny nor huge")
-        whole = [
-            R[k][d * a + b] if max(a, b) < d else ONE * (a == b) for a in range(3) for b in range(3)
-        ]
-        edges.append(Edge(i, j, of_matrix(whole), tuple(t[k]), kappa, tau, "pose", scale))
-    if not edges or points & unknown:
-        raise Refused("measurements expected, and points without a scale")
-    return Graph(n, edges, points, unknown)
-
-
-def _integer(name: str, files: dict[str, bytes]) -> int:
-    return int.from_bytes(npy(files[name])[3], "little")
-
-
-def with_own_ids(edges: list[Edge]) -> tuple[list[Edge], set[int]]:
-    """Edges where each pose, each point and the world has an id of its own; those of the points.
-
-    Points that are numbered apart follow all other ids if one of them has the number of another
-    node. The world, from which priors are, is last.
-    """
-    ends = {role: {e.j for e in edges if e.role == role} for role in ("sighting", "apart", "prior")}
-    poses = {edge.i for edge in edges if edge.role != "prior"}
-    poses |= {edge.j for edge in edges if edge.kappa}
-    points, apart, after = ends["sighting"], ends["apart"], 0
-    if poses & points:
-        raise Unreadable(f"node {min(poses & points)} is a pose and a point")
-    if apart & (poses | points):
-        after = max(0, *poses, *points) + 1
-        if min(apart) < 0:
-            raise Unreadable(f"numbers of points from 0 expected, not {min(apart)}")
-    points = points | {k + after for k in apart}
-    world = max(ends["prior"] | poses | points, default=0) + 1
-    edges = [edge._replace(i=world) if edge.role == "prior" else edge for edge in edges]
-    edges.sort(key=lambda edge: (edge.role == "prior", edge.role != "pose"))  # as in proofs
-    return [e._replace(j=e.j + after) if e.role == "apart" else e for e in edges], points
-
-
-# --- The proof ------------------------------------------------------------------------------------
-
-
-class Rejected(NamedTuple):
-    """A claim min(f_e, price) >= price - kappa |Q - C|^2 - tau |v - t|^2, see `constant`."""
-
-    edge: int
-    price: int
-    kappa: int
-    tau: int
-    C: list[list[int]]
-    t: tuple[int, ...]
-
-
-class Within(NamedTuple):
-    """How far a node is from where x has it, in any estimate that costs at most the upper bound.
-
-    Seen from the reference: both are compared in the frame of that pose. Numbers stand for doubles.
-    """
-
-    node: int | None  # by its id; None: every node
-    metres: int | Decimal | None  # None: nothing is said
-    degrees: int | Decimal | None  # points have none
-    reference: int | None  # the pinned pose, by its id; None: the world
-
-    def __str__(self) -> str:
-        far = [(self.metres, "m"), (self.degrees, "degrees")]
-        said = " and ".join(f"{x} {unit}" for x, unit in far if x is not None)
-        node = "every node" if self.node is None else called(self.node)
-        return f"within {said} of every optimum: {node}, seen from {called(self.reference)}"
-
-
-def called(node: int | None) -> str:
-    """A node by its id, which the world has none of."""
-    return "the world" if node is None else f"node {node}"
-
-
-class Proof(NamedTuple):
-    """The content of a proof file; none of it is trusted."""
-
-    q: list[Quaternion]
-    t: list[list[int]]  # empty for rotations alone
-    multipliers: list[list[int]]
-    order: list[int]
-    pin: int
-    exponent: int
-    rejected: list[Rejected]  # empty but for a truncated cost
-    s: list[int]  # ONE but for similarities
-
-
-def read_claim(data: bytes) -> dict[str, Any]:
-    """The header of a proof; decimals stay decimals."""
-    text = bytes(stored(data, "|u1")[0]).decode()
-    given = json.loads(text, parse_float=Decimal, parse_constant=Decimal)
-    absent = {"cost": None, "landmarks": False, "priors": False, "origin": None}
-    claim: dict[str, Any] = {**absent, "within": [], **given}
-    if claim["cost"] is not None:
-        raise Unreadable("integers check proofs of --cost chordal; without --exact, others too")
-    known: dict[str, list[Any]] = {
-        "format": ["certpgo proof"],
-        "version": [1, 3, 4],
-        "kind": ["poses", "rotations", "similarities"],
-        "d": [2, 3],
-        "keep": ["all", "first", "last"],
-        "rotation_information": ["tangent", "rpy", *["quaternion"] * (claim["d"] == 3)],
-        "landmarks": [False, True],
-        "priors": [False, True],
-    }
-    for name, choices in known.items():
-        if not any(claim[name] == x and type(claim[name]) is type(x) for x in choices):
-            raise Unreadable(f"{name} must be {' or '.join(map(str, choices))}")
-    if {type(claim[name]) for name in ("kappa", "tau")} - {type(None), int, Decimal}:
-        raise Unreadable("kappa and tau must be numbers")
-    if not type(claim["pin"]) is type(claim["exponent"]) is int:
-        raise Unreadable("pin and exponent are integers")
-    maps, origin = claim["landmarks"] or claim["priors"], claim["origin"]
-    if maps and (claim["kind"], claim["component_sha256"]) != ("poses", None):
-        raise Unreadable("landmarks and priors are for poses, all of a file's")
-    stated = claim["priors"] and isinstance(origin, list) and [*map(type, origin)]
-    if origin is not None and stated != [Decimal] * claim["d"]:
-        raise Unreadable("an origin is a list of d numbers, for priors")
-    similar = claim["kind"] == "similarities"
-    if similar != (claim["version"] == 4):
-        raise Unreadable("proofs of version 4 are those about similarities")
-    whole = claim["rotation_information"], claim["component_sha256"]
-    if similar and whole != ("tangent", None):
-        raise Unreadable(
-            "a proof is about all similarities of a file, with information of tangents"
-        )
-    for one in claim["within"]:
-        numbers = [x for x in (one["metres"], one["degrees"]) if x is not None]
-        if (
-            not numbers
-            or {*map(type, numbers)} - {int, Decimal}
-            or not all(0 < x < FAR for x in numbers)
-        ):
-            raise Unreadable("claims of distances are positive numbers of metres or degrees")
-        if type(one["node"]) not in (int, type(None)) or (one["degrees"] or 1) > 180:
-            raise Unreadable("nodes are named by ids, and angles are of 180 degrees at most")
-        if similar or (claim["kind"] == "rotations" and one["metres"] is not None):
-            raise Unreadable("no distances are claimed of similarities, nor metres of rotations")
-    return {**claim, "maps": maps}
-
-
-def npy(data: bytes) -> tuple[str, tuple[int, ...], bool, bytes]:
-    """The type, the shape, whether it is by columns, and the bytes of an array in a .npy file."""
-    begin = 12 if data[6] > 1 else 10
-    start = begin + int.from_bytes(data[8:begin], "little")
-    header = ast.literal_eval(data[begin:start].decode())
-    if data[:6] != b"\x93NUMPY":
-        raise Refused("an array expected")
-    return header["descr"], header["shape"], header["fortran_order"], data[start:]
-
-
-def stored(data: bytes, dtype: str, *shape: int) -> list[list[int]]:
-    """The rows of an array in a .npy file, with numbers as unsigned integers."""
-    size, (descr, found, by_columns, numbers) = int(dtype[2:]), npy(data)
-    shape = shape or found
-    if (descr, found) != (dtype, shape):
-        raise Refused(f"{dtype} of shape {shape} expected: another graph's proof?")
-    words = [int.from_bytes(numbers[k : k + size], "little") for k in range(0, len(numbers), size)]
-    n, columns = (shape[0], reduce(mul, shape[1:])) if len(shape) > 1 else (1, *shape)
-    if (len(numbers), len(words)) != (size * len(words), n * columns):
-        raise Refused("an array is not as long as it says")
-    if by_columns:
-        places = (
-            [a + b * shape[1] for a in range(shape[1]) for b in range(shape[2])]
-            if len(shape) > 2
-            else range(columns)
-        )
-        return [[words[k + n * place] for place in places] for k in range(n)]
-    return [words[k : k + columns] for k in range(0, len(words), columns)]
-
-
-def from_bits(word: int, fraction: int = 52, size: int = 64) -> int:
-    """The number of the bits of a double or single: sign, exponent, fraction."""
-    exponent, digits = word >> fraction & (1 << size - fraction - 1) - 1, word & (1 << fraction) - 1
-    if exponent == (1 << size - fraction - 1) - 1:
-        raise Refused("the proof holds numbers that are not finite")
-    digits = (digits | 1 << fraction) << (exponent - 1) if exponent else digits
-    return -digits if word >> size - 1 else digits
-
-
-def read_proof(files: dict[str, bytes], claim: dict[str, Any], graph: Graph) -> Proof:
-    """The arrays of a proof."""
-    n, d, poses = graph.n, claim["d"], claim["kind"] != "rotations"
-
-    def doubles(name: str, n: int, columns: int) -> list[list[int]]:
-        return [[from_bits(word) for word in row] for row in stored(files[name], "<f8", n, columns)]
-
-    q = [quaternion(row) for row in doubles("rotations", n, 2 * d - 2)]
-    t = doubles("translations", n, d) if poses else []
-    multipliers = doubles("multipliers", n, d * (d + 1) // 2)
-    (order,), (delta,) = (
-        stored(files["order"], "<i4", n),
-        stored(files["delta"], "<f4", n * (d + poses)),
-    )
-    for word in delta:  # a hint of which this program has no need
-        from_bits(word, 23, 32)
-    if sorted(order) != list(range(n)):
-        raise Refused("order is no permutation")
-    if not (0 <= claim["pin"] < n and abs(claim["exponent"]) <= 300):
-        raise Refused("pin or exponent out of range")
-    if any(any(multipliers[k]) for k in graph.points):
-        raise Refused("a multiplier of a point, which has no rotation")
-    s = [ONE] * n
-    if graph.free is not None:
-        s = [from_bits(word) for word in stored(files["scales"], "<f8", n)[0]]
-        if any(s[k] != ONE for k in range(n) if k not in graph.free | graph.points):
-            raise Refused("a scale that is known to be 1 is another one")
-        if min(s) <= 0:
-            raise Refused("a scale is not positive")
-    rejected: list[Rejected] = []
-    if claim["version"] == 3:
-        found = stored(files["rejected"], "<i4")[0]
-        k, ends = len(found), [-1, *found, len(graph.edges)]
-        if not (0 < k < len(graph.edges) and all(map(lt, ends, ends[1:]))):
-            raise Refused("rejected measurements must be given by ascending numbers, and not all")
-        rows = doubles("rejections", k, 2 + d * d + (1 + d) * poses)
-        for e, (price, kappa, *row) in zip(found, rows, strict=True):
-            tau, *b = row[d * d :] or [0] * (d + 1)
-            C = [row[d * a : d * a + d] for a in range(d)]
-            rejected.append(Rejected(e, price, kappa, tau, C, tuple(b)))
-    return Proof(q, t, multipliers, order, claim["pin"], claim["exponent"], rejected, s)
 
 
 # --- Both sides -----------------------------------------------------------------------------------
@@ -1084,7 +702,7 @@ def cofactors(M: Matrix) -> Matrix:
     ]
 
 
-def turns_less(G: Matrix, square: Fraction, degrees: int) -> bool:
+def turns_less(G: Matrix, square: Fraction, degrees: Fraction) -> bool:
     """Whether rotations differ by no more than an angle, G being their block and rho^2 = square.
 
     If V is the difference of two rotations by theta, V^T V = 2 (1 - cos(theta)) (I - n n^T), n the
@@ -1093,7 +711,7 @@ def turns_less(G: Matrix, square: Fraction, degrees: int) -> bool:
     tr(H) I - H exceeds rho^2 / (2 (1 - cos(angle))) I.
     """
     bits = 320
-    x = degrees * quarter_turn(bits) // (90 * ONE)
+    x = degrees.numerator * quarter_turn(bits) // (90 * degrees.denominator)
     apart = (1 << bits) - circle(x, bits)[0] - (1 << 33)  # 1 - cos(angle), or less
     if apart <= 0:
         return False
@@ -1119,10 +737,10 @@ def refuse_farther(
     for claim in claims:
         if claim.node is not None and claim.node not in graph.ids:
             raise Refused(f"there is no node {claim.node}")
-        metres, degrees = (None if x is None else double(str(x)) for x in claim[1:3])
+        metres, degrees = (None if x is None else Fraction(x) for x in claim[1:3])
         for k in (k for k in G if claim.node in (None, graph.ids[k])):
-            far = metres is not None and square * G[k][0][0] > Fraction(metres, ONE) ** 2
-            if degrees not in (None, 180 * ONE) and k not in graph.points:
+            far = metres is not None and square * G[k][0][0] > metres**2
+            if degrees is not None and degrees != 180 and k not in graph.points:
                 far |= not turns_less([row[-d:] for row in G[k][-d:]], square, degrees)
             if far:
                 raise Refused(f"{called(graph.ids[k])} may be further away than {claim}")
@@ -1209,89 +827,44 @@ def prove(
 
 
 def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
-    """Check a proof about a graph file; raises `Refused` or `Unreadable`."""
-    path = Path(graph_path)
-    path = path / "EGs.txt" if path.is_dir() else path
+    """Check a proof about a graph file; raises `Refused` or `Unreadable`.
+
+    Both are read by integer_reader.py, in the folder or the package of this file.
+    """
+    name = "integer_reader"
+    reader: Any = import_module(f"{__package__}.{name}" if __package__ else name)
     try:
-        text = path.read_bytes()
-    except OSError as error:
-        raise Unreadable(f"{path}: {error.strerror}") from None
-    try:
-        with zipfile.ZipFile(proof_path) as archive:
-            if any(member.compress_type for member in archive.infolist()):
-                raise Unreadable(f"{proof_path}: its arrays must not be compressed")
-            files = {name.removesuffix(".npy"): archive.read(name) for name in archive.namelist()}
-        claim = read_claim(files["claim"])
-        if hashlib.sha256(text).hexdigest() != claim["graph_sha256"]:
-            raise Refused(f"{path} is not the file that was proven about: its SHA-256 differs")
-        graph = read_graph(text, claim, component(path, claim["component_sha256"]))
-        proof = read_proof(files, claim, graph)
-        claims = tuple(Within(**one, reference=graph.ids[proof.pin]) for one in claim["within"])
-    except (Refused, Unreadable):
-        raise
-    except OSError as error:
-        raise Unreadable(f"{proof_path}: {error.strerror or 'not a readable proof'}") from None
-    except Exception as error:  # damaged archives can raise anything
-        raise Unreadable(f"{proof_path}: not a readable proof ({type(error).__name__})") from None
-    bounds = prove(graph, proof, claim["d"], claims)
-    return Answer(*bounds, about(graph, claim, proof.rejected), claims)
+        text = reader.plain(graph_path, proof_path)
+    except reader.Refused as reason:
+        raise Refused(str(reason)) from None
+    except reader.Unreadable as error:
+        raise Unreadable(str(error)) from None
+    return checked(read(text))
 
 
-def component(path: Path, sha256: str | None) -> set[int] | None:
-    """The nodes of a cc.txt next to the graph, if the proof is about those alone."""
-    if sha256 is None:
-        return None
-    try:
-        text = path.with_name("cc.txt").read_bytes()
-    except OSError as error:
-        raise Unreadable(f"cc.txt beside {path}: {error.strerror}") from None
-    if hashlib.sha256(text).hexdigest() != sha256:
-        raise Refused("cc.txt is not the file that was proven about: its SHA-256 differs")
-    if not re.fullmatch(rb"[0-9\s]*", text):
-        raise Unreadable("cc.txt: ids expected")
-    return set(map(int, text.split()))
-
-
-def about(graph: Graph, claim: dict[str, Any], rejected: list[Rejected]) -> str:
-    """The measurements and how they were read: what F is."""
-    measured = f"the {claim['kind']} of {graph.n} nodes from {len(graph.edges)} measurements"
-    said = ["chordal cost F", measured]
-    for name in ("kappa", "tau")[: 1 + (claim["kind"] != "rotations")]:
-        ones = any(getattr(edge, name) == ONE for edge in graph.edges)
-        none = " (1 without information)" * ones
-        said.append(f"{name} {claim[name] or f'of the file{none}'}")
-    said.append(f"rotational information read as {claim['rotation_information']}")
-    said += [f"with {len(graph.points)} landmarks"] * claim["landmarks"]
-    said += [f"with {sum(e.role == 'prior' for e in graph.edges)} priors"] * claim["priors"]
-    said += ["numbers read as information"] * claim["maps"]
-    added = claim["keep"] == "all"
-    said.append("parallel edges added" if added else f"only the {claim['keep']} of parallel edges")
-    said += ["nodes of cc.txt alone"] * (claim["component_sha256"] is not None)
-    if graph.free is not None:
-        said.append(f"{len(graph.free)} scales unknown")
-        unit = "root mean square scale" if graph.in_mean_unit else "poses of known scale"
-        said.append(f"in the unit of the {unit}")
-    if rejected:
-        low = Context(6, ROUND_FLOOR).divide(min(cut.price for cut in rejected), ONE)
-        high = Context(6, ROUND_CEILING).divide(max(cut.price for cut in rejected), ONE)
-        said.append(f"truncated: {len(rejected)} rejected ones cost {low:g} to {high:g} at most")
-    return ", ".join(said)
+def checked(plain: Plain) -> Answer:
+    """What is proven."""
+    bounds = prove(plain.graph, plain.proof, plain.d, plain.within)
+    return Answer(*bounds, plain.about, plain.within)
 
 
 def main(arguments: list[str]) -> int:
     """Print what is proven; exit codes: 0 proved, 6 refused, 1 unreadable, 2 usage error."""
-    if len(arguments) != 2:
-        sys.stderr.write("usage: integer_checker.py GRAPH PROOF\n")
+    if len(arguments) not in (1, 2):
+        sys.stderr.write("usage: integer_checker.py PLAIN, or GRAPH PROOF\n")
         return 2
     try:
-        answer = check(*arguments)
+        if len(arguments) == 1:
+            answer = checked(read(Path(arguments[0]).read_text()))
+        else:
+            answer = check(*arguments)
         lines = [f"{answer}", f"about {answer.about}", *map(str, answer.within)]
         sys.stdout.write("\n".join(lines) + "\n")
     except Refused as reason:
         sys.stdout.write(f"REFUSED: {reason}\n")
         return 6
-    except Unreadable as reason:
-        sys.stderr.write(f"error: {reason}\n")
+    except (Unreadable, OSError, UnicodeDecodeError) as error:
+        sys.stderr.write(f"error: {error}\n")
         return 1
     return 0
 

@@ -8,10 +8,8 @@ which Coq checks.
 
 from __future__ import annotations
 
-import hashlib
 import sys
 import textwrap
-import zipfile
 from collections.abc import Iterable, Iterator, Sequence
 from decimal import ROUND_FLOOR, Context, Decimal
 from fractions import Fraction
@@ -19,6 +17,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from certpgo import integer_checker as checker
+from certpgo import integer_reader
 
 BITS = 60  # of the factor's columns: more take longer, and fewer may not be enough
 SPARE = 70  # bits of weights
@@ -28,7 +27,7 @@ HEADER = """(** No estimate of the {kind} in {file} costs less than {bound}.
 {about}
     An estimate is a rotation for each of {n} nodes{position}. Statement.v defines its cost, of the
     {m} measurements below. These are doubles, written exactly: those that
-    certpgo/integer_checker.py reads from the file of SHA-256
+    certpgo/integer_reader.py reads from the file of SHA-256
     {digest}.
     Nodes are numbered by ascending id. Coq checks the proof when it compiles this file. *)
 
@@ -70,10 +69,12 @@ def bits(numbers: Iterable[int]) -> int:
     return max(checker.trimmed([*numbers, checker.ONE])[1], 0)
 
 
-def measurements(graph: checker.Graph, poses: bool) -> Iterator[str]:
+def measurements(graph: checker.Graph, d: int, poses: bool) -> Iterator[str]:
     """A line for each edge: nodes, translation, quaternion, kappa and tau."""
     for edge in graph.edges:
-        step, turn = ("; ".join(map(hexadecimal, x)) for x in (edge.t, near_one(edge.q)))
+        step, turn = (
+            "; ".join(map(hexadecimal, x)) for x in (edge.t or (0,) * d, near_one(edge.q))
+        )
         weights = f"{hexadecimal(edge.kappa)} {hexadecimal(edge.tau * poses)}"
         yield f"Edge {edge.i} {edge.j} [{step}] [{turn}] {weights}"
 
@@ -106,14 +107,8 @@ def hints(
 
 def theorem(name: str, path: Path, proof_path: Path, precision: int = BITS) -> str:
     """The file for Coq."""
-    text = path.read_bytes()
-    with zipfile.ZipFile(proof_path) as archive:
-        files = {member.removesuffix(".npy"): archive.read(member) for member in archive.namelist()}
-    claim, digest = checker.read_claim(files["claim"]), hashlib.sha256(text).hexdigest()
-    if digest != claim["graph_sha256"]:
-        raise checker.Refused(f"{path} is not the file that was proven about: its SHA-256 differs")
-    graph = checker.read_graph(text, claim, checker.component(path, claim["component_sha256"]))
-    proof, d, poses = checker.read_proof(files, claim, graph), claim["d"], claim["kind"] == "poses"
+    plain = checker.read(integer_reader.plain(path, proof_path))
+    graph, proof, d, poses = plain.graph, plain.proof, plain.d, plain.kind == "poses"
     if graph.free is not None:
         raise checker.Refused("the theorem is about poses of known scale, not about similarities")
     if proof.rejected:
@@ -125,12 +120,12 @@ def theorem(name: str, path: Path, proof_path: Path, precision: int = BITS) -> s
     said = {
         "name": name,
         "file": path.name,
-        "kind": claim["kind"],
-        "about": indented(f"This is about {checker.about(graph, claim, [])}."),
+        "kind": plain.kind,
+        "about": indented(f"This is about {plain.about}."),
         "n": graph.n,
         "m": len(graph.edges),
         "position": " and a position" if poses else "",
-        "digest": digest,
+        "digest": plain.sha256,
         "d": d,
         "bound": f"{floor.divide(Decimal(bound.numerator), Decimal(bound.denominator)):f}",
     }
@@ -138,7 +133,7 @@ def theorem(name: str, path: Path, proof_path: Path, precision: int = BITS) -> s
         (
             HEADER.format(**said),
             f"\nDefinition {name}_graph : list edge := [\n",
-            ";\n".join(measurements(graph, poses)),
+            ";\n".join(measurements(graph, d, poses)),
             f"]%Q.\n\nDefinition {name}_proof : proof := Proof {fields}%Z.\n",
             THEOREM.format(**said),
         )
@@ -153,7 +148,12 @@ def main(arguments: Sequence[str]) -> int:
     name, graph, proof = arguments[:3]
     try:
         sys.stdout.write(theorem(name, Path(graph), Path(proof), *map(int, arguments[3:])))
-    except (checker.Refused, checker.Unreadable, OSError) as reason:
+    except (
+        checker.Refused,
+        checker.Unreadable,
+        integer_reader.Refused,
+        integer_reader.Unreadable,
+    ) as reason:
         sys.stderr.write(f"error: {reason}\n")
         return 1
     return 0

@@ -379,8 +379,7 @@ def test_angles_are_those_of_two_eigenvalues(seed, d, decade):
         if share < 0.999 and degrees <= 180.0:
             many = np.array([whole], dtype=object)
             assert checker.turns_less(many, Fraction(square), degrees)[0] == (more > 1.0)
-            exact = integer_checker.double(repr(float(degrees)))
-            found = integer_checker.turns_less(whole, Fraction(square), exact)
+            found = integer_checker.turns_less(whole, Fraction(square), Fraction(degrees))
             assert found == (more > 1.0)
 
 
@@ -388,8 +387,7 @@ def test_half_a_turn_is_never_claimed_of_what_may_turn_freely():
     for degrees in (1e-200, 1e-40, 90.0, 179.9):
         G, square = np.array([[[1, 0], [0, 1]]], dtype=object), Fraction(10**6)
         assert not checker.turns_less(G, square, degrees).any()
-        exact = integer_checker.double(repr(degrees))
-        assert not integer_checker.turns_less([[1, 0], [0, 1]], square, exact)
+        assert not integer_checker.turns_less([[1, 0], [0, 1]], square, Fraction(degrees))
 
 
 @pytest.mark.parametrize("of", BOTH)

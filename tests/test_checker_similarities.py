@@ -22,12 +22,13 @@ from certpgo import (
     Instance,
     checker,
     integer_checker,
+    integer_reader,
 )
 from certpgo.graph import RotationGraph, SimilarityGraph
 from certpgo.io.datasets.monocular import in_one_unit, random_maps
 from certpgo.solve.proving import write_proof
 
-BOTH = (checker, integer_checker)
+BOTH, READERS = (checker, integer_checker), (checker, integer_reader)
 
 
 def proven(folder, graph, name="map.npz"):
@@ -115,7 +116,7 @@ def test_two_maps_by_hand(tmp_path, mean, least):
 
 def mapped(q, t, s, graph, mean=False):
     """What both checkers say that poses (q, t, s) cost at most; the first has a known scale."""
-    bits = np.vectorize(lambda x: integer_checker.nearest(*x.as_integer_ratio()), otypes=[object])
+    bits = np.vectorize(lambda x: integer_reader.nearest(*x.as_integer_ratio()), otypes=[object])
     i, j, measured, steps, scales = graph
     q, t, s, steps, scales = (np.array(x, dtype=float) for x in (q, t, s, steps, scales))
     free, ones = np.arange(len(s)) >= (not mean), np.ones(len(scales))
@@ -137,12 +138,12 @@ def mapped(q, t, s, graph, mean=False):
     one = integer_checker.ONE
     edges = [
         integer_checker.Edge(
-            i, j, integer_checker.quaternion(bits(m).tolist()), tuple(u), one, one, "pose", x
+            i, j, integer_reader.quaternion(bits(m).tolist()), tuple(u), one, one, x
         )
         for i, j, m, u, x in rows
     ]
     other = integer_checker.Graph(len(s), edges, set(), set(np.flatnonzero(free).tolist()))
-    turns = [integer_checker.quaternion(row) for row in bits(q).tolist()]
+    turns = [integer_reader.quaternion(row) for row in bits(q).tolist()]
     proof = integer_checker.Proof(turns, bits(t).tolist(), [], [], 0, 0, [], bits(s).tolist())
     exact = integer_checker.upper_bound(other, proof, t.shape[1])
     return checker.upper_bound(own, q, t, None, s), exact
@@ -207,8 +208,8 @@ def test_the_matrix_of_a_tiny_scale_is_exact():
     across = np.ldexp(blocks.high[1] + blocks.low[1], normal - r[:1] - c[1:])
     assert diagonal.tolist() == [np.diag([1.0, s * s, s * s]).tolist(), np.eye(3).tolist()]
     assert across.tolist() == [np.diag([0.0, -s, -s]).tolist()]
-    bits = integer_checker.nearest(*s.as_integer_ratio()), integer_checker.ONE
-    edge = integer_checker.Edge(0, 1, (0, 0, 0, 1), (0, 0), bits[1], bits[1], "pose", bits[0])
+    bits = integer_reader.nearest(*s.as_integer_ratio()), integer_checker.ONE
+    edge = integer_checker.Edge(0, 1, (0, 0, 0, 1), (0, 0), bits[1], bits[1], bits[0])
     other = integer_checker.Proof([], zeros.tolist(), none.astype(int).tolist(), [], 0, 0, [], [])
     A, [(p, q, N, D)], unit = integer_checker.certificate_matrix(
         integer_checker.Graph(2, [edge], set(), {1}), other, 2, {0: -1, 1: 2}, {0: 0, 1: 3}
@@ -236,7 +237,7 @@ def test_a_trace_at_an_unknown_scale_is_not_negative(own, allowed):
     rows, one = [[0.5, 7.0, 1.5], own], np.ones(1)
     graph = checker.Graph(2, np.array([0]), np.array([1]), None, np.zeros((1, 2)), one, one)
     graph = graph._replace(scales=one, free=np.array([False, True]))
-    bits = [[integer_checker.nearest(*x.as_integer_ratio()) for x in row] for row in rows]
+    bits = [[integer_reader.nearest(*x.as_integer_ratio()) for x in row] for row in rows]
     proof = integer_checker.Proof([], [], bits, [], 0, 0, [], [])
     for program, asked in (
         (checker, (graph, np.array(rows), np.zeros(0))),
@@ -353,7 +354,7 @@ def test_exponentials_of_similarities(v, size):
     assert np.abs(s * R - wanted[:3, :3]).max() < 1e-12 * scale
     assert np.abs(np.array(t) - wanted[:3, 3]).max() < 1e-12 * scale
     assert s == pytest.approx(math.exp(sigma), rel=1e-15)
-    mine = integer_checker.similarity([integer_checker.nearest(*exact(x)) for x in v])
+    mine = integer_reader.similarity([integer_reader.nearest(*exact(x)) for x in v])
     assert [float(Fraction(x, integer_checker.ONE)) for x in (*mine[0], *mine[1], mine[2])] == [
         *q,
         *t,
@@ -412,7 +413,7 @@ CLAIM = {
 def test_both_read_the_numbers_that_the_package_reads(essential):
     graph = certpgo.read(essential, quiet=True).graph
     mine = checker.read_graph(essential.read_bytes(), CLAIM, None)
-    theirs = integer_checker.read_graph(essential.read_bytes(), CLAIM, None)
+    theirs = integer_reader.read_graph(essential.read_bytes(), CLAIM, None)
     assert np.flatnonzero(~mine.free).tolist() == [3]
     assert theirs.free == set(np.flatnonzero(mine.free).tolist())
     assert np.array_equal(mine.kappa, graph.kappa)
@@ -450,7 +451,7 @@ def test_the_unit_is_the_least_fixed_node_for_all_readers(tmp_path, begin, unit)
     assert (
         checker.read_graph(path.read_bytes(), CLAIM, None).free.tolist() == own.graph.free.tolist()
     )
-    theirs = integer_checker.read_graph(path.read_bytes(), CLAIM, None)
+    theirs = integer_reader.read_graph(path.read_bytes(), CLAIM, None)
     assert theirs.free == set(np.flatnonzero(own.graph.free).tolist())
 
 
@@ -469,7 +470,7 @@ def test_the_unit_is_the_least_fixed_node_for_all_readers(tmp_path, begin, unit)
         ("FIX 1_1", "FIX"),
     ],
 )
-@pytest.mark.parametrize("program", BOTH)
+@pytest.mark.parametrize("program", READERS)
 def test_unreadable_lines_are_named(essential, program, line, expected):
     text = essential.read_bytes() + line.encode() + b"\n"
     with pytest.raises((program.Unreadable, program.Refused), match=expected):
@@ -483,14 +484,14 @@ def test_translations_may_be_huge():
     assert far == pytest.approx([math.ldexp(x, 300) for x in t], rel=1e-15)
 
 
-@pytest.mark.parametrize("program", BOTH)
+@pytest.mark.parametrize("program", READERS)
 def test_turns_of_ten_radians_and_scales_of_e_to_69_are_read(essential, program):
     for numbers in ("10 0 0 0 0 0 0", "0 0 0 0 0 0 69", "0 0 -10 0 0 0 -69"):
         text = essential.read_bytes() + f"EDGE_SIM3:EXPMAP 5 7 {numbers}\n".encode()
         assert program.read_graph(text, CLAIM, None)
 
 
-@pytest.mark.parametrize("program", BOTH)
+@pytest.mark.parametrize("program", READERS)
 def test_information_that_is_not_used_is_read_too(essential, program):
     unused = {**CLAIM, "kappa": 1.0, "tau": 1.0}
     line = "EDGE_SIM3:EXPMAP 5 7 0 0 0 0 0 0 0" + " 1" * 28
@@ -502,7 +503,7 @@ def test_information_that_is_not_used_is_read_too(essential, program):
             program.read_graph(essential.read_bytes() + spoiled.encode() + b"\n", unused, None)
 
 
-@pytest.mark.parametrize("program", BOTH)
+@pytest.mark.parametrize("program", READERS)
 def test_arrays_have_a_header_of_any_version(small, program):
     path, arrays, _ = small
     claim, members = proofs.claim_of(arrays), {}
@@ -568,7 +569,7 @@ def test_archives_that_are_no_graph_are_refused(small, changes):
     assert [x.lower > 0.0 for x in verdicts(path, rewritten(path, arrays))] == [True, True]
     tried = rewritten(path, arrays, **changes)
     assert refused(path, tried)
-    for program in BOTH:
+    for program in READERS:
         with pytest.raises((program.Unreadable, program.Refused)):
             program.read_archive(path.read_bytes(), proofs.claim_of(tried))
 

@@ -16,7 +16,7 @@ from strategies import pose_graph, rng_of, seeds
 from test_integer_checker import CLAIM
 
 import certpgo
-from certpgo import cycle_checker, integer_checker
+from certpgo import cycle_checker, integer_reader
 from certpgo.certify.cycle_file import write_cycles
 from certpgo.certify.cycles import prove
 from certpgo.graph import Estimate
@@ -61,11 +61,11 @@ def example(request, tmp_path_factory):
 
 @given(st.floats(-7.0, 7.0) | st.floats(-64.0, 64.0) | st.floats(-1e-300, 1e-300))
 @settings(max_examples=60)
-def test_half_angles_are_those_of_the_integer_checker(theta):
+def test_half_angles_are_those_of_the_integer_reader(theta):
     if 0.0 < abs(theta) < 1e-300:
         return
-    one = integer_checker.ONE
-    cosine, sine = integer_checker.half_angle(int(Fraction(theta) * one))
+    one = integer_reader.ONE
+    cosine, sine = integer_reader.half_angle(int(Fraction(theta) * one))
     assert cycle_checker.half_angle(theta) == [0, 0, sine / one, cosine / one]
 
 
@@ -82,8 +82,8 @@ def test_a_file_is_read_as_by_the_integer_checker(tmp_path_factory, seed, d, rea
     path = tmp_path_factory.mktemp("read") / "graph.g2o"
     certpgo.write(path, pose_graph(rng_of(seed), 5, d)[0])
     text, claim = path.read_bytes(), {**CLAIM, "d": d, "rotation_information": read_as}
-    one = integer_checker.ONE
-    theirs = integer_checker.read_graph(text, claim, None).edges
+    one = integer_reader.ONE
+    theirs = integer_reader.read_graph(text, claim, None).edges
     ours = cycle_checker.read_graph(text.decode(), claim)
     assert len(ours) == len(theirs)
     for (i, j, q, kappa), edge in zip(ours, theirs, strict=True):

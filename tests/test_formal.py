@@ -14,6 +14,7 @@ from strategies import point_graph, pose_graph, rng_of, rotation_graph
 
 import certpgo
 from certpgo import integer_checker as exact
+from certpgo import integer_reader
 from certpgo.io.datasets.monocular import random_maps
 
 FORMAL = Path(__file__).parents[1] / "formal"
@@ -84,7 +85,7 @@ def test_measurements_are_written_exactly(tmp_path):
         claim = {"d": graph.d, "priors": False, "landmarks": name == "Points", "maps": False}
         claim |= {"keep": "all", "kappa": None, "tau": None, "origin": None}
         claim |= {"rotation_information": "tangent"}
-        read = exact.read_graph(path.read_bytes(), claim, None)
+        read = integer_reader.read_graph(path.read_bytes(), claim, None)
         for line, edge in zip(lines, read.edges, strict=True):
             ids, step, turn, weights = re.fullmatch(
                 r"Edge (\d+ \d+) \[(.*)\] \[(.*)\] (\S+ [^\s;\]]+).*", line

@@ -1,6 +1,8 @@
 """The integer checker: its numbers, its proofs, and that it agrees with the first checker."""
 
 import os
+import re
+import shutil
 import subprocess
 import sys
 from decimal import Decimal
@@ -18,6 +20,7 @@ from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 import certpgo
 from certpgo import checker
 from certpgo import integer_checker as exact
+from certpgo import integer_reader as reader
 from certpgo.graph.components import rotations_alone
 from certpgo.solve.proving import write_proof
 from reports.studies.damaged_proofs import (
@@ -31,7 +34,7 @@ ONE = exact.ONE
 #: How many damaged proofs are compared; more on demand, as in `reports.studies.damaged_proofs`.
 PROOFS = int(os.environ.get("CERTPGO_MUTATIONS", "160")) // 16
 CLAIM = {"d": 2, "keep": "all", "rotation_information": "tangent", "kappa": None, "tau": None}
-CLAIM |= {"landmarks": False, "priors": False, "origin": None, "maps": False}
+CLAIM |= {"cost": None, "landmarks": False, "priors": False, "origin": None, "maps": False}
 
 
 def stored(x):
@@ -59,7 +62,7 @@ def tried(path, arrays):
 
 
 def read(text, **options):
-    return exact.read_graph(text.encode(), {**CLAIM, **options}, None)
+    return reader.read_graph(text.encode(), {**CLAIM, **options}, None)
 
 
 # --- Numbers
@@ -72,34 +75,34 @@ def read(text, **options):
 @example(3, 2**1075)
 @example(2**1024 - 2**970 - 1, 1)
 def test_nearest_is_the_nearest_double(n, d):
-    assert exact.nearest(n, d) == stored(n / d)
+    assert reader.nearest(n, d) == stored(n / d)
 
 
 def test_what_is_not_finite_is_refused():
     for word in ("1e309", "-1e309", "1e99999999", str(2**1024 - 2**970)):
         with pytest.raises(ValueError, match="finite"):
-            exact.double(word)
+            reader.double(word)
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False))
 @example(5e-324)
 @example(1.7976931348623157e308)
 def test_words_and_bits_are_doubles(x):
-    assert exact.double(repr(x)) == stored(x)
-    assert exact.from_bits(int.from_bytes(np.float64(x).tobytes(), "little")) == stored(x)
+    assert reader.double(repr(x)) == stored(x)
+    assert reader.from_bits(int.from_bytes(np.float64(x).tobytes(), "little")) == stored(x)
 
 
 @pytest.mark.parametrize(
     ("word", "x"), [("+.5", 0.5), ("5.", 5.0), ("0e99999999", 0.0), ("1e-9999999", 0.0), ("-0", 0)]
 )
 def test_decimals_may_be_spelled_in_these_ways(word, x):
-    assert exact.double(word) == stored(x)
+    assert reader.double(word) == stored(x)
 
 
 @pytest.mark.parametrize("word", ["", ".", "e5", "1e", "1e+", "--1", "1.2.3", "nan", "1_0", "0x1"])
 def test_what_is_no_decimal_is_refused(word):
     with pytest.raises(ValueError, match="decimal"):
-        exact.double(word)
+        reader.double(word)
 
 
 @given(st.floats(-1e6, 1e6) | st.floats(-4.0, 4.0) | st.floats(-1e-300, 1e-300))
@@ -111,15 +114,15 @@ def test_what_is_no_decimal_is_refused(word):
 def test_half_angles_are_those_of_the_first_checker(theta):
     if 0.0 < abs(theta) < 1e-300:  # within a unit of the last bit of the smallest doubles
         return
-    assert exact.half_angle(stored(theta)) == tuple(
+    assert reader.half_angle(stored(theta)) == tuple(
         map(stored, checker.half_angles(np.array([theta]))[0].tolist())
     )
 
 
 def test_angles_are_not_too_large():
-    assert exact.half_angle(stored(1e6))
+    assert reader.half_angle(stored(1e6))
     with pytest.raises(ValueError, match="radians"):
-        exact.half_angle(stored(np.nextafter(1e6, 2e6)))
+        reader.half_angle(stored(np.nextafter(1e6, 2e6)))
 
 
 def test_circle_is_as_close_as_it_says():
@@ -141,12 +144,12 @@ def test_weights_are_those_of_the_first_checker(seed, count):
     A = (B @ B.T + 0.1 * np.eye(p)) * 10.0 ** rng.integers(-5, 6)
     words = tuple(repr(float(x)) for x in A[np.triu_indices(p)])
     if count in (6, 21):
-        given = exact.weights(words, True)
+        given = reader.weights(words, True)
         wanted = checker.weights(tuple(word.encode() for word in words), checker.harmonic_mean)
         assert given == tuple(map(stored, wanted))
     if count in (3, 6):
         tau = checker.harmonic_mean([word.encode() for word in words], 1)
-        assert exact.weights(words, False) == (0, stored(tau))
+        assert reader.weights(words, False) == (0, stored(tau))
 
 
 @pytest.mark.parametrize(
@@ -165,24 +168,26 @@ def test_weights_are_those_of_the_first_checker(seed, count):
 )
 def test_weights_are_of_definite_matrices(words, reason):
     with pytest.raises(ValueError, match=reason):
-        exact.harmonic_mean(words.split())
+        reader.harmonic_mean(words.split())
 
 
 def test_weights_of_powers_of_ten():
-    assert exact.harmonic_mean(["2e3"]) == stored(2000.0)
-    assert exact.harmonic_mean(["2e2", "0e2", "200"]) == stored(200.0)
+    assert reader.harmonic_mean(["2e3"]) == stored(2000.0)
+    assert reader.harmonic_mean(["2e2", "0e2", "200"]) == stored(200.0)
 
 
 @given(seeds)
 def test_matrices_become_the_quaternions_of_the_first_checker(seed):
     R = certpgo.linalg.rotations.random(rng_of(seed), 1, 3)[0].ravel().tolist()
     R = R if seed % 3 else [round(x, 4) for x in R]
-    assert exact.shepperd([stored(x) for x in R]) == [stored(x) for x in checker.shepperd(tuple(R))]
+    assert reader.shepperd([stored(x) for x in R]) == [
+        stored(x) for x in checker.shepperd(tuple(R))
+    ]
 
 
 def test_matrices_are_near_rotations():
     for row in ("1 0 0 0 1 0 0 0 -1", "1 0 0 0 1 0 0 0 1.001", "2 0 0 0 1 0 0 0 1"):
-        with pytest.raises(exact.Unreadable, match="line 1: a rotation matrix expected"):
+        with pytest.raises(reader.Unreadable, match="line 1: a rotation matrix expected"):
             read(f"0 1 {row} 0 0 0\n", d=3)
     assert read("0 1 1 0 0 0 1 0 0 0 1.0004 0 0 0\n", d=3).n == 2
 
@@ -227,7 +232,7 @@ def test_quaternions_multiply_as_rotations_do(a, b):
     ],
 )
 def test_unreadable_lines_are_named(text, options, reason):
-    with pytest.raises(exact.Unreadable, match=reason) as error:
+    with pytest.raises(reader.Unreadable, match=reason) as error:
         read(text, **options)
     assert "\n" not in str(error.value)
 
@@ -235,10 +240,10 @@ def test_unreadable_lines_are_named(text, options, reason):
 MAP = {"landmarks": True, "priors": True, "maps": True}
 
 
-@pytest.mark.parametrize("tag", exact.TAGS)
+@pytest.mark.parametrize("tag", reader.TAGS)
 @pytest.mark.parametrize("weighted", [False, True])
 def test_both_checkers_read_the_same_lines(tag, weighted):
-    role, d, turned = exact.TAGS[tag]
+    role, d, turned = reader.TAGS[tag]
     size, p = (4 * d - 5) if turned else d, (3 * d - 3) if turned else d
     words = [tag, *["3", "7"][role == "prior" :], *["0"] * (d == 3 and role != "pose")]
     words += ["1.25", "-0.5", "0.75", "0.1", "0.2", "-0.3", "0.9"][:size]
@@ -253,9 +258,9 @@ def test_both_checkers_read_the_same_lines(tag, weighted):
 def test_both_checkers_read_matrices():
     text = "1 2 0 -1 0 1 0 0 0 0 1 7 8 9\n2 3 1 0 0 0 -1 0 0 0 -1.00001 7 8 9\n"
     assert compared_reading(text.encode(), {**CLAIM, "d": 3}) == "both read the same"
-    assert exact.quaternion([stored(0.5), 0]) == (0, 0, 0, 1)
-    with pytest.raises(exact.Unreadable, match="no measurements"):
-        exact.read_graph(text.encode(), {**CLAIM, "d": 3}, {1})
+    assert reader.quaternion([stored(0.5), 0]) == (0, 0, 0, 1)
+    with pytest.raises(reader.Unreadable, match="no measurements"):
+        reader.read_graph(text.encode(), {**CLAIM, "d": 3}, {1})
 
 
 @pytest.mark.parametrize(
@@ -268,7 +273,7 @@ def test_both_checkers_read_matrices():
     ],
 )
 def test_a_point_has_no_rotation(text, reason):
-    with pytest.raises(exact.Unreadable, match=reason):
+    with pytest.raises(reader.Unreadable, match=reason):
         read("EDGE_SE2 0 1 1 0 0\n" + text, **MAP)
 
 
@@ -286,7 +291,7 @@ def test_sensors_are_at_the_origin_of_their_body():
     here, there = "PARAMS_SE3OFFSET 1 0 0 0 0 0 0 2\n", "PARAMS_SE3OFFSET 1 0 0 1 0 0 0 1\n"
     assert read(text + here, d=3, **MAP).n == 3
     for more in ("", there, here + there, there + here, here.replace("2", "0")):
-        with pytest.raises(exact.Unreadable, match="sensor 1"):
+        with pytest.raises(reader.Unreadable, match="sensor 1"):
             read(text + more, d=3, **MAP)
 
 
@@ -294,7 +299,7 @@ def test_an_origin_is_subtracted_without_rounding():
     text = "EDGE_SE2 0 1 1 0 0\nEDGE_SE2_GPS 0 1048576.5 8\n"
     graph = read(text, origin=[Decimal("1048576.0"), Decimal("0.5")], **MAP)
     assert graph.edges[1].t == (stored(0.5), stored(7.5))
-    with pytest.raises(exact.Refused, match="not a double"):
+    with pytest.raises(reader.Refused, match="not a double"):
         read(text, origin=[Decimal("0.1"), Decimal("0.0")], **MAP)
 
 
@@ -618,27 +623,81 @@ def test_what_is_printed_is_rounded_outwards():
 # --- By itself
 
 
-def test_works_as_a_file_by_itself(small, tmp_path):
+def test_works_as_files_by_themselves(small, tmp_path):
+    """The checker needs nothing but a plain proof, and its reader nothing but Python."""
     path, arrays = small
-    said = tried(path, arrays)
-    alone = tmp_path / "alone"
+    said, alone = tried(path, arrays), tmp_path / "alone"
     alone.mkdir()
-    program = alone / "check.py"
-    program.write_bytes(Path(exact.__file__).read_bytes())
+    proof, plain = path.with_name("tried.cert"), alone / "plain.txt"
+    reading, checking = (shutil.copy(module.__file__, alone) for module in (reader, exact))
 
-    def run(*arguments):
-        command = [sys.executable, "-I", "-S", str(program), *map(str, arguments)]
+    def run(*command):
+        command = [sys.executable, "-E", "-s", "-S", *map(str, command)]
         done = subprocess.run(command, capture_output=True, text=True, cwd=alone, timeout=60)
         return done.returncode, done.stdout, done.stderr
 
-    assert run(path, path.with_name("tried.cert")) == (0, f"{said}\nabout {said.about}\n", "")
-    code, out, err = run(path, path)
-    assert (code, out, err.count("\n")) == (1, "", 1)
-    assert "not a readable proof" in err
-    assert run(path, tmp_path / "nowhere.cert")[0] == 1
-    assert run(path)[0] == 2
+    printed = f"{said}\nabout {said.about}\n"
+    assert run(checking, path, proof) == (0, printed, "")
+    code, text, err = run(reading, path, proof)
+    assert (code, text, err) == (0, reader.plain(path, proof), "")
+    plain.write_text(text)
+    for program in (reading, checking):
+        assert run(program)[0] == 2
+        code, out, err = run(program, path, path)
+        assert (code, out, err.count("\n")) == (1, "", 1)
+        assert "not a readable proof" in err
+        assert run(program, path, tmp_path / "nowhere.cert")[0] == 1
     other = tmp_path / "other.g2o"
     other.write_text(path.read_text() + "\n")
-    code, out, _ = run(other, path.with_name("tried.cert"))
+    code, out, _ = run(checking, other, proof)
     assert code == 6
     assert "SHA-256" in out
+    Path(reading).unlink()
+    assert run(checking, plain) == (0, printed, "")
+    assert run(checking, path)[0] == 1
+    plain.write_text(text[:-9])
+    assert run(checking, plain)[0] == 1
+
+
+def test_the_example_of_the_page():
+    page = (Path(__file__).parents[1] / "docs" / "plain_proofs.md").read_text()
+    block = re.search(r"\n\n((    .*\n)+)\nThe estimate", page)[1]
+    said = exact.checked(exact.read(block.replace("    ", "")))
+    assert f"    {said}\n    about {said.about}\n" in page
+    assert said.lower == 3
+    assert 0 < said.upper - Fraction(16, 5) < Fraction(1, 1 << 1390)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "reason"),
+    [
+        (r"proof 1", "proof 2", "not a plain proof"),
+        (r"\ncost chordal", "\ncost other", "--cost chordal"),
+        (r"\ncost .*", "", "another line expected than 'pose"),
+        (r"(\ncost .*)", r"\1\1", "another line expected than 'cost"),
+        (r"\npin .*", "", "pin"),
+        (r"\npose 0 ", "\npose zero ", "invalid literal"),
+        (r"\npose (\d+) \S+", r"\npose \1", "13 numbers expected, not 12"),
+        (r"\nedge \d+", r"\nedge 6", "between two nodes"),
+        (r"\nedge \d+", r"\nedge -1", "between two nodes"),
+        (r"\nedge (\d+) \d+", r"\nedge \1 \1", "between two nodes"),
+        (r"\nedge (\d+ \d+) ", r"\nedge \1 -", "not positive"),
+        (r"\nedge (\d+ \d+ \S+) ", r"\nedge \1 -", "not positive"),
+        (r"\npose (\d+) (\S+ ){4}", r"\npoint \1 ", "3 numbers expected"),
+        (r"p-", "p-99999", "shift"),
+        (r"p-", "p9999", "beyond doubles"),
+        (r"\norder (\d) \d", r"\norder \1 \1", "permutation"),
+        (r"\norder .*", "\norder", "permutation"),
+        (r"\npin \d", "\npin 6", "out of range"),
+        (r"\npin (\d) .*", r"\npin \1 301", "out of range"),
+    ],
+)
+def test_plain_proofs_that_are_damaged_are_refused_with_the_line(small, before, after, reason):
+    path, arrays = small
+    path.with_name("tried.cert").write_bytes(proofs.repacked(arrays))
+    text = reader.plain(path, path.with_name("tried.cert"))
+    other = re.sub(before, after, text, count=1)
+    assert other != text
+    with pytest.raises((exact.Unreadable, exact.Refused), match=reason) as error:
+        exact.read(other)
+    assert "\n" not in str(error.value)

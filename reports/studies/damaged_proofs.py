@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 import certpgo
-from certpgo import CertPGOError, checker, integer_checker
+from certpgo import CertPGOError, checker, integer_checker, integer_reader
 from certpgo.graph.components import rotations_alone
 from certpgo.solve.proving import write_proof
 from reports.studies._printing import RESULTS, options
@@ -182,7 +182,7 @@ def compared_reading(text: bytes, claim: dict[str, Any]) -> str:
     found: list[Any] = []
     options = {"cost": None, "landmarks": False, "priors": False, "origin": None} | claim
     options["maps"] = options["landmarks"] or options["priors"]
-    for program, given in ((checker, claim), (integer_checker, options)):
+    for program, given in ((checker, claim), (integer_reader, options)):
         try:
             found.append(program.read_graph(text, given, None))
         except (program.Refused, program.Unreadable) as reason:

@@ -69,6 +69,11 @@ TESTS = {
     ),
     "certpgo/certify/multipliers.py": ("certify/test_shifted*", "certify/test_dual*"),
     "certpgo/certify/units.py": ("certify/test_extremes*",),
+    "certpgo/integer_reader.py": (
+        "test_integer_checker*",
+        "test_checker_similarities*",
+        "test_cycle_checker*",
+    ),
     "certpgo/integer_checker.py": (
         "test_integer_checker*",
         "test_checker_similarities*",

@@ -13,7 +13,7 @@ from strategies import point_graph, rng_of
 from test_truncated import doubtful_graph
 
 import certpgo
-from certpgo import InputError, certify, checker, integer_checker, solve
+from certpgo import InputError, certify, checker, integer_checker, integer_reader, solve
 from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.truncated_cost import TruncatedCost
 from certpgo.solve.proving import write_proof
@@ -282,8 +282,8 @@ def verdicts(q, t, kappa, tau, price, beta, C, gamma, b):
     def all_exact(x):
         return [exact(number) for number in x]
 
-    turn = integer_checker.quaternion(all_exact(q[0]))
-    edge = integer_checker.Edge(0, 1, turn, all_exact(t), exact(kappa), exact(tau), "pose")
+    turn = integer_reader.quaternion(all_exact(q[0]))
+    edge = integer_checker.Edge(0, 1, turn, all_exact(t), exact(kappa), exact(tau))
     weights = exact(price), exact(beta), exact(gamma)
     cut = integer_checker.Rejected(0, *weights, [all_exact(row) for row in C], all_exact(b))
     unused = beta == gamma == 0.0
