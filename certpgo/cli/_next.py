@@ -82,6 +82,20 @@ def steps_after(
     ]
 
 
+def step_after_rejecting(certificate: Certificate, part: Instance, asked: Asked) -> list[str]:
+    """Where a robust fit is not certified, what asks for other mistakes."""
+    import shlex
+
+    from certpgo.cli._paging import arguments
+    from certpgo.view.advice import cost_options
+
+    if certificate.verdict.value == "CERTIFIED":
+        return []
+    cost = cost_options(part, asked.cost)
+    words = ("certpgo", "diagnose", asked.graph, *cost, *arguments(asked.reading))
+    return [f"See which mistake explains it: {shlex.join(words)}"]
+
+
 def is_better_known(found: Assessment, json: bool) -> bool:
     """Whether a better estimate was found that no printed step says how to write."""
     c = found.certificate

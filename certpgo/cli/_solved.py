@@ -12,7 +12,7 @@ import typer
 
 from certpgo.cli import _uncertainty, _verdict
 from certpgo.cli._cause import cause, cause_as_json, cause_of, cause_of_squares, remark_of
-from certpgo.cli._next import Asked, steps_after
+from certpgo.cli._next import Asked, step_after_rejecting, steps_after
 from certpgo.cli._outputs import Outputs, Result
 from certpgo.cli._paging import origin_of, write_page
 from certpgo.cli._proving import prove
@@ -289,6 +289,8 @@ class Solved(Result):
 
     def _steps(self, written: str) -> list[str]:
         """What to do next after the certified search."""
+        if self.certificate is not None and self.method == "robust":
+            return step_after_rejecting(self.certificate, self.part, self.asked)
         if self.certificate is None or self.method != "certified":
             return []
         return steps_after(

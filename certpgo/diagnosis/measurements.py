@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo.diagnosis import ids, judged, noise, sensors, weights, wrong
+from certpgo.diagnosis import ids, judged, noise, rotation_readings, sensors, weights, wrong
 from certpgo.diagnosis.edge_readings import IN_DEGREES, READINGS, EdgeReading
 from certpgo.diagnosis.estimates import HARDLY, LIKELY, SHARE, UNITS
 from certpgo.diagnosis.examined import Examined
@@ -127,7 +127,8 @@ def found(examined: Examined) -> Iterator[Finding]:
     if single is None and (told := ids.used_twice(examined)) is not None:
         yield told
         return
-    if (told := convention(examined, single is None)) is not None:
+    told = convention(examined, single is None) or rotation_readings.found(examined)
+    if told is not None:
         yield told
         return
     examined.trying("stiff-edge")

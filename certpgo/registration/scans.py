@@ -83,7 +83,9 @@ def _reader_of(path: Path, head: bytes) -> Callable[[Path], FloatArray]:
     if path.suffix == ".bin":
         return read_kitti
     first = next((line for line in head.splitlines() if line.strip()), b"")
-    return read_csv if path.suffix == ".csv" or first.count(b",") >= 2 else _read_xyz
+    by_blanks = b"," not in first and len(first.split()) >= 3
+    is_csv = first.count(b",") >= 2 or (path.suffix == ".csv" and not by_blanks)
+    return read_csv if is_csv else _read_xyz
 
 
 def _read_xyz(path: Path) -> FloatArray:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import itertools
+import json
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -13,7 +15,7 @@ from certpgo import registry
 from certpgo.certify import Certificate
 from certpgo.certify.certificate import CHORDAL as OF_F
 from certpgo.certify.region import limits
-from certpgo.errors import CertPGOError, SpecError, require
+from certpgo.errors import CertPGOError, FormatError, SpecError, require
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.capabilities import require_capable
 from certpgo.graph.phrases import listed
@@ -356,6 +358,28 @@ def certified(solution: Solution, problem: Quadratic | Sum) -> tuple[Certificate
 def as_data(result: MethodResult) -> dict[str, Any]:
     """The row of a result in files: the number of its shape, then the fields."""
     return {"schema": SCHEMA, **asdict(result)}
+
+
+def read_results(path: Path) -> list[MethodResult] | None:
+    """The results in a file that `certpgo compare` wrote; None where its rows are of another kind.
+
+    Raises
+    ------
+    FormatError
+        A line is no such result.
+    """
+    results = []
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+        try:
+            row = dict(json.loads(line))
+            if row.pop("schema", None) != SCHEMA:
+                return None
+            results.append(MethodResult(**row))
+        except (ValueError, TypeError):
+            raise FormatError(
+                path, number, "a result expected, as certpgo compare writes"
+            ) from None
+    return results
 
 
 def in_one_line(error: Exception) -> str:

@@ -184,6 +184,8 @@ def _after_bounded(certificate: Certificate, given: _Given) -> Iterator[Step]:
         yield "The search was stopped early. Search longer.", given.solve("--time-limit", "600")
     if given.is_of_poses and not given.disagreeing:
         yield _REJECT, given.reject()
+    if given.is_of_poses and given.searched:
+        yield "See which mistake explains it.", given.diagnose()
     by_itself = given.searched and not given.stopped
     stays = _SOLVED if final else _ENDED if by_itself else "If the gap stays, it"
     yield f"{stays} {_GUARANTEE}", ""

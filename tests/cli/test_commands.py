@@ -375,6 +375,13 @@ def test_compare_prints_and_writes(certpgo, square, tmp_path):
     ]
     assert [found["method"] for found in results(out)] == ["spanning_tree", "eigen_ma + newton"]
     assert "| spanning_tree |" in (out / "compare.md").read_text()
+    again = tmp_path / "again"
+    assert certpgo("report", "--results", out, "--out", again).out.startswith("square (4 nodes")
+    for name in ("compare.md", "compare.tex"):
+        assert (again / name).read_text() == (out / name).read_text()
+    assert len((again / "compare.csv").read_text().splitlines()) == 3
+    said = certpgo("report", "--results", out, "--html", tmp_path / "page.html").err
+    assert "--html is a page of papers' tables" in said
     tex = (out / "compare.tex").read_text()
     assert "\nspanning\\_tree & " in tex
     assert tex.count("\\begin{tabular}") == tex.count("\\end{tabular}") > 0

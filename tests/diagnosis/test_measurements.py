@@ -7,8 +7,11 @@ import pytest
 from diagnosis.planted import N, changed, inverted, walk, weighed, with_positions
 
 import certpgo
+from certpgo import RotationGraph
 from certpgo.diagnosis.weights import orders
+from certpgo.io.datasets.synthetic import random_graph
 from certpgo.io.exact import quaternion
+from certpgo.linalg import rotations as so
 
 ALL = np.arange(N - 1 + 30)
 CLOSURES = ALL[N - 1 :]
@@ -173,3 +176,19 @@ def test_nothing_is_found_in_clean_graphs(seed, d):
     found = certpgo.diagnose(walk(d, seed, nodes=seed % 2 == 1))
     assert found.findings == ()
     assert found.tried > 3
+
+
+def test_readings_of_rotations_are_told_though_a_quarter_is_wrong():
+    """As of photo collections: weights state nothing, and wrong ones hide what fits."""
+    rng = np.random.default_rng(0)
+    right = random_graph(24, 14.0, 0.02, rng).graph
+    R, wrong = right.rotations.copy(), rng.random(right.num_edges) < 0.25
+    R[wrong] = so.random(rng, int(wrong.sum()), 3)
+    graph = RotationGraph(24, right.edges, R, np.ones(right.num_edges))
+    swapped = RotationGraph(24, right.edges[:, ::-1], R, graph.kappa)
+    [told] = certpgo.diagnose(swapped, time_limit=1.0).findings
+    assert told.kind == "inverted-edges"
+    assert told.cost < 0.1 * told.cost_as_given
+    [told] = certpgo.diagnose(graph).findings
+    assert told.kind == "wrong-measurement"
+    assert told.edges == tuple(np.flatnonzero(wrong).tolist())

@@ -180,6 +180,7 @@ DOUBLES = VTK.replace("ASCII", "BINARY").partition("POINTS")[0].encode() + b"POI
 @pytest.mark.parametrize(
     ("name", "content"),
     [
+        ("scan.csv", b"0.5 -1.25 3\n1 2 -0.125\n0 0 4\n"),
         ("scan.csv", CSV.encode()),
         ("scan.csv", b"x,y,z,intensity\r\n" + CSV.replace("\n", "\r\n").encode()),
         ("scan.csv", b'"time","z","x","y"\n' + b"1,3,0.5,-1.25\n2,-0.125,1,2\n\n3,4,0,0\n"),
