@@ -51,6 +51,7 @@ def steps_after(
     asked: Asked,
     *,
     searched: bool = False,
+    robust: bool = False,
     disagreement: Disagreement | None = None,
 ) -> list[str]:
     """What to do after the verdict, with commands; nothing if the estimate is good.
@@ -58,11 +59,19 @@ def steps_after(
     Parameters
     ----------
     searched : whether the certified search found the estimate
+    robust : whether a robust fit has rejected measurements before
     disagreement : measurements that disagree with the rest
     """
-    from certpgo.cli._paging import arguments
-    from certpgo.view.advice import advice
+    import shlex
 
+    from certpgo.cli._paging import arguments
+    from certpgo.view.advice import advice, cost_options
+
+    if robust:
+        cost = cost_options(part, asked.cost)
+        words = ("certpgo", "diagnose", asked.graph, *cost, *arguments(asked.reading))
+        is_good = certificate.verdict.value == "CERTIFIED"
+        return [] if is_good else [f"See which mistake explains it: {shlex.join(words)}"]
     steps = advice(
         certificate,
         part,
@@ -80,20 +89,6 @@ def steps_after(
         for sentence, command in steps
         if not (asked.writes_best and "--best" in command.split())
     ]
-
-
-def step_after_rejecting(certificate: Certificate, part: Instance, asked: Asked) -> list[str]:
-    """Where a robust fit is not certified, what asks for other mistakes."""
-    import shlex
-
-    from certpgo.cli._paging import arguments
-    from certpgo.view.advice import cost_options
-
-    if certificate.verdict.value == "CERTIFIED":
-        return []
-    cost = cost_options(part, asked.cost)
-    words = ("certpgo", "diagnose", asked.graph, *cost, *arguments(asked.reading))
-    return [f"See which mistake explains it: {shlex.join(words)}"]
 
 
 def is_better_known(found: Assessment, json: bool) -> bool:

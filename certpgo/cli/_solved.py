@@ -12,7 +12,7 @@ import typer
 
 from certpgo.cli import _uncertainty, _verdict
 from certpgo.cli._cause import cause, cause_as_json, cause_of, cause_of_squares, remark_of
-from certpgo.cli._next import Asked, step_after_rejecting, steps_after
+from certpgo.cli._next import Asked, steps_after
 from certpgo.cli._outputs import Outputs, Result
 from certpgo.cli._paging import origin_of, write_page
 from certpgo.cli._proving import prove
@@ -288,18 +288,12 @@ class Solved(Result):
         return f"the method's own lower bound, which ignores rounding, is {bound:.12g}"
 
     def _steps(self, written: str) -> list[str]:
-        """What to do next after the certified search."""
-        if self.certificate is not None and self.method == "robust":
-            return step_after_rejecting(self.certificate, self.part, self.asked)
-        if self.certificate is None or self.method != "certified":
+        """What to do next after the certified search, or a robust fit."""
+        if self.certificate is None or self.method not in ("certified", "robust"):
             return []
-        return steps_after(
-            self.certificate,
-            self.part,
-            self.asked._replace(estimate=written),
-            searched=True,
-            disagreement=self.disagreement,
-        )
+        asked, robust = self.asked._replace(estimate=written), self.method == "robust"
+        how: dict[str, Any] = {"robust": robust, "disagreement": self.disagreement}
+        return steps_after(self.certificate, self.part, asked, searched=True, **how)
 
     def prove(self, out: Path, source: Path, *, json: bool) -> bool:
         """Write the proof; returns False if there is none."""
