@@ -35,6 +35,7 @@ class NormalizedProblem(Generic[AnyObjective]):
     unit : the power of two nearest W; it makes verdicts independent of the weights' scale
     stop : the monitor of all descents; where it requests a stop, bounds are left out
     ranks : above d that points reach for better bounds; None for what suits the problem
+    real : whether relaxations are over real numbers alone, of which proofs are
     softened : how often stiff measurements were left out
     """
 
@@ -45,6 +46,7 @@ class NormalizedProblem(Generic[AnyObjective]):
     atol: float
     stop: Stop = field(default_factory=Stop)
     ranks: int | None = None
+    real: bool = False
     softened: int = 0
 
     @classmethod
@@ -80,7 +82,8 @@ class NormalizedProblem(Generic[AnyObjective]):
             scaled = problem.scaled(1.0 / unit)
         except GraphError as error:
             raise InputError(f"too uneven weights: divided by {unit:.2g}, {error}") from None
-        return cls(scaled, unit, tier, rtol, atol, Stop(monitor, unit, problem.title))  # type: ignore[arg-type]
+        stop, real = Stop(monitor, unit, problem.title), tier is Tier.PROOF
+        return cls(scaled, unit, tier, rtol, atol, stop, real=real)  # type: ignore[arg-type]
 
     @property
     def rigorous(self) -> bool:

@@ -17,7 +17,6 @@ from typing import cast
 import numpy as np
 
 from certpgo.certify.bound import bound_by
-from certpgo.certify.certificate import Tier
 from certpgo.certify.dual import DualBound
 from certpgo.certify.normalized import NormalizedProblem
 from certpgo.certify.resistances import Resistances
@@ -54,7 +53,7 @@ def bound_with(
         point,
         rounding=normalized.rigorous,
         enough=cost - normalized.difference(cost),
-        real=normalized.tier is Tier.PROOF,
+        real=normalized.real,
         sharp=sharp,
         tight=tight,
     )

@@ -24,6 +24,9 @@ from certpgo.linalg.blocks import BlockPattern, scatter_sum
 from certpgo.objective import operators
 from certpgo.objective.manifolds import POSE, Manifold
 
+#: A quarter turn of the plane.
+J = np.array([[0.0, -1.0], [1.0, 0.0]])
+
 
 @dataclass(frozen=True, eq=False)
 class Lifting:
@@ -77,7 +80,7 @@ def _data_matrix_of_pairs(pattern: BlockPattern, graph: Any, sums: operators.Nod
     upper = np.zeros((graph.num_edges, 4, 4))
     upper[:, :2, :2] = -half[:, None, None] * of_positions
     upper[:, 2:, :2] = -lever
-    upper[:, 2:, 2:] = -operators.coupled(graph)
+    upper[:, 2:, 2:] = -_turning(operators.coupled(graph))
     if graph.arms is not None:
         arms = _pairs(graph.arms)
         first += scatter_sum(j, half[:, None, None] * np.swapaxes(arms, 1, 2), n)
@@ -88,13 +91,18 @@ def _data_matrix_of_pairs(pattern: BlockPattern, graph: Any, sums: operators.Nod
     diagonal[:, :2, :2] = degrees[:, None, None] * of_positions
     diagonal[:, 2:, :2] = first
     diagonal[:, :2, 2:] = np.swapaxes(first, 1, 2)
-    diagonal[:, 2:, 2:] = operators.spread(graph) + second[:, None, None] * of_positions
+    diagonal[:, 2:, 2:] = _turning(operators.spread(graph)) + second[:, None, None] * of_positions
     return pattern.assemble(diagonal, upper, 2)
 
 
 def _pairs(t: FloatArray) -> FloatArray:
     """(n, 2, r) t and Jt."""
     return np.stack([t, quarter_turn(t)], axis=1)
+
+
+def _turning(A: FloatArray) -> FloatArray:
+    """(n, 2, 2) the part of matrices that commutes with J: of rotations, all that costs."""
+    return np.asarray(0.5 * (A + J @ A @ J.T))
 
 
 def _complex_multipliers(Lam: FloatArray) -> FloatArray:

@@ -30,10 +30,8 @@ from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.progress import Progress, Stop
 from certpgo.optimize.solution import Level, Status
 
-#: Stationarity, radians, and steps of a descent at one rank, where translations are eliminated.
+#: Stationarity, radians, and steps of a descent at one rank.
 CLOSE = {"tolerance": 1e-8, "max_iterations": 100}
-#: The same of Levenberg and Marquardt's method: bounds of such costs need all digits.
-STATIONARY, MOST = 1e-11, 400
 #: Shifts that make a scaled certificate matrix definite.
 SHIFTS = tuple(1e-9 * 4.0**k for k in range(20))
 STOPPED = "stopped before a way down was found"
@@ -55,7 +53,7 @@ class Stair:
     point : stationary, if it converged
     cost : the cost there
     status : how the descent ended
-    counts : of its work, where translations are eliminated
+    counts : of its work, where rows rise
     """
 
     point: Lift
@@ -104,8 +102,8 @@ def climb(
     start : stationary if its rank is d; above, the first descent begins there
     highest : the largest rank
     monitor : of the descents, where it is not ``stop``
-    accuracy : of a descent where translations are eliminated, as parameters of
-        `certpgo.optimize.low_rank_descent.descend`; is called before each
+    accuracy : of a descent; is called before each. Where rows rise, it may have all parameters
+        of `certpgo.optimize.low_rank_descent.descend`, else the tolerance and steps
     goes_on : is called with a point and the smallest eigenvalue of the certificate matrix there,
         before a descent from it; by default, that follows if the eigenvalue is negative beyond
         rounding
@@ -117,7 +115,7 @@ def climb(
         No factorization, no convergence, or a stop before a way down was found.
     """
     monitor = monitor or stop
-    noise = resolution(cast("Quadratic", problem)) if problem.eliminates else RESOLUTION
+    noise = resolution(cast("Quadratic", problem)) if problem.rows_rise else RESOLUTION
     goes_on = goes_on or (lambda _, eigenvalue: eigenvalue < -noise)
     point, rank = start, start.rotations.shape[1]
     if rank > problem.d:
@@ -143,15 +141,14 @@ def way_down(
 
     Parameters
     ----------
-    should_stop : is called before each factorization and each solve, where translations are not
-        eliminated
+    should_stop : is called before each factorization and each solve, unless rows rise
 
     Raises
     ------
     NumericalError
         No factorization, no convergence, or a stop.
     """
-    if not problem.eliminates:
+    if not problem.rows_rise:
         return _lower(problem, point, should_stop)
     eigenvalue, direction = negative_curvature(cast("Quadratic", problem), point)
     return WayDown(eigenvalue, point, rank + 1, direction)
@@ -165,7 +162,7 @@ def _minimised(
     accuracy: Callable[[], Mapping[str, Any]],
 ) -> Stair:
     """The end of descent along a way."""
-    if problem.eliminates:
+    if problem.rows_rise:
         found = low_rank.descend(
             cast("Quadratic", problem),
             way.point,
@@ -176,14 +173,14 @@ def _minimised(
             **accuracy(),
         )
         return Stair(found.point, found.cost, found.status, found.counts)
-    progress = Progress(monitor, STATIONARY, MOST, stop.watch)
+    progress = Progress(monitor, watch=stop.watch, **accuracy())
     here = problem.linearized(way.point)
     end = minimise(here, DampedSteps(here), progress)
     return Stair(end.point, end.cost, stop.request or progress.status)
 
 
 def _lower(problem: Climbing, point: Point, should_stop: Callable[[], bool]) -> WayDown | None:
-    """A lower point of the next rank, where translations are not eliminated; None without one.
+    """A lower point of the next rank, where more than a row rises; None without one.
 
     Along an eigenvector of a negative eigenvalue of the certificate matrix of the problem that
     touches the cost there, whose curvature in a new dimension is that of the cost.

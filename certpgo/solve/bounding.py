@@ -24,7 +24,7 @@ from certpgo.errors import GraphError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Point
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.complex_relaxation import is_over_complex_numbers
+from certpgo.objective.complex_relaxation import is_over_complex_numbers, over_complex_numbers
 from certpgo.objective.objective import Surrogate
 from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.descent import CLOSE, descend, polished, rested
@@ -40,7 +40,7 @@ FEW_STEPS = NewtonSettings(max_iterations=20)
 #: How often stiff measurements are left out of what is left.
 SOFTENED = 3
 #: Surrogates that are tried.
-EXPANSIONS = 6
+EXPANSIONS = 12
 #: Share of the gap that another surrogate must be able to close.
 WORTH = 0.1
 
@@ -85,7 +85,11 @@ def raised(normalized: NormalizedProblem[Any], minimum: LocalMinimum) -> LocalMi
     problem, stop = normalized.problem, normalized.stop
     if len(problem.rejected):
         return with_most_prices(normalized, minimum)
-    if (problem.is_chordal and not problem.takes_scales) or problem.is_lifted:
+    if problem.is_lifted:
+        return minimum
+    # The search climbs F over real numbers itself.
+    climbed = problem.is_chordal and not problem.takes_scales
+    if climbed and _tightest(normalized, problem) is problem:
         return minimum
     if problem.takes_scales and (normalized.tier is Tier.PROOF or normalized.is_sharp(minimum)):
         return minimum
@@ -167,7 +171,7 @@ def reached(normalized: NormalizedProblem[Any], start: Estimate, cost: float) ->
     """
     problem, number, point = normalized.eased, 0, cast("Point", start)
     ranks = problem.most_ranks if normalized.ranks is None else normalized.ranks
-    below = _expanded(problem, start)
+    below = _tight(normalized, start)
     if below is not None and below.minorants is None:
         yield from _minima(normalized, below, point, cost, 0, ranks)
         return
@@ -188,7 +192,7 @@ def reached(normalized: NormalizedProblem[Any], start: Estimate, cost: float) ->
         step = min(0.5 * fall / bend, 1.0)
         expanded -= step * (fall - step * bend)
         v, Q = v + step * (there[0] - v), Q + step * (there[1] - Q)
-        below, number = _expanded(problem, v, Q), number + 1
+        below, number = _tight(normalized, v, Q), number + 1
 
 
 def _minima(
@@ -244,6 +248,22 @@ def _expanded(problem: Any, at: Any, Q: FloatArray | None = None) -> Surrogate |
         return None
 
 
+def _tight(normalized: NormalizedProblem[Any], *at: Any) -> Surrogate | None:
+    """The surrogate at a point, or at v and Q, with its tightest relaxation; None without one."""
+    below = _expanded(normalized.eased, *at)
+    return below and replace(below, problem=_tightest(normalized, below.problem))
+
+
+def _tightest(normalized: NormalizedProblem[Any], problem: Any) -> Any:
+    """The problem with the tightest relaxation that is known: in the plane over complex numbers.
+
+    Proofs are over real numbers, and costs of distances have chosen theirs.
+    """
+    if normalized.real or not problem.eliminates:
+        return problem
+    return over_complex_numbers(problem) or problem
+
+
 def _settled(below: Surrogate, point: Point) -> Point:
     """The point with the best translations for a surrogate."""
     problem = below.problem
@@ -265,7 +285,7 @@ def _of_point(
         point,
         rounding=normalized.rigorous,
         enough=cost - normalized.difference(cost),
-        real=normalized.tier is Tier.PROOF,
+        real=normalized.real,
         sharp=sharp,
         tight=tight,
     )

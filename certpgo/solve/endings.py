@@ -54,7 +54,7 @@ def certificate(search: Search) -> Certificate:
     if not (tier is Tier.PROOF or (tier is None and _may_be_proven(search, found))):
         return found
     with search.watch.phase("prove"):
-        exact = replace(search.normalized, tier=Tier.PROOF)
+        exact = replace(search.normalized, tier=Tier.PROOF, real=True)
         minimum = replace(minimum, cost=exact.cost_upper(minimum.point))
         # A search stopped before the requested proof must not return a weaker tier instead.
         bound = None if search.stop.should_stop() else bounding.proven(exact, minimum)

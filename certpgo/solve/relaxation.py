@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -30,6 +31,8 @@ from certpgo.optimize.progress import Stop
 from certpgo.optimize.solution import Level, Status
 from certpgo.optimize.staircase import climb
 
+#: Stationarity, radians, and steps of a descent at one rank: bounds of distances need all digits.
+ACCURACY = {"tolerance": 1e-11, "max_iterations": 400}
 #: Relative gap between a point of the relaxation and its bound below which it is solved.
 SOLVED = 1e-6
 #: Projections of the relaxation's point from which descents to estimates begin.
@@ -95,7 +98,8 @@ class Relaxed:
         """Climb to the minimum, or to what is found in its share of the time; each rank's bound."""
         limited = self.stop.for_at_most(CLIMB_SHARE * self.stop.remaining)
         with limited, suppress(NumericalError, np.linalg.LinAlgError):
-            for end in climb(self.problem, self.point, self.highest, self.stop):
+            climbed = partial(climb, self.problem, self.point, self.highest, self.stop)
+            for end in climbed(accuracy=lambda: ACCURACY):
                 self.point = end.point
                 self.levels.append(end.level)
                 if self.stop.should_stop():

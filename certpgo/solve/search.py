@@ -168,9 +168,18 @@ def _graduated_start(own: Search) -> Start:
 
 
 def roundings_of_f(search: Search) -> Iterator[Iterable[Estimate]]:
-    """Escape to higher ranks until the gap is closed or the relaxation is solved."""
+    """Escape to higher ranks, then in the plane to those over complex numbers."""
     if search.ends():
         return
+    yield from _roundings_over_real_numbers(search)
+    if over_complex_numbers(search.problem) is not None:
+        with search.stop.for_at_most(search.climb_deadline - time.monotonic()):
+            yield from roundings_of_surrogates(search)
+        search.ended_early = _is_late(search)
+
+
+def _roundings_over_real_numbers(search: Search) -> Iterator[Iterable[Estimate]]:
+    """Escape to higher ranks until the gap is closed or the relaxation is solved."""
     form, settings = search.normalized.eased, search.settings
     for stair in climb(
         form,

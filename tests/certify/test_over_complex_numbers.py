@@ -15,6 +15,8 @@ from certpgo.objective.complex_relaxation import is_over_complex_numbers, over_c
 from certpgo.objective.lifting import quarter_turn
 from certpgo.objective.objective import Surrogate
 from certpgo.optimize.descent import descend
+from certpgo.optimize.progress import Stop
+from certpgo.optimize.staircase import climb
 
 few = settings(max_examples=15)
 
@@ -75,6 +77,15 @@ def test_the_form_is_the_cost_of_poses_with_arms_and_couplings(seed):
     assert value == pytest.approx(Quadratic(graph).cost(Estimate(R, t)), rel=1e-11)
 
 
+@given(seeds)
+@few
+def test_the_matrix_commutes_with_a_quarter_turn(seed):
+    """Points of the relaxation do, and what does not costs them nothing, as reflections do."""
+    form = over_complex_numbers(Quadratic(general_graph(rng_of(seed), 6, 2)[0]))
+    M, J = form.matrix.toarray(), np.kron(np.eye(2 * form.n), [[0.0, -1.0], [1.0, 0.0]])
+    assert pytest.approx(M, abs=1e-12 * np.abs(M).max()) == J @ M @ J.T
+
+
 def test_it_is_of_poses_in_the_plane_alone():
     rng = rng_of(0)
     assert over_complex_numbers(Quadratic(pose_graph(rng, 5, 3)[0])) is None
@@ -104,6 +115,26 @@ def test_bounds_are_below_every_cost_and_the_matrix_is_semidefinite(seed):
     S = np.tril(S) + np.tril(S, -1).T
     assert np.linalg.eigvalsh(S)[0] >= -1e-12 * np.abs(S).max()
     assert np.trace(found.multipliers, axis1=1, axis2=2).sum() == pytest.approx(found.value)
+
+
+@given(seeds)
+@few
+def test_climbed_points_have_complex_coordinates_and_better_bounds(seed):
+    """The minimum over complex numbers is between that over real ones and every cost."""
+    problem, truth = noisy(seed, noise=1.5)
+    x, lowest = settled(problem, truth), {}
+    for form in (problem, over_complex_numbers(problem)):
+        points = [x, *(end.point for end in climb(form, x, 8, Stop()))]
+        costs = [form.cost(point) for point in points]
+        assert np.all(np.diff(costs) <= 1e-12 * costs[0])
+        bound = bound_by(Surrogate(form), points[-1], real=form is problem)
+        lowest[form] = costs[-1] if bound is None else bound.value
+        assert lowest[form] <= costs[-1]
+    for point in points[1:]:
+        u, Ju = np.moveaxis(point.rotations, 2, 0)
+        assert Ju == pytest.approx(quarter_turn(u), abs=1e-12)
+        assert problem.cost(point) == pytest.approx(form.cost(point), rel=1e-11)
+    assert lowest[form] >= lowest[problem] * (1.0 - 1e-6)
 
 
 def test_a_local_minimum_is_not_certified():
