@@ -57,10 +57,8 @@ class LiftedDistances(Brief):
     measured: Graph
     engine: str = field(default_factory=default_engine)
 
-    #: Whether translations are eliminated, see `Quadratic`; whether there are descents at points of
-    #: higher rank.
+    #: Whether translations are eliminated; whether there are descents at points of higher rank.
     eliminates: ClassVar[bool] = False
-    rows_rise: ClassVar[bool] = False
     climbs: ClassVar[bool] = True
 
     @property

@@ -312,11 +312,6 @@ class Quadratic(EdgeOperators):
             return False
         return self.kinds.turn
 
-    @property
-    def rows_rise(self) -> bool:
-        """Whether ranks rise by one row of each block, with the best translations."""
-        return self.eliminates and self.lifting is REAL
-
     def with_optimal_translations(self, point: AnyPoint) -> AnyPoint:
         """The point with the translations that minimise F for its blocks, if nodes have any."""
         if not self.has_positions:

@@ -21,6 +21,7 @@ from certpgo.linalg.blocks import add_to_diagonal, divided, pinned
 from certpgo.linalg.eigen import krylov_schur
 from certpgo.linalg.factor import Factor
 from certpgo.objective.lifted_distances import LiftedDistances
+from certpgo.objective.lifting import REAL
 from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize import low_rank_descent as low_rank
 from certpgo.optimize.curvature import negative_curvature, resolution
@@ -115,7 +116,7 @@ def climb(
         No factorization, no convergence, or a stop before a way down was found.
     """
     monitor = monitor or stop
-    noise = resolution(cast("Quadratic", problem)) if problem.rows_rise else RESOLUTION
+    noise = resolution(cast("Quadratic", problem)) if _rows_rise(problem) else RESOLUTION
     goes_on = goes_on or (lambda _, eigenvalue: eigenvalue < -noise)
     point, rank = start, start.rotations.shape[1]
     if rank > problem.d:
@@ -129,6 +130,11 @@ def climb(
             return
         yield (end := _minimised(problem, way, stop, monitor, accuracy))
         point, rank = next_point(end), way.rank
+
+
+def _rows_rise(problem: Climbing) -> bool:
+    """Whether ranks rise by one row of each block, with the best translations."""
+    return problem.eliminates and cast("Quadratic", problem).lifting is REAL
 
 
 def way_down(
@@ -148,7 +154,7 @@ def way_down(
     NumericalError
         No factorization, no convergence, or a stop.
     """
-    if not problem.rows_rise:
+    if not _rows_rise(problem):
         return _lower(problem, point, should_stop)
     eigenvalue, direction = negative_curvature(cast("Quadratic", problem), point)
     return WayDown(eigenvalue, point, rank + 1, direction)
@@ -162,7 +168,7 @@ def _minimised(
     accuracy: Callable[[], Mapping[str, Any]],
 ) -> Stair:
     """The end of descent along a way."""
-    if problem.rows_rise:
+    if _rows_rise(problem):
         found = low_rank.descend(
             cast("Quadratic", problem),
             way.point,
