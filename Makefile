@@ -34,7 +34,7 @@ types:
 
 tests:
 	@# Two workers share the cores: threads of BLAS would only wait for each other.
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal
 
 gate: $(DEVELOP)
 	@$(BIN)/certpgo gate

@@ -25,11 +25,7 @@ LOOP = tuple(
 #: What is tried without the kernel: readers, factorizations, sums, covariances, verdicts, proofs.
 CHOSEN = (
     "io/test_fields.py",
-    "io/test_reading.py",
-    "io/test_writing.py",
-    "io/test_pyfg.py",
     "io/test_exact_weights.py",
-    "io/test_bad_input.py",
     "graph/test_trees.py",
     "linalg/test_factor.py",
     "linalg/test_selected_inverse.py",

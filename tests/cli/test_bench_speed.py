@@ -8,7 +8,7 @@ from reports.harness.speed import bench
 from reports.harness.speed.measuring import Comparison, Group, Lap
 
 #: Sections that start many processes, read large files or solve large graphs.
-SLOW = ("processes", "reading", "solving")
+SLOW = ("processes", "reading", "sessions", "solving")
 
 
 def group(subject, *timers):

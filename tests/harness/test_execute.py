@@ -72,13 +72,13 @@ def test_times_are_taken_after_all_else(table):
     assert started == ["cycles", "timed"]
 
 
-@pytest.mark.parametrize("workers", [1, 2])
 @pytest.mark.parametrize(
-    ("deed", "said"),
+    ("deed", "said", "workers"),
     [
-        ("sleep", "not finished within 0.5 s"),
-        ("swell", "not enough memory"),
-        ("err", "RuntimeError: by design"),
+        ("sleep", "not finished within 0.5 s", 1),
+        ("sleep", "not finished within 0.5 s", 2),
+        ("swell", "not enough memory", 1),
+        ("err", "RuntimeError: by design", 1),
     ],
 )
 def test_a_method_that_fails_is_a_row_with_its_reason(table, deed, said, workers):

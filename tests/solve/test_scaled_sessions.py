@@ -55,7 +55,7 @@ KNOWN = st.sampled_from([(), (0,), (5,), (2, 6)])
 
 
 @given(seeds, dimensions, KNOWN, st.integers(0, 2), st.sampled_from([0.05, 0.4]))
-@settings(max_examples=25)
+@settings(max_examples=10)
 def test_a_stream_stands_where_the_whole_does(seed, d, known, points, noise):
     rng = rng_of(seed)
     graph = random_graph(rng, d, [k for k in known if k < 8 - points], points, noise)
