@@ -74,8 +74,9 @@ class _Parser:
         """The contents of the lines in a text."""
         content = Records(self._d)
         plain, others = plain_fields(text, self._plain, self.next_line)
-        for name, fields in plain.items():
-            self._add(content, name, self._plain[name], fields)
+        # Points last: those of another space than poses are left out.
+        for name in sorted(plain, key=lambda name: self._plain[name].kind == "point"):
+            self._add(content, name, self._plain[name], plain[name])
         for name, lines in by_tag(others).items():
             tag, bodies = self._tag(name), [body for _, body in lines]
             if what := self._skipped(tag, content.d):
@@ -93,7 +94,11 @@ class _Parser:
     def _add(self, content: Records, name: bytes, tag: Tag, fields: Fields) -> None:
         """Append the rows of one tag."""
         if tag.d and content.d not in (0, tag.d):
-            raise InputError(f"{name.decode()} in a file of {content.d}D poses")
+            strange = f"{name.decode()}{{s}} in a file of {content.d}D poses"
+            if tag.kind != "point":
+                raise InputError(strange.format(s=""))
+            content.counts[f"{strange} skipped"] += len(fields)
+            return
         content.d = tag.d or content.d
         if found := self._wrong_count(tag, fields.texts):
             raise InputError(self._miscounted(name.decode(), tag, found))

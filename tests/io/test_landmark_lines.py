@@ -54,6 +54,17 @@ def test_points_without_sightings_are_noted(file):
         assert "1 point without a sighting skipped" in io.read(file(text), quiet=True).notices
 
 
+@pytest.mark.parametrize("first", [True, False])
+def test_points_of_the_plane_are_left_out_of_poses_in_space(file, first):
+    stray, poses = "VERTEX_XY 8 1 2\n", "VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\n"
+    edge = f"EDGE_SE3:QUAT 0 1 1 0 0 0 0 0 1 {'1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 1 0 0 1 0 1'}\n"
+    found = io.read(file(stray + poses + edge if first else poses + edge + stray), quiet=True)
+    assert "1 VERTEX_XY in a file of 3D poses skipped" in found.notices
+    assert found.graph.num_nodes == 2
+    with pytest.raises(FormatError, match="EDGE_SE2_XY in a file of 3D poses"):
+        io.read(file(poses + edge + stray + "EDGE_SE2_XY 0 8 1 1 1 0 1\n"), quiet=True)
+
+
 def test_in_space_with_a_sensor_on_its_body(file):
     """The sensor is turned by a right angle about x, and 1, 2, 3 metres away."""
     graph = io.read(file(SPACE), quiet=True).graph
