@@ -334,7 +334,8 @@ def _unknown(path: Path, head: bytes) -> str:
             f"{columns} columns separated by commas: a trajectory has timestamp, x, y, z, qw, qx, "
             "qy, qz, or a first line that names its columns"
         )
-    return f"no known format; known: {', '.join(sorted(formats()))}"
+    known = ", ".join(sorted(formats()))
+    return f"no known format; known: {known} (guide: Read your own format)"
 
 
 def _head(path: Path) -> bytes:
@@ -369,4 +370,4 @@ def format_to_write(path: Path, name: str | None) -> Format:
         if path.suffix in form.suffixes:
             return form
     known = ", ".join(sorted(suffix for form in writable for suffix in form.suffixes))
-    raise InputError(f"{path}: unknown suffix; use one of {known}, or name the format")
+    raise InputError(f"{path}: unknown suffix; use one of {known}, or name the format (--format)")

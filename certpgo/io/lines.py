@@ -95,7 +95,7 @@ class _Parser:
         """Append the rows of one tag."""
         if tag.d and content.d not in (0, tag.d):
             strange = f"{name.decode()}{{s}} in a file of {content.d}D poses"
-            if tag.kind != "point":
+            if tag.kind != "point" or self._dialect.named:
                 raise InputError(strange.format(s=""))
             content.counts[f"{strange} skipped"] += len(fields)
             return
