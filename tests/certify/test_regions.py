@@ -171,7 +171,7 @@ def shares(problem, certificate, x, other, reference):
 
 @pytest.mark.parametrize("kind", [*KINDS, *MORE])
 @given(seeds, dimensions)
-@settings(max_examples=5)
+@settings(max_examples=3)
 def test_no_other_estimate_is_outside(kind, seed, d):
     """Near ones, far ones, and any; from every pose."""
     rng = rng_of(seed)

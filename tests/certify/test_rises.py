@@ -84,10 +84,9 @@ def test_no_right_measurement_is_refuted(seed):
     assert cores(problem, np.isinf(prices), doubtful, budget, stop) == []
 
 
-@pytest.mark.parametrize("cost", ["g2o", "chordal"])
-def test_cores_share_nothing_and_each_has_a_wrong_measurement(dataset, cost):
+def test_cores_share_nothing_and_each_has_a_wrong_measurement(dataset):
     instance = dataset("grid1000_10p_outliers")
-    report = outlier_report(solve_robustly(instance, cost=cost))
+    report = outlier_report(solve_robustly(instance, cost="g2o"))
     members = np.concatenate(report.cores)
     assert len(np.unique(members)) == len(members)
     assert all(instance.outliers[core].any() for core in report.cores)
