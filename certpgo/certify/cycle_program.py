@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
+from certpgo.certify.cone_program import Cones, solved
 from certpgo.graph.cycles import Cycles
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 
@@ -74,11 +75,10 @@ class SplitProgram:
         cost = np.zeros(total)
         cost[self.size] = 1.0
         kept = self.cycles.chords
-        return self._solved(
-            cost,
-            equal=(self._flow(kept, total), self.phi[kept].ravel()),
-            at_most=(_matrix(capacity, self.m, total), self.c - np.abs(self.c)),
-        )
+        flow = Cones("zero", self._flow(kept, total), self.phi[kept].ravel())
+        taken = _matrix(capacity, self.m, total)
+        least = Cones("nonnegative", taken, self.c - np.abs(self.c))
+        return self._solved(cost, flow, least)
 
     def smallest_loss(self) -> Split:
         """The split whose loss, sum_e delta_e + sqrt(delta_e^2 + |r_e|^2), is smallest.
@@ -99,7 +99,7 @@ class SplitProgram:
         right[:, 1], right[:, 2:] = -self.c, self.phi
         cost = np.asarray(sums.sum(axis=0)).ravel()
         cost[roots] += 1.0
-        found = self._solved(cost, cones=(cones, right.ravel(), height))
+        found = self._solved(cost, Cones("second order", cones, right.ravel(), height))
         return Split(found.torques, found.springs, found.value - float(self.c.sum()), found.status)
 
     def _flow(self, edges: IntArray, total: int) -> CSC:
@@ -112,8 +112,8 @@ class SplitProgram:
         signs = np.repeat(self.cycles.signs[on].astype(float), self.p)
         return _matrix([(rows.ravel(), columns.ravel(), signs)], len(edges) * self.p, total)
 
-    def _folds(self, total: int) -> tuple[CSC, CSC, int]:
-        """Minus the rows of the cones of the folds, and of their ends."""
+    def _folds(self, total: int) -> list[Cones]:
+        """The folds, and their ends."""
         k, height = self.inner, 3 + self.p
         rows, ones = height * np.arange(len(k)), np.ones(len(k))
         w, u, before = self.w[k], self.u[k], self.u[k - 1]
@@ -131,51 +131,17 @@ class SplitProgram:
         last = self.cycles.starts[1:] - 1
         c, ends = np.arange(len(self.cycles)), np.ones(len(self.cycles))
         ends_ = [(c, self.u[last - 1], -ends), (c, self.w[last], -ends)]
-        return (
-            _matrix(entries, height * len(k), total),
-            _matrix(ends_, len(self.cycles), total),
-            height,
-        )
+        folded = _matrix(entries, height * len(k), total)
+        return [
+            Cones("second order", folded, np.zeros(height * len(k)), height),
+            Cones("nonnegative", _matrix(ends_, len(c), total), np.zeros(len(c))),
+        ]
 
-    def _solved(
-        self,
-        cost: FloatArray,
-        *,
-        equal: tuple[CSC, FloatArray] | None = None,
-        at_most: tuple[CSC, FloatArray] | None = None,
-        cones: tuple[CSC, FloatArray, int] | None = None,
-    ) -> Split:
+    def _solved(self, cost: FloatArray, *parts: Cones) -> Split:
         if not len(self.cycles):
             return Split(np.zeros((0, self.p)), np.zeros(0), 0.0, "Solved")
-        import clarabel  # type: ignore[import-untyped]
-
-        folds, ends, height = self._folds(len(cost))
-        rows: list[Any] = []
-        right: list[FloatArray] = []
-        kinds: list[Any] = []
-        if equal is not None:
-            rows.append(equal[0])
-            right.append(equal[1])
-            kinds.append(clarabel.ZeroConeT(len(equal[1])))
-        for matrix, b in [(ends, np.zeros(len(self.cycles))), *([at_most] if at_most else [])]:
-            rows.append(matrix)
-            right.append(b)
-            kinds.append(clarabel.NonnegativeConeT(len(b)))
-        rows.append(folds)
-        right.append(np.zeros(folds.shape[0]))
-        kinds += [clarabel.SecondOrderConeT(height)] * len(self.inner)
-        if cones is not None:
-            rows.append(cones[0])
-            right.append(cones[1])
-            kinds += [clarabel.SecondOrderConeT(cones[2])] * (len(cones[1]) // cones[2])
-        settings = clarabel.DefaultSettings()
-        settings.verbose = False
-        settings.time_limit = self.seconds
-        A = sparse.csc_matrix(sparse.vstack(rows))
-        P = sparse.csc_matrix((len(cost), len(cost)))
-        found = clarabel.DefaultSolver(P, cost, A, np.concatenate(right), kinds, settings).solve()
-        x = np.asarray(found.x)
-        return Split(x[self.f], x[self.w], float(found.obj_val), str(found.status))
+        found = solved(cost, [*parts, *self._folds(len(cost))], self.seconds)
+        return Split(found.x[self.f], found.x[self.w], found.value, found.status)
 
 
 def _matrix(entries: list[Any], height: int, width: int) -> CSC:

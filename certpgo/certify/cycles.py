@@ -194,17 +194,17 @@ def of_matrices(
     d = rotations.shape[-1]
     exact = quaternion.rotations(quaternion.to_write(rotations))[:, :d, :d]
     off = np.abs(exact - rotations).max(initial=0.0) + 64.0 * np.finfo(float).eps
-    eps = Fraction(3.0 * float(off)) * _root(Fraction(float(kappa.sum()) * 1.001))
+    eps = Fraction(3.0 * float(off)) * root_up(Fraction(float(kappa.sum()) * 1.001))
     lower = max(lower, Fraction(0))
-    upper += 2 * eps * _root(upper) + eps**2
-    low = math.nextafter(float(lower - 2 * eps * _root(lower)), -math.inf)
+    upper += 2 * eps * root_up(upper) + eps**2
+    low = math.nextafter(float(lower - 2 * eps * root_up(lower)), -math.inf)
     return math.nextafter(float(upper), math.inf), max(low, 0.0)
 
 
-def _root(x: Fraction) -> Fraction:
-    """At least the square root, by Newton's step from a double."""
-    start = Fraction(math.sqrt(x) or 1.0)
-    return (start + x / start) / 2
+def root_up(x: Fraction) -> Fraction:
+    """At least the square root."""
+    n, d = x.as_integer_ratio()
+    return Fraction(math.isqrt(n * d << 400) + 1, d << 200)
 
 
 def _stated(R: FloatArray) -> FloatArray:

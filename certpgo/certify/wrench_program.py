@@ -10,14 +10,18 @@ Clarabel solves it; what it returns proves nothing before it is rounded and chec
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy import sparse
 
+from certpgo.certify.cone_program import Cones, solved
 from certpgo.graph.cycles import Cycles
-from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.linalg.arrays import CSC, FloatArray, IntArray
+
+#: Rows and columns where blocks begin, and these.
+Blocks = tuple[IntArray, IntArray, FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,21 +68,21 @@ def split_wrenches(
     p = q.copy()  # after the first spring, that spring
     p[inner] = a * len(cycles) + s * (len(place) + np.arange(len(inner)))
     total = a * len(cycles) + s * (len(place) + len(inner)) + 1
-    rows = _Rows(total)
     # Wrenches add up, on the edges outside a forest.
     at = np.full(m, -1)
     at[cycles.chords] = a * np.arange(len(cycles.chords))
     on = np.flatnonzero(at[cycles.edges] >= 0)
     signed = cycles.signs[on, None, None] * np.eye(a)
-    rows.add(at[cycles.edges[on]], om[cycles.owners[on]], signed)
-    rows.close(wrenches[cycles.chords][:, pairs[0], pairs[1]].ravel(), "zero")
+    right = wrenches[cycles.chords][:, pairs[0], pairs[1]].ravel()
+    wrench = _matrix([(at[cycles.edges[on]], om[cycles.owners[on]], signed)], len(right), total)
     # What is left of an edge, in its own unit.
     turned = np.einsum("mba,sbc,mcd->msad", units[cycles.edges], symmetric, units[cycles.edges])
-    rows.add(s * cycles.edges, q, np.swapaxes(_svec(turned, D), 1, 2))
     ones = np.broadcast_to(_svec(np.eye(D), D)[:, None], (m, s, 1))
-    rows.add(s * np.arange(m), np.full(m, total - 1), ones)
+    taken = [
+        (s * cycles.edges, q, np.swapaxes(_svec(turned, D), 1, 2)),
+        (s * np.arange(m), np.full(m, total - 1), ones),
+    ]
     own = _svec(np.swapaxes(units, 1, 2) @ springs @ units, D)
-    rows.close(own.ravel(), "positive", D)
     # Folds, and their ends.
     zero = np.zeros((s, D, D))
     by_spring = -_svec(np.block([[symmetric, symmetric], [symmetric, symmetric]]), 2 * D).T
@@ -87,72 +91,47 @@ def split_wrenches(
     none = np.zeros((a, D, D))
     by_wrench = _svec(np.block([[none, skews], [-skews, none]]), 2 * D).T
     start = D * (2 * D + 1) * np.arange(len(inner))
-    for columns, block in (
-        (q[inner], by_spring),
-        (p[inner - 1], before),
-        (p[inner], after),
-        (om[cycles.owners[inner]], by_wrench),
-    ):
-        rows.add(start, columns, np.broadcast_to(block, (len(inner), *block.shape)))
-    rows.close(np.zeros(D * (2 * D + 1) * len(inner)), "positive", 2 * D)
+    folds = [
+        (start, columns, np.broadcast_to(block, (len(inner), *block.shape)))
+        for columns, block in (
+            (q[inner], by_spring),
+            (p[inner - 1], before),
+            (p[inner], after),
+            (om[cycles.owners[inner]], by_wrench),
+        )
+    ]
     last = cycles.starts[1:] - 1
-    for columns in (q[last], p[last - 1]):
-        block = np.broadcast_to(-_svec(symmetric, D).T, (len(last), s, s))
-        rows.add(s * np.arange(len(last)), columns, block)
-    rows.close(np.zeros(s * len(last)), "positive", D)
-    x, margin, status = rows.maximised(seconds)
+    block = np.broadcast_to(-_svec(symmetric, D).T, (len(last), s, s))
+    ends = [(s * np.arange(len(last)), columns, block) for columns in (q[last], p[last - 1])]
+
+    def semidefinite(blocks: Iterable[Blocks], right: FloatArray, side: int) -> Cones:
+        return Cones("semidefinite", _matrix(blocks, len(right), total), right, side)
+
+    cost = np.zeros(total)
+    cost[-1] = -1.0
+    parts = [
+        Cones("zero", wrench, right),
+        semidefinite(taken, own.ravel(), D),
+        semidefinite(folds, np.zeros(D * (2 * D + 1) * len(inner)), 2 * D),
+        semidefinite(ends, np.zeros(s * len(last)), D),
+    ]
+    x, _, status = solved(cost, parts, seconds)
     found = np.tensordot(x[om[:, None] + np.arange(a)], skews, 1)
     stiff = np.tensordot(x[q[:, None] + np.arange(s)], symmetric, 1)
-    return WrenchSplit(found, stiff, margin, status)
+    return WrenchSplit(found, stiff, float(x[-1]), status)
 
 
-class _Rows:
-    """The rows of a cone program in its standard form, cone by cone."""
-
-    def __init__(self, width: int) -> None:
-        self.width, self.height = width, 0
-        self.entries: list[tuple[IntArray, IntArray, FloatArray]] = []
-        self.right: list[FloatArray] = []
-        self.cones: list[tuple[str, int, int]] = []
-
-    def add(self, rows: IntArray, columns: IntArray, blocks: FloatArray) -> None:
-        """Blocks (k, r, c) whose first entries are at these rows of the cone, and columns."""
-        _, r, c = blocks.shape
-        at = self.height + rows[:, None, None] + np.arange(r)[:, None]
-        to = columns[:, None, None] + np.arange(c)
-        shape = blocks.shape
-        entries = (np.broadcast_to(at, shape), np.broadcast_to(to, shape), blocks)
-        kept = blocks.ravel() != 0.0
-        self.entries.append(tuple(part.ravel()[kept] for part in entries))
-
-    def close(self, right: FloatArray, kind: str, side: int = 1) -> None:
-        """The right-hand sides of the rows since the last ones, and in which cones they are."""
-        self.right.append(right)
-        self.height += len(right)
-        self.cones.append((kind, len(right), side))
-
-    def maximised(self, seconds: float) -> tuple[FloatArray, float, str]:
-        """The point with the largest last variable, this variable, and how the solver ended."""
-        import clarabel  # type: ignore[import-untyped]
-
-        cones: list[Any] = []
-        for kind, length, side in self.cones:
-            if kind == "zero":
-                cones.append(clarabel.ZeroConeT(length))
-            else:
-                each = side * (side + 1) // 2
-                cones += [clarabel.PSDTriangleConeT(side)] * (length // each)
-        row, column, value = (np.concatenate(part) for part in zip(*self.entries, strict=True))
-        A = sparse.csc_matrix((value, (row, column)), shape=(self.height, self.width))
-        cost = np.zeros(self.width)
-        cost[-1] = -1.0
-        settings = clarabel.DefaultSettings()
-        settings.verbose, settings.time_limit = False, seconds
-        P = sparse.csc_matrix((self.width, self.width))
-        right = np.concatenate(self.right)
-        found = clarabel.DefaultSolver(P, cost, A, right, cones, settings).solve()
-        x = np.asarray(found.x)
-        return x, float(x[-1]), str(found.status)
+def _matrix(parts: Iterable[Blocks], height: int, width: int) -> CSC:
+    """Sums of blocks (k, r, c) whose first entries are at these rows and columns (k,)."""
+    entries = []
+    for rows, columns, blocks in parts:
+        _, r, c = shape = blocks.shape
+        at = np.broadcast_to(rows[:, None, None] + np.arange(r)[:, None], shape)
+        to = np.broadcast_to(columns[:, None, None] + np.arange(c), shape)
+        kept = blocks != 0.0
+        entries.append((at[kept], to[kept], blocks[kept]))
+    row, column, value = (np.concatenate(part) for part in zip(*entries, strict=True))
+    return sparse.csc_array((value, (row, column)), shape=(height, width))
 
 
 def _upper(n: int) -> tuple[IntArray, IntArray]:

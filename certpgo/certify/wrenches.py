@@ -26,7 +26,7 @@ from fractions import Fraction
 import numpy as np
 
 from certpgo import cycle_checker
-from certpgo.certify.cycles import SOLVED, of_matrices
+from certpgo.certify.cycles import SOLVED, of_matrices, root_up
 from certpgo.certify.tolerances import ATOL, FLOOR, RTOL, allowed
 from certpgo.certify.wrench_program import split_wrenches
 from certpgo.errors import InputError, require
@@ -245,7 +245,7 @@ class _Exact:
             return None
         off = [tau * x - y for x, y in zip(self.eps[e], g, strict=True)]
         turned = [kappa * x - y for x, y in zip(_axial(E), phi, strict=True)]
-        return _dot(off, off) / a + 4 * (_root(b * b + _dot(turned, turned)) - b)
+        return _dot(off, off) / a + 4 * (root_up(b * b + _dot(turned, turned)) - b)
 
 
 def _passes(springs: list[Matrix], Om: Matrix) -> bool:
@@ -303,12 +303,6 @@ def _axial(A: Matrix) -> list[Fraction]:
 def _cross(x: list[Fraction], y: list[Fraction]) -> list[Fraction]:
     pairs = ((0, 1),) if len(x) == 2 else ((1, 2), (2, 0), (0, 1))
     return [x[a] * y[b] - x[b] * y[a] for a, b in pairs]
-
-
-def _root(x: Fraction) -> Fraction:
-    """At least the square root."""
-    n, d = x.as_integer_ratio()
-    return Fraction(math.isqrt(n * d << 400) + 1, d << 200)
 
 
 def _fractions(x: FloatArray) -> list[Fraction]:
