@@ -58,7 +58,7 @@ HARNESS_RANKS = {
 #: Third-party packages with one home each.
 HOMES = {
     "cvxpy": ("certpgo/optimize/methods/sdp_",),
-    "clarabel": ("certpgo/certify/cycle_program.py", "certpgo/certify/wrench_program.py"),
+    "clarabel": "certpgo/certify/cone_program.py",
     "pymetis": ("certpgo/linalg/factor.py",),
     "pooch": ("certpgo/io/datasets/lookup.py",),
     "rosbags": ("certpgo/io/bags.py",),
