@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from decimal import Decimal
 from fractions import Fraction
 from functools import cache
@@ -44,7 +44,10 @@ Quaternion = tuple[int, ...]  # x y z w of any norm; in the plane 0 0 sin cos of
 
 
 class Edge(NamedTuple):
-    """A measurement of node j in the frame of node i; kappa = 0 if of its position alone."""
+    """A measurement of node j in the frame of node i; kappa = 0 if of its position alone.
+
+    Under the cost of g2o kappa and tau are 1 otherwise.
+    """
 
     i: int
     j: int
@@ -53,6 +56,7 @@ class Edge(NamedTuple):
     kappa: int
     tau: int
     scale: int = ONE  # of similarities
+    information: tuple[int, ...] = ()  # an upper triangle, under the cost of g2o
 
 
 class Graph(NamedTuple):
@@ -79,6 +83,17 @@ class Rejected(NamedTuple):
     tau: int
     C: list[list[int]]
     t: tuple[int, ...]
+
+
+class Minorant(NamedTuple):
+    """A claim f_e >= tau |v - b|^2 + 2 d kappa - 2 <N, Q> + constant, see `minorant_holds`."""
+
+    tau: int
+    kappa: int
+    constant: int
+    arm: tuple[int, ...]  # b
+    N: tuple[int, ...]  # row by row
+    touching: tuple[int, ...]  # an angle, or a quaternion w x y z and a slope; none of positions
 
 
 class Within(NamedTuple):
@@ -115,6 +130,7 @@ class Proof(NamedTuple):
     exponent: int
     rejected: list[Rejected]  # empty but for a truncated cost
     s: list[int]  # ONE but for similarities
+    minorants: list[Minorant] = []  # noqa: RUF012  # of all edges, for the cost of g2o
 
 
 class Plain(NamedTuple):
@@ -157,7 +173,7 @@ class Lines:
 
     def __init__(self) -> None:
         self.said: dict[str, list[str]] = {}
-        self.d, self.poses, self.similar = 0, True, False
+        self.d, self.poses, self.similar, self.full = 0, True, False, False
         self.claims: list[tuple[int | None, Decimal | None, Decimal | None]] = []
         self.ids: list[int | None] = []
         self.points, self.free = set[int](), set[int]()
@@ -167,6 +183,7 @@ class Lines:
         self.s: list[int] = []
         self.edges: list[Edge] = []
         self.rejected: list[Rejected] = []
+        self.minorants: list[Minorant] = []
 
     def add(self, line: str) -> None:
         """One more line."""
@@ -192,14 +209,18 @@ class Lines:
                 self.points.add(len(self.ids))
                 (t,) = grouped(words, d)
                 self.node(name, [0, 0, 0, ONE], t, [0] * (d * (d + 1) // 2), ONE)
+            case ["edge" | "position" as what, i, j, *words] if self.full:
+                self.informed(int(i), int(j), what == "edge", words)
+            case ["minorant", *words] if self.full:
+                self.minorant(words)
             case ["edge", i, j, *words] if d:
                 (kappa,), tau, q, t, scale = grouped(words, 1, self.poses, 4, poses, similar)
                 turn, weight = quaternion(q, d), (*tau, ONE)[0]
-                self.edge(Edge(int(i), int(j), turn, (*t,), kappa, weight, *scale))
+                self.edge(Edge(int(i), int(j), turn, (*t,), kappa, weight, (*scale, ONE)[0]))
             case ["position", i, j, *words] if poses:
                 (weight,), t, scale = grouped(words, 1, d, similar)
-                self.edge(Edge(int(i), int(j), (0, 0, 0, 1), (*t,), 0, weight, *scale))
-            case ["rejected", *words] if self.edges and not similar:
+                self.edge(Edge(int(i), int(j), (0, 0, 0, 1), (*t,), 0, weight, (*scale, ONE)[0]))
+            case ["rejected", *words] if self.edges and not (similar or self.full):
                 (price, kappa), C, tau, t = grouped(words, 2, d * d, self.poses, poses)
                 rows = [C[d * a : d * a + d] for a in range(d)]
                 e = len(self.edges) - 1
@@ -211,13 +232,12 @@ class Lines:
 
     def cost(self, cost: str, kind: str, dimension: str) -> None:
         """What the other lines are about."""
-        if cost != "chordal":
-            raise Unreadable("integers check proofs of --cost chordal; without --exact, others too")
         if dimension not in ("2", "3"):
             raise ValueError("2 or 3 dimensions expected")
-        if kind not in ("poses", "rotations", "similarities"):
-            raise ValueError("poses, rotations or similarities expected")
-        self.said["cost"], self.d = [kind], int(dimension)
+        kinds = {"chordal": ("poses", "rotations", "similarities"), "g2o": ("poses",)}
+        if kind not in kinds.get(cost, ()):
+            raise ValueError("the chordal cost expected, or that of g2o for poses")
+        self.said["cost"], self.d, self.full = [kind], int(dimension), cost == "g2o"
         self.poses, self.similar = kind != "rotations", kind == "similarities"
 
     def node(self, name: str, q: list[int], t: list[int], Lam: list[int], s: int) -> None:
@@ -240,6 +260,27 @@ class Lines:
         if edge.kappa < 0 or min(edge.tau, edge.scale) <= 0:
             raise ValueError("a weight or scale that is not positive")
         self.edges.append(edge)
+
+    def informed(self, i: int, j: int, turned: bool, words: list[str]) -> None:
+        """One more measurement under the cost of g2o."""
+        d = self.d
+        p = 3 * d - 3 if turned else d
+        q, t, upper = grouped(words, 4 * turned, d, p * (p + 1) // 2)
+        turn = quaternion(q, d) if turned else (0, 0, 0, 1)
+        self.edge(Edge(i, j, turn, (*t,), ONE * turned, ONE, ONE, (*upper,)))
+
+    def minorant(self, words: list[str]) -> None:
+        """What is claimed about the last measurement."""
+        d, turned = self.d, bool(self.edges and self.edges[-1].kappa)
+        if len(self.minorants) != len(self.edges) - 1:
+            raise ValueError("one minorant after each measurement expected")
+        if turned:
+            scalars, b, N, touching = grouped(words, 3, d, d * d, 1 if d == 2 else 5)
+        else:
+            (tau, constant), b = grouped(words, 2, d)
+            scalars, N, touching = [tau, 0, constant], [0] * (d * d), []
+        tau, kappa, constant = scalars
+        self.minorants.append(Minorant(tau, kappa, constant, (*b,), (*N,), (*touching,)))
 
 
 def distance(word: str) -> Decimal | None:
@@ -272,11 +313,13 @@ def read(text: str) -> Plain:
         raise Refused("order is no permutation of the nodes, or nothing is measured")
     if not (0 <= pin < n and abs(exponent) <= 300):
         raise Refused("pin or exponent out of range")
+    if lines.full and len(lines.minorants) != len(lines.edges):
+        raise Refused("a measurement without a minorant")
     free = lines.free if lines.similar else None
     graph = Graph(n, lines.edges, lines.points, free, tuple(lines.ids))
-    proof = Proof(
-        lines.q, lines.t, lines.multipliers, order, pin, exponent, lines.rejected, lines.s
-    )
+    hints = order, pin, exponent
+    claims = lines.rejected, lines.s, lines.minorants
+    proof = Proof(lines.q, lines.t, lines.multipliers, *hints, *claims)
     within = tuple(Within(*claim, graph.ids[pin]) for claim in lines.claims)
     return Plain(sha256, about, kind, lines.d, graph, proof, within)
 
@@ -312,6 +355,12 @@ def product(a: Quaternion, b: Quaternion) -> Quaternion:
         w * r + x * q - y * p + z * s,
     )
     return i, j, k, w * s - x * p - y * q - z * r
+
+
+def conjugate(q: Quaternion) -> Quaternion:
+    """The quaternion of R(q)^T."""
+    x, y, z, w = q
+    return -x, -y, -z, w
 
 
 def matrix(q: Quaternion, d: int) -> list[list[int]]:
@@ -392,8 +441,8 @@ def upper_bound(graph: Graph, proof: Proof, d: int) -> Fraction:
 def lower_bound(graph: Graph, proof: Proof, d: int) -> Fraction:
     """What F* is at least if A is positive semidefinite.
 
-    The sum of tr(Lam), and what rejected measurements add. A trace counts s^2 times: at unknown
-    scales it must not be negative, and if all are unknown, the least one counts for each.
+    The sum of tr(Lam), and what rejected measurements or minorants add. A trace counts s^2 times:
+    at unknown scales it must not be negative, and if all are unknown, the least counts for each.
     """
     traces = [sum(row[k] for k in ((0, 2), (0, 3, 5))[d - 2]) for row in proof.multipliers]
     if graph.in_mean_unit:
@@ -402,6 +451,7 @@ def lower_bound(graph: Graph, proof: Proof, d: int) -> Fraction:
         raise Refused("the trace of a multiplier of an unknown scale is negative")
     else:
         total = sum(x for k, x in enumerate(traces) if k not in (graph.free or ()))
+    total += sum(given.constant for given in proof.minorants)
     return Fraction(
         total + sum(constant(graph.edges[cut.edge], cut, d) for cut in proof.rejected), ONE
     )
@@ -428,6 +478,274 @@ def constant(edge: Edge, cut: Rejected, d: int) -> Fraction:
     return cut.price + cut.kappa * (d - Fraction(norm(C), ONE * ONE))
 
 
+# --- The cost of g2o ------------------------------------------------------------------------------
+
+Matrix = list[list[int]]
+BITS = 320  # fractional bits of angles, cosines and sines
+OFF = 1 << 32  # what cosines and sines are off by at most, in units of 2^-BITS
+
+
+def symmetric(upper: Sequence[int], n: int) -> Matrix:
+    """The n x n matrix of an upper triangle, row by row."""
+    numbers, A = iter(upper), [[0] * n for _ in range(n)]
+    for a in range(n):
+        for b in range(a, n):
+            A[a][b] = A[b][a] = next(numbers)
+    return A
+
+
+def parts(A: Matrix, d: int) -> tuple[Matrix, Matrix, Matrix]:
+    """T, P^T and W of an information [[T, P], [P^T, W]], translation first."""
+    return [row[:d] for row in A[:d]], [row[:d] for row in A[d:]], [row[d:] for row in A[d:]]
+
+
+def times(A: Iterable[Sequence[int]], x: Sequence[int]) -> list[int]:
+    """A x."""
+    return [sum(map(mul, row, x)) for row in A]
+
+
+def inner(x: Sequence[int], y: Sequence[int]) -> int:
+    """x.y."""
+    return sum(map(mul, x, y))
+
+
+def cofactors(M: Matrix) -> Matrix:
+    """Those of a 3 x 3 matrix."""
+    return [
+        [M[a - 2][b - 2] * M[a - 1][b - 1] - M[a - 2][b - 1] * M[a - 1][b - 2] for b in range(3)]
+        for a in range(3)
+    ]
+
+
+def adjugate(A: Matrix) -> Matrix:
+    """That of a symmetric matrix, 2 x 2 or 3 x 3."""
+    return cofactors(A) if len(A) == 3 else [[A[1][1], -A[0][1]], [-A[0][1], A[0][0]]]
+
+
+def is_definite(A: Matrix) -> bool:
+    """Whether a symmetric matrix is positive definite, by elimination without fractions (Bareiss).
+
+    Entries of more than 400 bits are rounded down to fewer, which takes less than n from x.A x, and
+    n from the diagonal makes up for that: such a matrix might be refused wrongly.
+    """
+    n, by = len(A), max(x.bit_length() for row in A for x in row) - 400
+    by = max(by, 0)
+    A = [
+        [(x >> by) - n * (by > 0 and r == s) for s, x in enumerate(row)] for r, row in enumerate(A)
+    ]
+    last = 1
+    for k, row in enumerate(A):
+        pivot = row[k]
+        if pivot <= 0:
+            return False
+        for r in range(k + 1, n):
+            first, other = row[r], A[r]
+            for s in range(r, n):
+                other[s] = (pivot * other[s] - first * row[s]) // last
+        last = pivot
+    return True
+
+
+@cache
+def is_information(upper: tuple[int, ...], n: int) -> bool:
+    """Whether the n x n matrix of an upper triangle is positive definite."""
+    return is_definite(symmetric(trimmed(upper)[0], n))
+
+
+def g2o_cost(graph: Graph, proof: Proof, d: int) -> Fraction:
+    """f(x) = sum e^T Omega e, each term rounded up to a multiple of 2^-FINE.
+
+    e = (y, x) with y = R_ij^T (R_i^T (t_j - t_i) - t_ij), and x the angle of E = R_ij^T R_i^T R_j,
+    or the vector part of its unit quaternion (w, x), w >= 0. Where E turns by pi, f takes two
+    values, of which the larger counts.
+    """
+    back = [[*zip(*matrix(q, d), strict=True)] for q in proof.q]  # |q|^2 R^T
+    norms, total = [norm(q) for q in proof.q], 0
+    (_, *flat), unit = trimmed([ONE, *chain(*proof.t, *(edge.t for edge in graph.edges))])
+    t = [flat[k : k + d] for k in range(0, len(flat), d)]
+    for edge, step in zip(graph.edges, t[graph.n :], strict=True):
+        i, j, q, *_ = edge
+        (_, *upper), e = trimmed([ONE, *edge.information])
+        T, PT, W = parts(symmetric(upper, 3 * d - 3 if edge.kappa else d), d)
+        v = times(back[i], [b - a for a, b in zip(t[i], t[j], strict=True)])
+        v = [x - norms[i] * s for x, s in zip(v, step, strict=True)]
+        # y is this over D, and x an enclosed vector over another integer.
+        y, D = times(zip(*matrix(q, d), strict=True), v), norms[i] * norm(q) << unit
+        ends, C = [[0] * len(W)], 1
+        if edge.kappa:
+            between = product(conjugate(q), product(conjugate(proof.q[i]), proof.q[j]))
+            ends, C = angles(between) if d == 2 else vector_parts(between)
+        # Of a convex function the largest value in an interval is that at one of its ends.
+        largest = max(
+            inner(y, times(T, y)) * C * C
+            + 2 * inner(times(PT, y), x) * C * D
+            + inner(x, times(W, x)) * D * D
+            for x in ends
+        )
+        total -= (-largest << FINE) // ((C * D) ** 2 << e)
+    return Fraction(total, 1 << FINE)
+
+
+def vector_parts(q: Quaternion) -> tuple[Matrix, int]:
+    """Two ends x/C, and C, between which is the vector part of a unit quaternion (w, x), w >= 0."""
+    *x, w = q if q[3] >= 0 else (-a for a in q)
+    n = norm(q)
+    root = isqrt(n << 2 * BITS)  # 1/|q| is in [root, root + 1] / (n 2^BITS)
+    ends = [[a * r for a in x] for r in (root, root + 1)]
+    return ends + [[-a for a in x] for x in ends] * (w == 0), n << BITS
+
+
+def angles(q: Quaternion) -> tuple[Matrix, int]:
+    """Two ends x/C, and C, between which is the angle of a rotation in the plane."""
+    _, _, s, c = q if q[3] >= 0 else (-a for a in q)
+    half = angle(abs(s), c)
+    ends = [2 * half - 4, 2 * half + 4]
+    ends = [-x for x in ends] if s < 0 else ends
+    return [[x] for x in ends + [-x for x in ends] * (c == 0)], 1 << BITS
+
+
+def angle(s: int, c: int) -> int:
+    """Of the direction (c, s), both >= 0, within 2 units of 2^-BITS.
+
+    It is halved eight times: c + |(c, s)| and s have half the angle of c and s.
+    """
+    fine = BITS + 64
+    if s > c:
+        return (quarter_turn(fine) >> 64) - angle(c, s)
+    by = fine - c.bit_length()
+    s, c = shifted(s, by), shifted(c, by)
+    for _ in range(8):
+        c += isqrt(c * c + s * s)
+    x = (s << fine) // c  # the tangent
+    total, power, k = 0, x, 1
+    while power:
+        total += (2 - k % 4) * (power // k)
+        power, k = power * x * x >> 2 * fine, k + 2
+    return total >> (64 - 8)
+
+
+def minorant_holds(edge: Edge, given: Minorant, d: int) -> bool:
+    """Whether Omega is definite, and f_e >= tau |v - b|^2 + 2 d kappa - 2 <N, Q> + c everywhere.
+
+    That is for all v and rotations Q. With E = R_ij^T Q, x of E as in `g2o_cost`, A = T - tau I and
+    y = R_ij^T (b - t_ij), the least value over v of f_e - tau |v - b|^2 is x.S x + 2 beta.x + gamma
+    with S = W - P^T A^-1 P, beta = -tau P^T A^-1 y, gamma = -tau |y|^2 - tau^2 y.A^-1 y.
+    """
+    (_, tau, *upper), e = trimmed([ONE, given.tau, *edge.information])
+    turned = edge.kappa != 0
+    Omega = symmetric(upper, 3 * d - 3 if turned else d)
+    T, PT, W = parts(Omega, d)
+    A = [[x - tau * (a == b) for b, x in enumerate(row)] for a, row in enumerate(T)]
+    if not is_information(edge.information, len(Omega)):
+        return False
+    if not turned and given.arm == edge.t:
+        return given.constant <= 0 and (not any(map(any, A)) or is_definite(A))
+    if not is_definite(A):
+        return False
+    numbers = [given.kappa, given.constant, *given.touching, *given.arm, *edge.t, *given.N]
+    (_, kappa, constant, *numbers), g = trimmed([ONE, *numbers])
+    touching, numbers = numbers[: len(given.touching)], numbers[len(given.touching) :]
+    b, t, N = numbers[:d], numbers[d : 2 * d], numbers[2 * d :]
+    back, D = [*zip(*matrix(edge.q, d), strict=True)], norm(edge.q)
+    y, inverse = times(back, [p - q for p, q in zip(b, t, strict=True)]), adjugate(A)
+    det, PA = inner(A[0], inverse[0]), [times(inverse, row) for row in PT]
+    gamma = -tau * (det * inner(y, y) + tau * inner(y, times(inverse, y)))
+    wanted = (2 * d * kappa + constant) * det * D * D
+    if not turned:
+        return gamma >= wanted << (e + g)
+    S = [[det * x for x in row] for row in W]
+    S = [
+        [x - inner(q, r) for x, r in zip(row, PT, strict=True)]
+        for row, q in zip(S, PA, strict=True)
+    ]
+    beta = [-tau * inner(row, y) for row in PA]
+    turned_N = [[inner(row, N[k::d]) for k in range(d)] for row in back]
+    residual = Residual(S, beta, gamma, turned_N, wanted, det, D, e, g)
+    if d == 3:
+        return spatial_holds(residual, touching)
+    size = max(x.bit_length() for row in Omega for x in row) - e
+    return planar_holds(residual, touching[0], 200 - size)
+
+
+class Residual(NamedTuple):
+    """x.S x + 2 beta.x + gamma + 2 <N, E> >= wanted, to be shown for all rotations E."""
+
+    S: Matrix  # over det, in units of 2^-e
+    beta: list[int]  # over det D, 2^-(e + g)
+    gamma: int  # over det D^2, 2^-(e + 2g)
+    N: Matrix  # over D, 2^-g
+    wanted: int  # over det D^2, 2^-g
+    det: int
+    D: int
+    e: int
+    g: int
+
+
+def spatial_holds(given: Residual, touching: list[int]) -> bool:
+    """Whether it holds for all unit quaternions q = (w, x), w >= 0.
+
+    For w0 >= 0, |q0| <= 1 and k >= |k x0 + l|, l.x >= (q.q0) (l.x) - k + k (q.q0)^2. So it is
+    enough that a quadratic form in q is positive: here in units of 2^-(e + 3g), over det D^2.
+    """
+    S, beta, gamma, N, wanted, det, D, e, g = given
+    *q0, k = touching
+    if any(beta):  # l = 2 beta
+        needed = [(k * x * det * D << e) + (2 * y << g) for x, y in zip(q0[1:], beta, strict=True)]
+        steep = norm(needed) <= (k * det * D << (e + g)) ** 2
+        if min(q0[0], k) < 0 or norm(q0) > 1 << 2 * g or not steep:
+            return False
+    else:
+        k = 0
+    trace, D2 = N[0][0] + N[1][1] + N[2][2], D * D
+    z = [0, N[2][1] - N[1][2], N[0][2] - N[2][0], N[1][0] - N[0][1]]
+    half = [0, *(x * D << g for x in beta)]
+    rest = (wanted + k * det * D2 << e + 2 * g) - (gamma << g)
+    form = [[0] * 4 for _ in range(4)]
+    for r in range(4):
+        for s in range(4):
+            turned = z[r + s] if r * s == 0 else N[r - 1][s - 1] + N[s - 1][r - 1]
+            if r == s:
+                turned = trace if r == 0 else turned - trace
+            form[r][s] = (2 * det * D * turned << e + 2 * g) - rest * (r == s)
+            form[r][s] += S[r - 1][s - 1] * D2 << 3 * g if r * s else 0
+            form[r][s] += q0[r] * half[s] + q0[s] * half[r] + (k * q0[r] * q0[s] * det * D2 << e)
+    return is_definite(form)
+
+
+def planar_holds(given: Residual, alpha: int, unit: int) -> bool:
+    """Whether it holds for all angles x, shown in units of 2^-unit.
+
+    With h = beta/s and phi = x + h the sum is s phi^2 + 2 a cos(phi) + 2 b sin(phi) + gamma -
+    beta^2/s, and phi^2 >= alpha^2 + 2 r (cos(alpha) - cos(phi)) with r = alpha / sin(alpha): phi^2
+    is convex in cos(phi) up to pi.
+    """
+    ((s,),), (beta,), gamma, N, wanted, det, D, e, g = given
+    if s <= 0:
+        return False
+    least = (wanted * s << (e + g)) - gamma * s + beta * beta
+    needed = -(shifted(-least, unit - e - 2 * g) // (det * D * D * s))
+    h, alpha = shifted(beta, BITS - g) // (D * s), shifted(alpha, BITS - g)
+    u, v = (shifted(x, unit - g) // D for x in (N[0][0] + N[1][1], N[1][0] - N[0][1]))
+    s = shifted(s, unit - e) // det
+    if not (abs(h) < 8 << BITS and 0 <= alpha < 4 << BITS and max(s, abs(u), abs(v)) < 1 << 220):
+        return False
+    (c, n), (cosine, sine) = circle(abs(h), BITS), circle(alpha, BITS)
+    n = n if h >= 0 else -n
+    a, b = (u * c - v * n) >> BITS, (u * n + v * c) >> BITS
+    low, high = 1 << BITS, 1 << BITS  # r
+    if alpha:
+        if sine <= 2 * OFF:
+            return False
+        low, high = (alpha << BITS) // (sine + OFF), (alpha << BITS) // (sine - OFF) + 1
+    ends = s * low >> BITS, ((s + 1) * high >> BITS) + 1  # of p = s r
+    if ends[1] >> 240:
+        return False
+    lowest = min(2 * (p * cosine >> BITS) - 2 * abs(a - p) for p in ends)  # concave in p
+    return (s * alpha * alpha >> 2 * BITS) + lowest - 2 * abs(b) - 24 >= needed
+
+
+# --- The certificate matrix -----------------------------------------------------------------------
+
 Entries = dict[tuple[int, int], int]
 Block = tuple[int, int, list[list[int]], int]  # N/D from a row and a column
 
@@ -440,6 +758,9 @@ def certificate_matrix(
     Node k has rows at[k], its position (-1: the pinned one), and turn[k] ..., its rotation.
     """
     terms = [(e.i, e.j, matrix(e.q, d), norm(e.q), e.t, e.kappa, e.tau) for e in graph.edges]
+    for k, given in enumerate(proof.minorants):
+        N = [[*given.N[d * a : d * a + d]] for a in range(d)]
+        terms[k] = (*terms[k][:2], N, ONE, given.arm, given.kappa, given.tau)
     for cut in proof.rejected:
         i, j, *_ = terms[cut.edge]
         terms[cut.edge] = (i, j, cut.C, ONE, cut.t, -cut.kappa, -cut.tau)
@@ -447,15 +768,18 @@ def certificate_matrix(
     (_, *scales), fine = trimmed([ONE, *(edge.scale for edge in graph.edges)])
     steps, step_unit = trimmed([ONE, *(x for term in terms for x in term[4])])
     Lams, Lam_unit = trimmed([x for row in proof.multipliers for x in row])
-    unit, size = max(tau_unit + 2 * max(step_unit, fine), Lam_unit), d * (d + 1) // 2
+    unit, size = max(tau_unit + 2 * max(step_unit, fine), Lam_unit, 0), d * (d + 1) // 2
     A: Counter[tuple[int, int]] = Counter()
     blocks = []
     for k, (i, j, N, D, *_) in enumerate(terms):
         kappa, tau = (weight << (unit - tau_unit) for weight in taus[2 * k : 2 * k + 2])
-        if kappa:
+        if graph.edges[k].kappa:
             across = (kappa >> fine) * scales[k]
+            own = (across >> fine) * scales[k]
+            if proof.minorants:  # N itself
+                own, across = kappa, 1 << unit
             blocks.append((turn[i], turn[j], [[-across * x for x in row] for row in N], D))
-            for row, weight in ((turn[i], (across >> fine) * scales[k]), (turn[j], kappa)):
+            for row, weight in ((turn[i], own), (turn[j], kappa)):
                 A.update({(row + a, row + a): weight for a in range(d)})
         if proof.t:
             arms = [(at[j], steps[0]), (at[i], -steps[0])]
@@ -645,8 +969,6 @@ def is_positive_semidefinite(
 
 # --- Distances ------------------------------------------------------------------------------------
 
-Matrix = list[list[int]]
-
 
 def inverse_blocks(
     tree: list[Front], columns: list[list[int]], rows: dict[int, range], n: int, precision: int
@@ -692,14 +1014,6 @@ def inverse_blocks(
             places = [place[r] for r in tree[child][1]]
             above[child] = [packing.gathered(Z[k], len(here), places) for k in places]
     return blocks
-
-
-def cofactors(M: Matrix) -> Matrix:
-    """Those of a 3 x 3 matrix."""
-    return [
-        [M[a - 2][b - 2] * M[a - 1][b - 1] - M[a - 2][b - 1] * M[a - 1][b - 2] for b in range(3)]
-        for a in range(3)
-    ]
 
 
 def turns_less(G: Matrix, square: Fraction, degrees: Fraction) -> bool:
@@ -782,6 +1096,12 @@ def prove(
     graph: Graph, proof: Proof, d: int, claims: Sequence[Within] = ()
 ) -> tuple[Fraction, Fraction]:
     """Both bounds, and that the claims hold."""
+    for k, (edge, given) in enumerate(
+        zip(graph.edges, proof.minorants, strict=bool(proof.minorants))
+    ):
+        if not minorant_holds(edge, given, d):
+            raise Refused(f"the minorant of measurement {k} was not proven, or that f is convex")
+    upper = (g2o_cost if proof.minorants else upper_bound)(graph, proof, d)
     lower = lower_bound(graph, proof, d)
     found = fronts({(edge.i, edge.j) for edge in graph.edges}, proof.order)
     at, turn, rows, n = {}, {}, dict[int, range](), 0
@@ -811,7 +1131,6 @@ def prove(
             break
     else:
         raise Refused("the certificate matrix was not proven positive semidefinite")
-    upper = upper_bound(graph, proof, d)
     if claims:
         if proof.order[-1] != proof.pin or proof.pin in graph.points:
             raise Refused("distances are seen from the pinned pose, the last of the order")

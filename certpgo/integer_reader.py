@@ -66,6 +66,7 @@ def decimal(word: str) -> tuple[int, int]:
     return int(match[1] + match[2] + after), int(match[4] or 0) - len(after)
 
 
+@cache
 def double(word: str) -> int:
     """The double nearest to a decimal number; beyond 10^4800 and 10^-4800 m does not matter."""
     m, e = decimal(word)
@@ -322,25 +323,18 @@ def g2o_edge(tag: str, words: list[str], claim: dict[str, Any]) -> tuple[int, Ed
     numbers, information = [double(word) for word in rest[:size]], tuple(rest[size:])
     turn = [0, 0, 0, ONE] if not turned else half_angle(numbers[2]) if d == 2 else numbers[3:]
     kappa, tau, whole = ONE, ONE, tuple[int, ...]()
-    for word in information:
-        decimal(word)
     if claim.get("cost"):
-        whole = full(information)
-    elif information and None in (claim["kappa"], claim["tau"]):
+        whole = tuple(map(double, information))
+        if any(abs(x) >= FAR * ONE for x in whole):
+            raise ValueError("information that is not huge expected")
+    for word in () if whole else information:
+        decimal(word)
+    if information and not whole and None in (claim["kappa"], claim["tau"]):
         kappa, tau = weights(information, turned)
         if claim["rotation_information"] == "quaternion":
             kappa >>= 2  # half the angle, a quarter of the information
     q, t, kappa = quaternion(turn), tuple(numbers[:d]), max(kappa, 1) * turned
     return sensor, Edge(ids[0], ids[-1], q, t, kappa, tau, role, information=whole)
-
-
-@cache
-def full(words: tuple[str, ...]) -> tuple[int, ...]:
-    """The information as doubles."""
-    found = tuple(map(double, words))
-    if any(abs(x) >= FAR * ONE for x in found):
-        raise ValueError("information that is not huge expected")
-    return found
 
 
 def similarity_edge(tag: str, words: list[str], claim: dict[str, Any]) -> Edge:
@@ -650,22 +644,22 @@ def pose_lines(files: dict[str, bytes], claim: dict[str, Any], graph: Graph) -> 
         for name, columns in (("rotations", 2 * d - 2), ("multipliers", d * (d + 1) // 2))
     )
     t = doubles(files, "translations", n, d) if poses else [[]] * n
-    s = doubles(files, "scales", n)[0] if graph.free is not None else [ONE] * n
-    if min(s) <= 0:
-        raise Refused("a scale is not positive")
+    s = doubles(files, "scales", n)[0] if graph.free is not None else ["1p0"] * n
     for k, node in enumerate(graph.ids or range(n)):
-        name = "world" if node is None else node
-        turn, where, Lam = map(str, quaternion(q[k])), words(t[k]), words(multipliers[k])
+        name, turn = (
+            "world" if node is None else f"{node}",
+            q[k] if d == 3 else ["0", "0", *q[k][::-1]],
+        )
         if k in graph.points:
-            if any(multipliers[k]):
+            if {*multipliers[k]} != {"0"}:
                 raise Refused("a multiplier of a point, which has no rotation")
-            yield " ".join(("point", f"{name}", *where))
+            yield " ".join(("point", name, *t[k]))
         elif k in (graph.free or ()):
-            yield " ".join(("free", f"{name}", *turn, *where, *words([s[k]]), *Lam))
-        elif s[k] != ONE:
+            yield " ".join(("free", name, *turn, *t[k], s[k], *multipliers[k]))
+        elif s[k] != "1p0":
             raise Refused("a scale that is known to be 1 is another one")
         else:
-            yield " ".join(("pose", f"{name}", *turn, *where, *Lam))
+            yield " ".join(("pose", name, *turn, *t[k], *multipliers[k]))
 
 
 def edge_lines(files: dict[str, bytes], claim: dict[str, Any], graph: Graph) -> Iterator[str]:
@@ -677,23 +671,16 @@ def edge_lines(files: dict[str, bytes], claim: dict[str, Any], graph: Graph) -> 
         turn = map(str, edge.q) if edge.kappa else ()
         weights = (edge.kappa,) * bool(edge.kappa) + (edge.tau,) * poses
         where = (*edge.t,) * poses + (edge.scale,) * similar
-        ends, after = (f"{edge.i}", f"{edge.j}"), edge.information
-        yield " ".join(
-            (
-                "edge" if edge.kappa else "position",
-                *ends,
-                *words(() if after else weights),
-                *turn,
-                *words((*where, *after)),
-            )
-        )
+        weights = () if edge.information else weights
+        numbers = *words(weights), *turn, *words(where), *words(edge.information)
+        yield " ".join(("edge" if edge.kappa else "position", f"{edge.i} {edge.j}", *numbers))
         if k in cuts:
-            yield " ".join(("rejected", *words(cuts[k])))
+            yield " ".join(("rejected", *cuts[k]))
         if bound:
-            yield " ".join(("minorant", *words(bound)))
+            yield " ".join(("minorant", *bound))
 
 
-def rejections(files: dict[str, bytes], claim: dict[str, Any], m: int) -> dict[int, list[int]]:
+def rejections(files: dict[str, bytes], claim: dict[str, Any], m: int) -> dict[int, list[str]]:
     """Of rejected measurements, by their numbers: price, kappa, C, and of poses tau and b."""
     d, poses = claim["d"], claim["kind"] == "poses"
     found = stored(files["rejected"], "<i4")[0]
@@ -704,37 +691,50 @@ def rejections(files: dict[str, bytes], claim: dict[str, Any], m: int) -> dict[i
     return dict(zip(found, rows, strict=True))
 
 
-def minorants(files: dict[str, bytes], d: int, graph: Graph) -> list[tuple[int, ...]]:
+def minorants(files: dict[str, bytes], d: int, graph: Graph) -> list[tuple[str, ...]]:
     """Of each measurement: tau, kappa, c, b, N and what touches; of positions tau, c and b."""
-    m, found = len(graph.edges), []
+    m, found = len(graph.edges), list[tuple[str, ...]]()
     (tau,), (kappa,), (c,) = (doubles(files, name, m) for name in ("tau", "kappa", "constants"))
     b, N = doubles(files, "arms", m, d), doubles(files, "couplings", m, d, d)
     touching = doubles(files, "touching", m, 1 if d == 2 else 5)
     for k, edge in enumerate(graph.edges):
         if edge.kappa:
             found.append((tau[k], kappa[k], c[k], *b[k], *N[k], *touching[k]))
-        elif kappa[k] or any(N[k]):
+        elif {kappa[k], *N[k]} != {"0"}:
             raise Refused("a minorant of a position, with a rotation")
         else:
             found.append((tau[k], c[k], *b[k]))
     return found
 
 
-def doubles(files: dict[str, bytes], name: str, *shape: int) -> list[list[int]]:
-    """The rows of an array of doubles."""
-    return [[from_bits(word) for word in row] for row in stored(files[name], "<f8", *shape)]
+def doubles(files: dict[str, bytes], name: str, *shape: int) -> list[list[str]]:
+    """The rows of an array of doubles, as they are written."""
+    return [[*map(written, row)] for row in stored(files[name], "<f8", *shape)]
 
 
 # --- What is written ------------------------------------------------------------------------------
 
 
 def words(numbers: Sequence[int]) -> list[str]:
-    """Doubles as m p e, the number m 2^e."""
-    said = []
+    """Doubles as mpe, the number m 2^e."""
+    found = []
     for x in numbers:
-        zeros = (x & -x).bit_length() - 1 if x else ULP
-        said.append(f"{x >> zeros}p{zeros - ULP}" if zeros != ULP else f"{x >> ULP}")
-    return said
+        zeros = (x & -x).bit_length() - 1
+        found.append(f"{x >> zeros}p{zeros - ULP}" if x else "0")
+    return found
+
+
+def written(word: int) -> str:
+    """The same of the bits of a double."""
+    exponent, digits = word >> 52 & 2047, word & (1 << 52) - 1
+    if exponent == 2047:
+        raise Refused("the proof holds numbers that are not finite")
+    digits |= (exponent > 0) << 52
+    if not digits:
+        return "0"
+    zeros = (digits & -digits).bit_length() - 1
+    m = digits >> zeros if word < 1 << 63 else -(digits >> zeros)
+    return f"{m}p{max(exponent, 1) - 1 + zeros - ULP}"
 
 
 def plain(graph_path: str | Path, proof_path: str | Path) -> str:
@@ -771,10 +771,10 @@ def heading(files: dict[str, bytes], claim: dict[str, Any], graph: Graph) -> Ite
     (order,), (delta,) = stored(files["order"], "<i4", n), stored(files["delta"], "<f4", n * width)
     for word in delta:  # a hint of which integers have no need
         from_bits(word, 23, 32)
-    prices = [row[0] for row in doubles(files, "rejections")] if claim["version"] == 3 else []
+    rows = stored(files["rejections"], "<f8") if claim["version"] == 3 else []
     yield "certpgo plain proof 1"
     yield f"graph {claim['graph_sha256']}"
-    yield f"about {about(graph, claim, prices)}"
+    yield f"about {about(graph, claim, [from_bits(row[0]) for row in rows])}"
     yield f"cost {claim['cost'] or 'chordal'} {claim['kind']} {claim['d']}"
     yield f"pin {claim['pin']} {claim['exponent']}"
     yield " ".join(("order", *map(str, order)))

@@ -1,4 +1,4 @@
-"""The checker on g2o's cost: against ball arithmetic of 90 digits, and against forged minorants."""
+"""Both checkers on g2o's cost: against ball arithmetic of 90 digits, and forged minorants."""
 
 import math
 from fractions import Fraction
@@ -7,20 +7,22 @@ import numpy as np
 import proofs
 import pytest
 import strategies
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from strategies import dimensions, rng_of, seeds
 
-from certpgo import checker
+from certpgo import checker, integer_checker, integer_reader
 from certpgo.certify.proof import quaternions
 from certpgo.linalg import rotations as so
 
 pytest.importorskip("flint", reason="python-flint is not installed")
 
 from exact_costs import (
+    BITS,
     applied,
     arb,
     balls,
+    ctx,
     inner,
     planar,
     product,
@@ -45,6 +47,93 @@ def rational(x):
 def rotation(q):
     """R(q)/|q|^2 of doubles."""
     return [[rational(x) for x in row] for row in proofs.exact_rotation(q)]
+
+
+# --- In integers
+
+
+def stored(x):
+    """Doubles as the integer checker stores them."""
+    if np.ndim(x):
+        return [stored(row) for row in x]
+    return int(Fraction(float(x)) * integer_checker.ONE)
+
+
+def edges_of(graph):
+    """The measurements as the integer checker has them."""
+    d, found = graph.t.shape[1], []
+    for e, (i, j) in enumerate(zip(graph.i.tolist(), graph.j.tolist(), strict=True)):
+        turned = graph.kappa[e] != 0.0
+        A = graph.information[e] if turned else graph.information[e, :d, :d]
+        q = integer_reader.quaternion(stored(graph.q[e])) if turned else (0, 0, 0, 1)
+        t, upper = tuple(stored(graph.t[e])), tuple(stored(A[np.triu_indices(len(A))]))
+        one = integer_checker.ONE
+        found.append(integer_checker.Edge(i, j, q, t, one * bool(turned), one, one, upper))
+    return found
+
+
+def held_in_integers(graph, given):
+    """(m,) which minorants the integer checker accepts."""
+    d = graph.t.shape[1]
+    tau, b, kappa, N, touching, c = (stored(x) for x in given)
+    return np.array(
+        [
+            integer_checker.minorant_holds(
+                edge,
+                integer_checker.Minorant(
+                    tau[e],
+                    kappa[e],
+                    c[e],
+                    tuple(b[e]),
+                    tuple(x for row in N[e] for x in row),
+                    tuple(touching[e]) if edge.kappa else (),
+                ),
+                d,
+            )
+            for e, edge in enumerate(edges_of(graph))
+        ]
+    )
+
+
+def cost_in_integers(graph, q, t):
+    """At least f(x), as a fraction."""
+    turns = [integer_reader.quaternion(row) for row in stored(q)]
+    proof = integer_checker.Proof(turns, stored(t), [], [], 0, 0, [], [])
+    given = integer_checker.Graph(graph.n, edges_of(graph), set())
+    return integer_checker.g2o_cost(given, proof, graph.t.shape[1])
+
+
+@given(st.tuples(*[st.integers(0, 2**60) | st.integers(0, 2**400)] * 2).filter(any))
+@example((0, 1))
+@example((1, 0))
+@example((1, 2**300))
+@example((2**300, 1))
+def test_angles_in_integers(direction):
+    s, c = direction
+    exact = arb.atan2(arb(s), arb(c))
+    unit = arb(2) ** integer_checker.BITS
+    ctx.prec = 900
+    try:
+        off = abs(arb(integer_checker.angle(s, c)) - arb.atan2(arb(s), arb(c)) * unit)
+        assert off < 2
+    finally:
+        ctx.prec = BITS
+    assert abs(arb(integer_checker.angle(s, c)) / unit - exact) < 1e-80
+
+
+def test_definite_matrices_in_integers():
+    for diagonal in ([1, 1], [1, 0], [0, 1], [-1, -1], [2, 3, 1], [1 << 900, 1 << 900, 1]):
+        A = [[x * (r == s) for s, x in enumerate(diagonal)] for r in range(len(diagonal))]
+        small = max(diagonal) < 1 << 400  # what is lost by rounding is refused
+        assert integer_checker.is_definite(A) == (min(diagonal) > 0 and small)
+    large = [[(4 << 900) + 1, 3 << 900], [3 << 900, 4 << 900]]
+    assert integer_checker.is_definite(large)
+    assert not integer_checker.is_definite(
+        [
+            [x - (large[0][0] >> 2) * (r == s) for s, x in enumerate(row)]
+            for r, row in enumerate(large)
+        ]
+    )
 
 
 # --- Sines, angles and vector parts
@@ -175,6 +264,10 @@ def test_costs_are_rounded_up_by_little(seed, d):
     found = arb(checker.g2o_cost(graph, q, t))
     assert exact <= found
     assert found <= exact * (1 + arb(2) ** -51)
+    sharp = rational(cost_in_integers(graph, q, t))
+    assert exact <= sharp * (1 + arb(2) ** -250)
+    assert sharp <= exact * (1 + arb(2) ** -250)
+    assert sharp <= found
 
 
 @pytest.mark.parametrize("k", [-350, -40, 0, 7, 350])
@@ -212,6 +305,7 @@ def test_a_planar_cost_by_hand():
     a = 1.5 - math.pi / 2
     expected = 2 + 4 * a * a + 2 * a
     assert checker.g2o_cost(graph, q, t) == pytest.approx(expected, rel=1e-14)
+    assert float(cost_in_integers(graph, q, t)) == pytest.approx(expected, rel=1e-14)
 
 
 def test_a_spatial_cost_by_hand():
@@ -224,6 +318,7 @@ def test_a_spatial_cost_by_hand():
         q = np.array([[0.0, 0.0, 0.0, 1.0], [sign, sign, sign, sign]])
         expected = 1 + 3 + 15 / 4 + 0.5
         assert checker.g2o_cost(graph, q, t) == pytest.approx(expected, rel=1e-15)
+        assert 0 <= cost_in_integers(graph, q, t) - Fraction(expected) < Fraction(1, 2**300)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -232,13 +327,16 @@ def test_of_two_values_at_half_a_turn_the_larger_counts(sign):
     graph, t = one_edge([1.0, 0.0], [0.0, 0.0], Omega)
     t[1] = [sign, 0.0]
     expected = 2 + 4 * math.pi**2 + 2 * math.pi
-    assert checker.g2o_cost(graph, np.array([[1.0, 0.0], [0.0, 1.0]]), t) == pytest.approx(expected)
+    q = np.array([[1.0, 0.0], [0.0, 1.0]])
+    assert checker.g2o_cost(graph, q, t) == pytest.approx(expected)
+    assert float(cost_in_integers(graph, q, t)) == pytest.approx(expected)
     Omega = np.eye(6)
     Omega[0, 3] = Omega[3, 0] = 0.5
     graph, t = one_edge([0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.0], Omega)
     t[1] = [sign, 0.0, 0.0]
     q = np.array([[0.0, 0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0]])
     assert checker.g2o_cost(graph, q, t) == math.nextafter(3.0, 4.0)
+    assert 0 <= cost_in_integers(graph, q, t) - 3 < Fraction(1, 2**300)
 
 
 # --- Minorants
@@ -264,14 +362,14 @@ def weights_of(graph, given):
     return np.abs(given.constants) + 2 * d * np.abs(given.kappa) + np.abs(graph.information).max()
 
 
-def raised(graph, given, share=1.0):
-    """The minorants with the largest constants that the checker accepts; which there are."""
+def raised(graph, given, share=1.0, holds=checker.minorants_hold):
+    """The minorants with the largest constants that a checker accepts; which there are."""
     low = given.constants - share * weights_of(graph, given)
     high = given.constants + share * weights_of(graph, given)
-    held = checker.minorants_hold(graph, given._replace(constants=low))
+    held = holds(graph, given._replace(constants=low))
     for _ in range(70):
         middle = 0.5 * (low + high)
-        accepted = checker.minorants_hold(graph, given._replace(constants=middle))
+        accepted = holds(graph, given._replace(constants=middle))
         low, high = np.where(accepted, middle, low), np.where(accepted, high, middle)
     return held, given._replace(constants=low)
 
@@ -345,9 +443,13 @@ def test_accepted_constants_are_below_the_cost_by_little(seed, d, far, condition
     accepted = checker.minorants_hold(graph, given)
     assert accepted[exist].all()
     held, best = raised(graph, given, 1e-3)
+    exact, sharp = raised(graph, given, 1e-3, held_in_integers)
     assert held[exist].all()
+    assert exact[exist].all()
+    assert (best.constants <= sharp.constants)[exist].all()
     for e in np.flatnonzero(exist):
-        left = assert_below(graph, best, edges, e, rng)
+        left = assert_below(graph, sharp, edges, e, rng)
+        left += arb(sharp.constants[e]) - arb(best.constants[e])
         assert left < 1e-9 * weights_of(graph, best)[e]  # they touch where the package says
 
 
@@ -375,9 +477,13 @@ def test_forged_minorants_are_refused_or_true(seed, d):
     edges = random_edges(rng, 4, d, far=False)
     graph = graph_of(edges.cost)
     given = minorants_of(edges)[1]
-    held, best = raised(graph, forged(rng, given))
-    for e in np.flatnonzero(held):
-        assert_below(graph, best, edges, e, rng)
+    other = forged(rng, given)
+    held, best = raised(graph, other)
+    exact, sharp = raised(graph, other, holds=held_in_integers)
+    assert not (held & ~exact).any()
+    assert (best.constants <= sharp.constants)[held].all()
+    for e in np.flatnonzero(exact):
+        assert_below(graph, sharp, edges, e, rng)
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -409,13 +515,15 @@ def test_indefinite_information_is_refused(d):
     for entry in ((-1, -1), (0, 0)):
         information = graph.information.copy()
         information[2][entry] *= -1.0
-        held = checker.minorants_hold(graph._replace(information=information), lower)
-        assert held.tolist() == [True, True, False, True, True]
+        for holds in (checker.minorants_hold, held_in_integers):
+            held = holds(graph._replace(information=information), lower)
+            assert held.tolist() == [True, True, False, True, True]
     # All of the weight of a translation, or more, leaves nothing for the rest.
     for more in (1.0 + 1e-12, 3.0):
         tau = given.tau.copy()
         tau[1] = more * np.linalg.eigvalsh(graph.information[1, :d, :d])[0]
         assert not checker.minorants_hold(graph, lower._replace(tau=tau))[1]
+        assert not held_in_integers(graph, lower._replace(tau=tau))[1]
 
 
 def planar_holds(*numbers):
@@ -431,11 +539,12 @@ def test_planar_angles_that_touch_nowhere_are_no_reason_to_believe(touching):
     edges = random_edges(rng_of(3), 3, 2, far=False)
     graph = graph_of(edges.cost)
     exist, given = minorants_of(edges)
-    held, best = raised(graph, given._replace(touching=np.array([touching] * 3)))
-    if not 0.0 <= touching[0] < math.pi or touching == [1e-300]:
-        assert held.tolist() == [touching == [1e-300]] * 3 or touching == [math.pi]
-    for e in np.flatnonzero(held & exist):
-        assert_below(graph, best, edges, e, rng_of(e))
+    for holds in (checker.minorants_hold, held_in_integers):
+        held, best = raised(graph, given._replace(touching=np.array([touching] * 3)), holds=holds)
+        if not 0.0 <= touching[0] < math.pi or touching == [1e-300]:
+            assert held.tolist() == [touching == [1e-300]] * 3 or touching == [math.pi]
+        for e in np.flatnonzero(held & exist):
+            assert_below(graph, best, edges, e, rng_of(e))
 
 
 @pytest.mark.parametrize(
@@ -469,6 +578,7 @@ def test_slopes_are_steep_enough(k, q0, accepted):
         np.array([-100.0]),
     )
     assert checker.minorants_hold(graph, given).tolist() == [accepted]
+    assert held_in_integers(graph, given).tolist() == [accepted]
 
 
 # --- Rounding to units, where a unit is not small

@@ -47,9 +47,7 @@ def command(
     data: Data = None,
     exact: Annotated[
         bool,
-        typer.Option(
-            help="Check in integers alone, with certpgo/integer_checker.py (chordal cost)."
-        ),
+        typer.Option(help="Check in integers alone, with certpgo/integer_checker.py."),
     ] = False,
     json: Json = False,
 ) -> int:

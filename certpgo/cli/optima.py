@@ -86,7 +86,7 @@ def command(
     ] = False,
     exact: Annotated[
         bool,
-        typer.Option("--exact", help="Check proofs about F in integers, with --verify or --add."),
+        typer.Option("--exact", help="Check proofs in integers, with --verify or --add."),
     ] = False,
     register: Annotated[
         Path | None,

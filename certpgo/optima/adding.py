@@ -123,7 +123,7 @@ def prepare(
     name, source : of the graph; by default the instance's
     estimate : a submitted one, from which the search begins
     proof : a submitted proof file, which is checked instead of solving
-    exact_within : seconds for a check in integers, of a proof about F that is small enough to keep
+    exact_within : seconds for a check in integers, of a proof that is small enough to keep
 
     Raises
     ------

@@ -11,7 +11,6 @@ from pathlib import Path
 from certpgo import checker, integer_checker
 from certpgo.errors import SpecError
 from certpgo.io.datasets.source import dataset
-from certpgo.objective.costs import CHORDAL
 from certpgo.optima.register import Optimum, Register
 
 #: What can become of a proof.
@@ -51,7 +50,7 @@ def verify(
     Parameters
     ----------
     find : the file of a graph, or None; see `local_file`
-    exact : whether to check in integers where that is possible: proofs about F
+    exact : whether to check in integers
     """
     for entry in register.optima:
         yield _checked(register, entry, find, exact)
@@ -86,8 +85,7 @@ def _checked(
     path = find(entry)
     if path is None:
         return Checked(entry, NO_FILE, f"certpgo fetch {entry.name}")
-    in_integers = exact and entry.cost == CHORDAL
-    judge = integer_checker if in_integers else checker
+    judge = integer_checker if exact else checker
     try:
         answer = judge.check(path, proof)
     except (checker.Refused, integer_checker.Refused) as reason:
@@ -97,7 +95,7 @@ def _checked(
     if answer.upper > entry.upper or answer.lower < entry.lower:
         said = f"it proves {float(answer.lower):.17g} to {float(answer.upper):.17g} alone"
         return Checked(entry, REFUSED, said)
-    return Checked(entry, ACCEPTED, "in integers" if in_integers else "in doubles")
+    return Checked(entry, ACCEPTED, "in integers" if exact else "in doubles")
 
 
 def _sha256(path: Path) -> str:
