@@ -34,7 +34,9 @@ if TYPE_CHECKING:
         RotationGraph,
         SimilarityGraph,
     )
+    from certpgo.graph.inertial import with_preintegrated
     from certpgo.graph.labels import WORLD
+    from certpgo.graph.preintegrated import Preintegrated
     from certpgo.graph.priors import with_directions, with_priors
     from certpgo.graph.ranges import Ranges
     from certpgo.io import read, read_estimate, write
@@ -75,7 +77,9 @@ _HOMES = {
     "certify.region": ("ProvenDistance", "Region"),
     "diagnosis": ("Diagnosis", "Finding", "diagnose"),
     "graph": ("Estimate", "Graph", "Instance", "PoseGraph", "RotationGraph", "SimilarityGraph"),
+    "graph.inertial": ("with_preintegrated",),
     "graph.labels": ("WORLD",),
+    "graph.preintegrated": ("Preintegrated",),
     "graph.priors": ("with_directions", "with_priors"),
     "graph.ranges": ("Ranges",),
     "io": ("read", "read_estimate", "write"),
@@ -140,6 +144,7 @@ __all__ = [
     "NewtonSettings",
     "NumericalError",
     "PoseGraph",
+    "Preintegrated",
     "ProvenDistance",
     "Quadratic",
     "Ranges",
@@ -183,6 +188,7 @@ __all__ = [
     "sparsify",
     "suggest_loops",
     "with_directions",
+    "with_preintegrated",
     "with_priors",
     "write",
     "write_proof",

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from strategies import definite, pose_graph, rng_of
 
-from certpgo import PoseGraph, Ranges
+from certpgo import PoseGraph, Preintegrated, Ranges
 from certpgo.graph import RotationGraph, SimilarityGraph
 from certpgo.graph.constructors import of_couplings
 
@@ -34,6 +34,10 @@ def having(name):
     if name == "own kinds":
         up = np.tile([0.0, 0.0, 1.0], (2, 1))
         return graph.with_blocks(added.Heights(N, pairs, up, 0.5 * ones, ones))
+    if name == "inertial":
+        nodes, dt, g = np.array([[0, 3, 1, 4, 5]]), np.ones(1), np.array([[0.0, 0.0, -9.81]])
+        steps = dt, 2.0 * dt, 0.0 * dt, -g, -0.5 * g, g, np.ones((1, 2))
+        return graph.with_blocks(Preintegrated(N, nodes, *steps))
     if name == "scales":
         rotation = graph.rotations_alone
         return SimilarityGraph(

@@ -22,14 +22,14 @@ def assembly_errors(
     """(N,) row sums of the rounding in S's entries, weighted by w; 0 where S is a stored number.
 
     An entry that sums k products is off by at most k + 4 units of rounding of the sum of their
-    sizes, plus the distance of measured rotations from SO(d). Row sums of d x d rotations are at
-    most sqrt(d); the bound follows by the triangle inequality.
+    sizes, the problem's own ``roundings``, and the distance of measured rotations from SO(d). Row
+    sums of d x d rotations are at most sqrt(d); the bound follows by the triangle inequality.
     """
     if problem.takes_scales:
         return problem.scales.entry_errors(problem.pattern, multipliers, w)
     n, d = problem.n, problem.d
     graph = problem.rotation.graph
-    sums = (np.bincount(graph.edges.ravel(), minlength=n) + 4.0) * U
+    sums = (np.bincount(graph.edges.ravel(), minlength=n) + 4.0 + problem.roundings) * U
     root = math.sqrt(d)
     if graph.is_general:
         # Couplings are stored as they are, and the nuclear norm bounds all of an edge's blocks.

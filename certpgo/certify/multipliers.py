@@ -18,6 +18,10 @@ from certpgo.linalg.blocks import diagonal_of
 from certpgo.linalg.compiled import LARGEST_RANK
 from certpgo.objective.quadratic import Quadratic
 
+#: Share of the largest diagonal entry of a rotation below which no measurement has a column, such
+#: as those across gravity: its multipliers are rounding, which would be negative eigenvalues.
+IDLE = 1e-12
+
 
 @dataclass(frozen=True, eq=False)
 class Shifted:
@@ -63,8 +67,16 @@ class Shifted:
             if unscaled.any():
                 lengths = np.linalg.norm(arms[unscaled[~is_rotation]], axis=1)
                 weights[unscaled] = np.exp2(np.round(np.log2(lengths)))
-        unit = U * float(np.abs(diagonal_of(problem.matrix)[is_rotation]).mean())
+        sizes = np.abs(diagonal_of(problem.matrix)[is_rotation])
+        unit = U * float(sizes.mean())
         multipliers = problem.multipliers(point)
+        idle = (
+            sizes.reshape(-1, problem.d) <= IDLE * sizes.reshape(-1, problem.d).max(axis=1)[:, None]
+        )
+        if idle.any():
+            node, k = np.nonzero(idle)
+            multipliers = multipliers.copy()
+            multipliers[problem.held[node], k] = multipliers[problem.held[node], :, k] = 0.0
         blocks = point.rotations
         if problem.takes_scales:
             blocks = blocks / problem.sizes_of(blocks)[:, None, None]

@@ -243,7 +243,7 @@ class Solved(Result):
     @property
     def _number_kept(self) -> str:
         """The same in words."""
-        others = sum(block.num_edges for block in self.part.graph.blocks)
+        others = sum(block.num_measurements for block in self.part.graph.blocks)
         return f"{self._count_kept} of {self.part.num_measurements + others} measurements"
 
     @property

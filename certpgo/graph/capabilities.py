@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from certpgo.errors import SpecError, refuse
+from certpgo.graph.preintegrated import Preintegrated
 from certpgo.graph.ranges import Ranges
 
 
@@ -50,6 +51,7 @@ class Operation:
 FEATURES = {
     "distances": Feature("distances", lambda graph: _has(graph, distances=True)),
     "own kinds": Feature("other measurements", lambda graph: _has(graph, distances=False)),
+    "inertial": Feature("preintegrated measurements", lambda graph: _is_inertial(graph)),
     "scales": Feature("nodes of unknown scale (similarities)", lambda graph: graph.has_scales),
     "partial edges": Feature(
         "edges that measure only a rotation or a translation, or points",
@@ -61,7 +63,9 @@ FEATURES = {
     ),
 }
 
-_BLOCKS = "distances", "own kinds"
+_BLOCKS = "distances", "own kinds", "inertial"
+#: What grows, or is rejected, a measurement at a time.
+_UNSTREAMED = "inertial", "scales"
 _FULLY = "certpgo.solve and certify do"
 #: Why nodes of unknown scale are not taken where measurements are judged by their noise.
 _NO_LAW = "one kappa weighs rotation and scale, so that weights state no law of noise"
@@ -77,11 +81,11 @@ OPERATIONS = {
     "loop closures": Operation(
         "a choice of loop closures does", ("scales",), of_scales="it is made by rotations alone"
     ),
-    "merge": Operation("certpgo merge does", ("scales",), "a session does", _NO_LAW),
-    "session": Operation("a session does", ()),
-    "robust session": Operation("a robust session does", ("scales",), "a session does", _NO_LAW),
-    "follow": Operation("certpgo follow does", ()),
-    "robust fit": Operation("a robust fit does", ("scales",), _FULLY, _NO_LAW),
+    "merge": Operation("certpgo merge does", _UNSTREAMED, _FULLY, _NO_LAW),
+    "session": Operation("a session does", ("inertial",), _FULLY),
+    "robust session": Operation("a robust session does", _UNSTREAMED, _FULLY, _NO_LAW),
+    "follow": Operation("certpgo follow does", ("inertial",), _FULLY),
+    "robust fit": Operation("a robust fit does", _UNSTREAMED, _FULLY, _NO_LAW),
     "rejections": Operation(
         "a truncated cost does",
         ("scales", "matrix weights"),
@@ -106,10 +110,10 @@ OPERATIONS = {
         "--method does", (*_BLOCKS, "scales"), "certpgo solve does without", _OF_POSES
     ),
     "proof": Operation("--proof does", _BLOCKS),
-    "outliers": Operation("certpgo outliers does", ("scales",), _FULLY, _NO_LAW),
+    "outliers": Operation("certpgo outliers does", _UNSTREAMED, _FULLY, _NO_LAW),
     "covariances": Operation("--covariances do", ("scales",), of_scales=_NO_LAW),
     "regions": Operation("--regions do", ("scales",), of_scales=_NO_LAW),
-    "robust": Operation("--robust does", ("scales",), _FULLY, _NO_LAW),
+    "robust": Operation("--robust does", _UNSTREAMED, _FULLY, _NO_LAW),
 }
 
 
@@ -148,4 +152,9 @@ def require_capable(graph: Any, operation: str, source: str = "") -> None:
 
 
 def _has(graph: Any, *, distances: bool) -> bool:
-    return any((type(block) is Ranges) is distances for block in graph.blocks)
+    known = (of for of in graph.blocks if type(of) is not Preintegrated)
+    return any((type(block) is Ranges) is distances for block in known)
+
+
+def _is_inertial(graph: Any) -> bool:
+    return any(type(block) is Preintegrated for block in graph.blocks)

@@ -111,9 +111,7 @@ def _blocks(
     known = [(block, to) for of, to in zip(blocks, nodes, strict=True) for block in of]
     kinds = dict.fromkeys(type(block) for block, _ in known)
     return tuple(
-        Observations.joined(
-            num_nodes, *zip(*[of for of in known if type(of[0]) is kind], strict=True)
-        )
+        kind.joined(num_nodes, *zip(*[of for of in known if type(of[0]) is kind], strict=True))
         for kind in kinds
     )
 

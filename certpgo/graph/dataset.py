@@ -252,7 +252,7 @@ class Instance(Speaking):
         graph = self.graph
         kinds = kinds_of(graph, graph.from_world | (graph.edges[:, 0] == self.world))
         kinds[~self.is_measured] = Kind.HELD if self.held else Kind.ASSUMED
-        others = [np.full(block.num_edges, block.kind) for block in graph.blocks]
+        others = [block.kinds for block in graph.blocks]
         return Measurements(graph.num_nodes, graph.pairs, np.concatenate([kinds, *others]))
 
     @property

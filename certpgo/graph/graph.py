@@ -176,7 +176,8 @@ class Graph(Speaking, GraphData):
         if self.assumed is None or not blocks:
             return graph
         needless = places_world(self)
-        needless &= np.isin(self.edges[:, 0], np.concatenate([block.edges for block in blocks]))
+        of_blocks = [block.edges.ravel() for block in blocks if block.places]
+        needless &= np.isin(self.edges[:, 0], np.concatenate([*of_blocks, []]))
         return graph.with_edges(~needless) if needless.any() else graph
 
     def with_ranges(self, ranges: Ranges | None) -> Self:
@@ -356,7 +357,7 @@ class Graph(Speaking, GraphData):
             low, high = self.scales.min(), self.scales.max()
             yield "scales", f"relative scales {low:.4g} to {high:.4g}"
         if self.blocks:
-            others = (counted(block.num_edges, block.kind.phrase) for block in self.blocks)
+            others = (counted(of.num_measurements, of.kind.phrase) for of in self.blocks)
             yield "measured", f"{listed([*others])}, besides the edges"
         sizes = np.bincount(components_of(self.num_nodes, self.pairs)).tolist()
         yield "connected", components_in_words(sizes)

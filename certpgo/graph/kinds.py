@@ -54,6 +54,8 @@ class Kind(IntEnum):
     HELD = 8  #: nothing: a constraint between nodes that the source fixes
     ASSUMED = 9  #: nothing: where a world is whose position nothing measures
     OTHER = 10  #: of a kind of its own, see `certpgo.graph.observations`
+    INERTIAL = 11  #: a change of velocity or position, see `certpgo.graph.preintegrated`
+    PRODUCT = 12  #: nothing: a product of two nodes in the cost of a measurement of more
 
     @property
     def phrase(self) -> str:
@@ -83,6 +85,8 @@ _PHRASES = {
     Kind.HELD: "constraint{s} of fixed nodes",
     Kind.ASSUMED: "assumed position{s} of the world",
     Kind.OTHER: "other measurement{s}",
+    Kind.INERTIAL: "preintegrated step{s}",
+    Kind.PRODUCT: "product{s} of nodes",
 }
 
 
@@ -167,7 +171,7 @@ class Measurements(Pairs):
     @cached_property
     def counts(self) -> dict[Kind, int]:
         """How many there are of each kind that occurs."""
-        found, counts = np.unique(self.kinds, return_counts=True)
+        found, counts = np.unique(self.without(Kind.PRODUCT).kinds, return_counts=True)
         return dict(zip(map(Kind, found.tolist()), counts.tolist(), strict=True))
 
     @property

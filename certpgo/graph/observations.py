@@ -37,6 +37,8 @@ class Observations(Brief):
 
     #: What a row measures.
     kind: ClassVar[Kind] = Kind.OTHER
+    #: Whether they measure positions, so that a world that they are of is somewhere.
+    places: ClassVar[bool] = True
     #: Attributes that weigh rows, (k, ...): what factors multiply.
     weighs: ClassVar[tuple[str, ...]] = ("weights",)
 
@@ -88,6 +90,21 @@ class Observations(Brief):
     def num_edges(self) -> int:
         """Number k of rows."""
         return len(self.edges)
+
+    @property
+    def kinds(self) -> IntArray:
+        """(k,) what each row measures."""
+        return np.full(self.num_edges, self.kind)
+
+    @property
+    def turned(self) -> IntArray:
+        """The nodes whose rotations they hold, if only in part."""
+        return np.zeros(0, dtype=np.intp)
+
+    @property
+    def num_measurements(self) -> int:
+        """How many rows measure something."""
+        return int(np.count_nonzero(self.kinds != Kind.PRODUCT))
 
     @property
     def columns(self) -> dict[str, Any]:

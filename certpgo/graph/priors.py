@@ -209,7 +209,7 @@ def _with_absolute(graph: Graph, rotation: Graph, t: FloatArray, tau: FloatArray
     priors = PoseGraph(rotation, t, tau, None, points, None, known)
     if graph.has_scales:
         priors = priors.with_unknown_scales(np.append(graph.free, np.zeros(n, bool))[:n])
-    priors = _stated_by(graph, priors)
+    priors = stated_by(graph, priors)
     whole = joined([graph, priors], n, points)
     return placing(whole, int(rotation.edges[0, 0])) if len(tau) else whole
 
@@ -230,16 +230,16 @@ def placing(graph: Graph, world: int) -> Graph:
     tau = np.median(graph.tau[moved])
     place = RotationGraph(graph.num_nodes, edge, still, np.zeros(1), none)
     put = PoseGraph(place, np.zeros((1, d)), np.array([tau]), None, graph.is_point, is_so, is_so)
-    put = _stated_by(graph, put)
+    put = stated_by(graph, put)
     return joined([graph, put], graph.num_nodes, graph.is_point)
 
 
 def measures_from(graph: Graph, node: int) -> bool:
-    """Whether one of the graph's other measurements than edges is of a node."""
-    return any(bool((block.edges == node).any()) for block in graph.blocks)
+    """Whether one of the graph's other measurements than edges is of a node's position."""
+    return any(bool((of.edges == node).any()) for of in graph.blocks if of.places)
 
 
-def _stated_by(graph: Graph, part: Graph) -> Graph:
+def stated_by(graph: Graph, part: Graph) -> Graph:
     """A part for a graph, with information matrices if that has some."""
     if (own := graph.information) is None:
         return part
@@ -334,6 +334,8 @@ def free_rotations(graph: Graph, kept: BoolArray | None = None) -> BoolArray:
     """(n,) which poses' rotations none of the ``kept`` (m,) measurements holds."""
     free = np.zeros(graph.num_nodes, dtype=bool)
     free[graph.pose_nodes] = True
+    for block in graph.blocks:
+        free[block.turned] = False
     for end, holds in zip(graph.edges.T, levers(graph), strict=True):
         free[end[holds if kept is None else holds & kept]] = False
     return free

@@ -10,6 +10,7 @@ from certpgo.graph import Instance
 from certpgo.graph.keys import Keys
 from certpgo.graph.kinds import NODES, Kind
 from certpgo.graph.phrases import counted
+from certpgo.graph.preintegrated import Preintegrated
 from certpgo.graph.ranges import Ranges
 from certpgo.io.format import Format
 from certpgo.io.names import name_numbers
@@ -20,7 +21,9 @@ def unheld(form: Format, whole: Instance) -> Iterator[str]:
     """Why such a file does not hold a graph, one sentence each; none if it does."""
     graph, are = whole.graph, whole.measurements.are
     for block in graph.blocks:
-        if not isinstance(block, Ranges) and form.name != "npz":
+        if isinstance(block, Preintegrated):
+            yield "no format holds preintegrated measurements"
+        elif not isinstance(block, Ranges) and form.name != "npz":
             yield f"only .npz files hold {type(block).__name__}"
     for kind in np.unique(graph.nodes[graph.is_other]).tolist():
         yield f"no format holds {NODES[kind].format(s='s')}"

@@ -35,7 +35,7 @@ class EdgeEquations:
 
     def __init__(self, terms: Sequence[Placed], n: int) -> None:
         self._m = sum(len(rows) for rows, _ in terms)
-        self._parts = [(rows, _Equations(term, n)) for rows, term in terms]
+        self._parts = [(rows, term.equations(n) or _Equations(term, n)) for rows, term in terms]
 
     @property
     def has_more(self) -> bool:

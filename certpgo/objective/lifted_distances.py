@@ -52,10 +52,12 @@ class LiftedDistances(Brief):
     ----------
     measured : the measurements, with distances; nodes may have distances alone
     engine : factorization engine, see `certpgo.linalg.factor.engines`
+    roundings : of the measurements' numbers, see `certpgo.objective.quadratic.Quadratic`
     """
 
     measured: Graph
     engine: str = field(default_factory=default_engine)
+    roundings: float = 0.0
 
     #: Whether translations are eliminated; whether there are descents at points of higher rank.
     eliminates: ClassVar[bool] = False
@@ -114,7 +116,8 @@ class LiftedDistances(Brief):
         # Frames of other kinds may be reflected, which complex numbers are not.
         real = self.d == 3 or one.has_matrix_weights or one.has_others or one.has_scales
         lifting = REAL if real else COMPLEX
-        return Quadratic(with_rows_of(one, [self.distances]), self.engine, lifting)
+        whole = with_rows_of(one, [self.distances])
+        return Quadratic(whole, self.engine, lifting, roundings=self.roundings)
 
     @cached_property
     def distances(self) -> Distances:

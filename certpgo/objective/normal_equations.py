@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, cast
 
+import numpy as np
+
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import translations_of
 from certpgo.linalg import rotations as so
@@ -62,8 +64,9 @@ class NormalEquations:
         return cast("FloatArray", self.problem.held)
 
     def scale(self, H: CSC) -> FloatArray:
-        """(N,) the diagonal of the matrix."""
-        return diagonal_of(H)
+        """(N,) the diagonal of the matrix; one for what no term has."""
+        size = diagonal_of(H)
+        return np.where(size != 0.0, size, 1.0)
 
     def raised(self, damping: float) -> float:
         """The damping after a failed step: ten times as much, or the first."""

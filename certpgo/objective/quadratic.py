@@ -59,6 +59,8 @@ class Quadratic(EdgeOperators):
     engine : factorization engine, see `certpgo.linalg.factor.engines`
     lifting : the dimensions that points of the relaxation rise into
     is_part : whether the edges are a part of a problem, of any sign, and need not determine nodes
+    roundings : units of rounding, over their sizes, by which the edges' numbers may be off; bounds
+        are on the cost with the exact ones
 
     Raises
     ------
@@ -88,6 +90,7 @@ class Quadratic(EdgeOperators):
     engine: str = field(default_factory=default_engine)
     lifting: Lifting = REAL
     is_part: bool = False
+    roundings: float = 0.0
 
     is_chordal = True
     most_steps, polished = 300, 1e-11

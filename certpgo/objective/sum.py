@@ -24,6 +24,7 @@ from certpgo.objective.costs.chordal import ChordalCost
 from certpgo.objective.edge_cost import EdgeCost
 from certpgo.objective.edge_equations import EdgeEquations
 from certpgo.objective.families.distances import Distances
+from certpgo.objective.families.preintegration import Preintegration
 from certpgo.objective.lifted_distances import LiftedDistances, LiftedModel
 from certpgo.objective.manifold_model import ManifoldModel
 from certpgo.objective.marginalized import isotropic_below
@@ -105,7 +106,12 @@ class Sum(Objective):
     @cached_property
     def chordal(self) -> Quadratic:
         """The problem of these edges with isotropic weights; shares pattern and order."""
-        return Quadratic(self.graph, self.engine)
+        return Quadratic(self.graph, self.engine, roundings=self._roundings)
+
+    @property
+    def _roundings(self) -> float:
+        """Units of rounding of surrogates' coefficients."""
+        return max(term.roundings for _, term in self.terms)
 
     @property
     def isotropic(self) -> Quadratic | Sum:
@@ -139,6 +145,11 @@ class Sum(Objective):
     def lifted(self) -> BoolArray:
         """(m,) which measurements have a cost at points of any rank."""
         return np.isin(np.arange(self.graph.num_edges), self._distances)
+
+    @cached_property
+    def is_inertial(self) -> bool:
+        """Whether velocities and gravity are estimated, too."""
+        return any(isinstance(term, Preintegration) for _, term in self.terms)
 
     @property
     def most_steps(self) -> int:
@@ -189,7 +200,7 @@ class Sum(Objective):
         ranges = self.measured.ranges
         if frozen.all() or ranges is None or not len(self._distances):
             return Surrogate(self.chordal.of_same_edges(general), constant, minorants)
-        below = LiftedDistances(general.with_blocks(ranges), self.engine)
+        below = LiftedDistances(general.with_blocks(ranges), self.engine, self._roundings)
         return Surrogate(below, constant, minorants)
 
     def _summed(self, found: Minorants, chosen: BoolArray) -> tuple[Graph, float]:
@@ -318,6 +329,11 @@ class Sum(Objective):
         """(m,) lower and upper bounds on the terms of f."""
         return enclosures_of(self.terms, estimate)
 
+    def residual_angles(self, estimate: Estimate) -> FloatArray:
+        """(m,) angles between R_i R_ij and R_j, radians; 0 where no rotation is measured."""
+        angles = super().residual_angles(estimate)
+        return np.where(np.arange(len(angles)) < self.measured.num_edges, angles, 0.0)
+
     def residual_lengths(self, estimate: Estimate) -> FloatArray | None:
         """(m,) norms of t_j - t_i - R_i t_ij, then of other residuals that are lengths, metres."""
         m = self.measured.num_edges
@@ -379,9 +395,12 @@ class Sum(Objective):
 
     @cached_property
     def held(self) -> FloatArray:
-        """(N,) one for the anchor's coordinates, zero for the others."""
+        """(N,) one for the anchor's coordinates and turns that no term has, zero for others."""
         held = np.zeros((self.n, self.d * self.has_positions + so.tangent_dim(self.d)))
         held[self.chordal.anchor] = 1.0
+        for _, term in self.terms:
+            nodes, axes = term.idle_turns(self.measured)
+            held[nodes, self.d + axes] = 1.0
         return self.tangent_layout.pack(held)
 
     @property

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -39,6 +39,8 @@ class Term(ABC):
     takes: ClassVar[type[Observations] | None] = None
     #: What is measured, in the plural, for titles.
     plural: ClassVar[str] = ""
+    #: Units of rounding of minorants' coefficients, over their sizes; 0 where constants make up.
+    roundings: ClassVar[float] = 0.0
     #: Whether residuals are lengths, so that their rounding is that of positions.
     in_metres: ClassVar[bool] = False
     #: Whether the cost has a value at points of any rank, see `certpgo.graph.relaxed_point.Lift`.
@@ -69,6 +71,11 @@ class Term(ABC):
     @abstractmethod
     def scale(self) -> Scale:
         """What W of the verdicts counts of them."""
+
+    @property
+    def turning(self) -> FloatArray:
+        """(k,) rotational weights of the edges that stand for rows: 0 where none is measured."""
+        return np.zeros(len(self.edges))
 
     @property
     def numbers(self) -> tuple[IntArray, IntArray]:
@@ -124,6 +131,23 @@ class Term(ABC):
         """
         We = (self.weights @ e[:, :, None])[:, :, 0]
         return (e * We).sum(axis=1), We, self.weights
+
+    def idle_turns(self, measured: Graph) -> tuple[IntArray, IntArray]:
+        """(q,) nodes and axes of their frames about which turns change no cost, with those alone.
+
+        Parameters
+        ----------
+        measured : all measurements
+        """
+        none = np.zeros(0, dtype=np.intp)
+        return none, none
+
+    def equations(self, n: int) -> Any:
+        """Its derivatives at an estimate of n nodes, if residuals are of more than two each.
+
+        With what `certpgo.objective.edge_equations` has of others; None for these.
+        """
+        return None
 
     @property
     def has_more(self) -> bool:

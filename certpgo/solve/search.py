@@ -28,6 +28,7 @@ from certpgo.objective.lifted_distances import LiftedDistances
 from certpgo.optimize import similarity_starts
 from certpgo.optimize.curvature import resolution
 from certpgo.optimize.descent import descend
+from certpgo.optimize.inertial_starts import inertial_start
 from certpgo.optimize.initialization import Start, averaged_start, start_of
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.randomized_rounding import roundings
@@ -82,6 +83,8 @@ def plan_of(problem: Certifiable) -> Plan:
         return DISTANCES
     if problem.takes_scales:
         return SIMILARITIES if problem.is_chordal else SIMILARITY_SUMS
+    if problem.is_inertial:
+        return INERTIAL
     if problem.kernel is not None:
         return ROBUST
     return CHORDAL if problem.is_chordal else SURROGATES
@@ -105,6 +108,11 @@ def _any_start(search: Search) -> Start:
 
 def _nearest_start(search: Search) -> Start:
     return similarity_starts.nearest_start(search.problem)
+
+
+def _inertial_start(search: Search) -> Start:
+    with search.watch.phase("start"):
+        return inertial_start(search.problem)
 
 
 def _least_shrunk_start(search: Search) -> Start:
@@ -384,6 +392,8 @@ SURROGATES = Plan(
 )
 #: A cost under a robust kernel: other basins are likely, and measurements that disagree expected.
 ROBUST = replace(SURROGATES, starts=(_averaged_start, _graduated_start), outliers=None)
+#: Velocities and gravity, too, which other starts do not know.
+INERTIAL = replace(SURROGATES, starts=(_inertial_start,), outliers=None)
 #: F with unknown scales, and other measurements besides.
 SIMILARITY_SUMS = replace(
     SURROGATES,
