@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from certpgo.errors import SpecError, refuse
-from certpgo.graph.preintegrated import Preintegrated
+from certpgo.graph.kinds import Kind
 from certpgo.graph.ranges import Ranges
 
 
@@ -152,9 +152,9 @@ def require_capable(graph: Any, operation: str, source: str = "") -> None:
 
 
 def _has(graph: Any, *, distances: bool) -> bool:
-    known = (of for of in graph.blocks if type(of) is not Preintegrated)
+    known = (of for of in graph.blocks if of.kind is not Kind.INERTIAL)
     return any((type(block) is Ranges) is distances for block in known)
 
 
 def _is_inertial(graph: Any) -> bool:
-    return any(type(block) is Preintegrated for block in graph.blocks)
+    return any(block.kind is Kind.INERTIAL for block in graph.blocks)

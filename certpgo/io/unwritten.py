@@ -10,7 +10,6 @@ from certpgo.graph import Instance
 from certpgo.graph.keys import Keys
 from certpgo.graph.kinds import NODES, Kind
 from certpgo.graph.phrases import counted
-from certpgo.graph.preintegrated import Preintegrated
 from certpgo.graph.ranges import Ranges
 from certpgo.io.format import Format
 from certpgo.io.names import name_numbers
@@ -21,7 +20,7 @@ def unheld(form: Format, whole: Instance) -> Iterator[str]:
     """Why such a file does not hold a graph, one sentence each; none if it does."""
     graph, are = whole.graph, whole.measurements.are
     for block in graph.blocks:
-        if isinstance(block, Preintegrated):
+        if block.kind is Kind.INERTIAL:
             yield "no format holds preintegrated measurements"
         elif not isinstance(block, Ranges) and form.name != "npz":
             yield f"only .npz files hold {type(block).__name__}"

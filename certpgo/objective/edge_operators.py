@@ -218,7 +218,7 @@ class EdgeOperators(Objective):
     def residual_angles(self, estimate: Estimate) -> FloatArray:
         """(m,) angles between R_i R_ij and R_j, radians; 0 where no rotation is measured."""
         require_nodes(estimate, self.n, self.d)
-        return self._sums.angles(estimate.rotations)
+        return np.where(self.graph.is_measured, self._sums.angles(estimate.rotations), 0.0)
 
     @property
     def numbers(self) -> tuple[IntArray, IntArray]:

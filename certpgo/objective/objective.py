@@ -74,8 +74,6 @@ class Objective(Speaking, ABC):
     kernel: Any = None
     #: Whether its bound is that of a point above this space.
     is_lifted: Any = False
-    #: Whether velocities and gravity are estimated, too.
-    is_inertial: Any = False
     #: Whether scales of nodes may be unknown.
     takes_scales: ClassVar[bool] = False
     #: Steps of a descent, and the stationarity at which one that begins near its end may stop.

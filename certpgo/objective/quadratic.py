@@ -59,8 +59,7 @@ class Quadratic(EdgeOperators):
     engine : factorization engine, see `certpgo.linalg.factor.engines`
     lifting : the dimensions that points of the relaxation rise into
     is_part : whether the edges are a part of a problem, of any sign, and need not determine nodes
-    roundings : units of rounding, over their sizes, by which the edges' numbers may be off; bounds
-        are on the cost with the exact ones
+    roundings : units by which the edges' numbers may be off; bounds are on the cost of exact ones
 
     Raises
     ------
@@ -179,9 +178,8 @@ class Quadratic(EdgeOperators):
 
     def with_unit_weights(self) -> Quadratic:
         """The same measurements with kappa = tau = 1, as the thesis weighs them; 0 stays 0."""
-        weights = [np.sign(self.graph.kappa)]
-        weights += [np.sign(self.graph.tau)] if self.has_positions else []
-        return replace(self, graph=self.graph.with_weights(*weights))
+        tau = np.sign(self.graph.tau) if self.has_positions else None
+        return replace(self, graph=self.graph.with_weights(np.sign(self.graph.kappa), tau))
 
     def of_same_edges(self, graph: Any) -> Quadratic:
         """The problem of another graph; pattern and order are shared if it has the same edges."""

@@ -24,7 +24,6 @@ from certpgo.objective.costs.chordal import ChordalCost
 from certpgo.objective.edge_cost import EdgeCost
 from certpgo.objective.edge_equations import EdgeEquations
 from certpgo.objective.families.distances import Distances
-from certpgo.objective.families.preintegration import Preintegration
 from certpgo.objective.lifted_distances import LiftedDistances, LiftedModel
 from certpgo.objective.manifold_model import ManifoldModel
 from certpgo.objective.marginalized import isotropic_below
@@ -106,12 +105,7 @@ class Sum(Objective):
     @cached_property
     def chordal(self) -> Quadratic:
         """The problem of these edges with isotropic weights; shares pattern and order."""
-        return Quadratic(self.graph, self.engine, roundings=self._roundings)
-
-    @property
-    def _roundings(self) -> float:
-        """Units of rounding of surrogates' coefficients."""
-        return max(term.roundings for _, term in self.terms)
+        return Quadratic(self.graph, self.engine, roundings=max(t.roundings for _, t in self.terms))
 
     @property
     def isotropic(self) -> Quadratic | Sum:
@@ -145,11 +139,6 @@ class Sum(Objective):
     def lifted(self) -> BoolArray:
         """(m,) which measurements have a cost at points of any rank."""
         return np.isin(np.arange(self.graph.num_edges), self._distances)
-
-    @cached_property
-    def is_inertial(self) -> bool:
-        """Whether velocities and gravity are estimated, too."""
-        return any(isinstance(term, Preintegration) for _, term in self.terms)
 
     @property
     def most_steps(self) -> int:
@@ -200,7 +189,7 @@ class Sum(Objective):
         ranges = self.measured.ranges
         if frozen.all() or ranges is None or not len(self._distances):
             return Surrogate(self.chordal.of_same_edges(general), constant, minorants)
-        below = LiftedDistances(general.with_blocks(ranges), self.engine, self._roundings)
+        below = LiftedDistances(general.with_blocks(ranges), self.engine, self.chordal.roundings)
         return Surrogate(below, constant, minorants)
 
     def _summed(self, found: Minorants, chosen: BoolArray) -> tuple[Graph, float]:
@@ -328,11 +317,6 @@ class Sum(Objective):
     def edge_enclosures(self, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
         """(m,) lower and upper bounds on the terms of f."""
         return enclosures_of(self.terms, estimate)
-
-    def residual_angles(self, estimate: Estimate) -> FloatArray:
-        """(m,) angles between R_i R_ij and R_j, radians; 0 where no rotation is measured."""
-        angles = super().residual_angles(estimate)
-        return np.where(np.arange(len(angles)) < self.measured.num_edges, angles, 0.0)
 
     def residual_lengths(self, estimate: Estimate) -> FloatArray | None:
         """(m,) norms of t_j - t_i - R_i t_ij, then of other residuals that are lengths, metres."""

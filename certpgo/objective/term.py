@@ -6,6 +6,7 @@ one, and Q = R_i^T R_j. So does everything here: a term knows no estimate and no
 
 from __future__ import annotations
 
+import importlib
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -24,6 +25,8 @@ from certpgo.linalg.ball_arithmetic import Ball
 from certpgo.linalg.rotations import rotation_defect
 from certpgo.objective.minorants import Minorants
 
+#: Where kinds of the package are, and their terms.
+_OWN, _FAMILIES = "certpgo.graph.", "certpgo.objective.families."
 #: The term of each class of blocks that is defined by now.
 _TAKING: dict[type[Observations], type[Term]] = {}
 
@@ -224,14 +227,17 @@ def relative(
 
 
 def term_of(block: Observations) -> Term:
-    """The term of a block.
+    """The term of a block; of a kind of the package, it is in the family of the same name.
 
     Raises
     ------
     InputError
         No term takes its class.
     """
-    taking = _TAKING.get(type(block))
+    made = type(block)
+    if made not in _TAKING and made.__module__.startswith(_OWN):
+        importlib.import_module(_FAMILIES + made.__module__.removeprefix(_OWN))
+    taking = _TAKING.get(made)
     if taking is None:
         raise InputError(f"no term takes {type(block).__name__}: what they cost is not known")
     return taking(block)  # type: ignore[call-arg]

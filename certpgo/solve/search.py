@@ -19,6 +19,7 @@ from certpgo.certify.certificate import Tier, Verdict
 from certpgo.certify.normalized import NormalizedProblem
 from certpgo.errors import GraphError, NumericalError
 from certpgo.graph import Estimate
+from certpgo.graph.capabilities import FEATURES
 from certpgo.graph.relaxed_point import Point
 from certpgo.graph.trees import tree_initialization
 from certpgo.linalg.threads import one_thread
@@ -28,7 +29,6 @@ from certpgo.objective.lifted_distances import LiftedDistances
 from certpgo.optimize import similarity_starts
 from certpgo.optimize.curvature import resolution
 from certpgo.optimize.descent import descend
-from certpgo.optimize.inertial_starts import inertial_start
 from certpgo.optimize.initialization import Start, averaged_start, start_of
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.randomized_rounding import roundings
@@ -83,11 +83,10 @@ def plan_of(problem: Certifiable) -> Plan:
         return DISTANCES
     if problem.takes_scales:
         return SIMILARITIES if problem.is_chordal else SIMILARITY_SUMS
-    if problem.is_inertial:
-        return INERTIAL
     if problem.kernel is not None:
         return ROBUST
-    return CHORDAL if problem.is_chordal else SURROGATES
+    own = INERTIAL if FEATURES["inertial"].is_in(problem.measured) else SURROGATES
+    return CHORDAL if problem.is_chordal else own
 
 
 # --- Computed initializations ---------------------------------------------------------------------
@@ -104,19 +103,6 @@ def _any_start(search: Search) -> Start:
     whole = search.normalized.eased.lifted_form.whole
     rotations = tree_initialization(whole.graph.rotations_alone).rotations
     return Start(whole.complete(rotations), ORIGIN)
-
-
-def _nearest_start(search: Search) -> Start:
-    return similarity_starts.nearest_start(search.problem)
-
-
-def _inertial_start(search: Search) -> Start:
-    with search.watch.phase("start"):
-        return inertial_start(search.problem)
-
-
-def _least_shrunk_start(search: Search) -> Start:
-    return similarity_starts.least_shrunk_start(search.problem)
 
 
 def _averaged_start(search: Search) -> Start:
@@ -138,15 +124,16 @@ def _chordal_start(own: Search) -> Start:
     try:
         problem = own.original.isotropic
     except GraphError:  # what F has no terms for joins some nodes
-        return Start(tree_initialization(own.original.graph), "a tree of measurements")
+        from certpgo.optimize.joint_starts import joint_start
+
+        return joint_start(own.original)
     half = replace(
         settings,
         tier=None if own.tier is Tier.PROOF else own.tier,
         patience=0.5 * settings.patience,
         time_limit=None if limit is None else 0.5 * limit,
     )
-    monitor = own.stop.monitor
-    found = search(problem, half, monitor=monitor, on_disagreement=ignore)
+    found = search(problem, half, monitor=own.stop.monitor, on_disagreement=ignore)
     for phase, seconds in found.solution.seconds.items():
         own.watch.seconds[phase] = own.watch.seconds.get(phase, 0.0) + seconds
     own.stop.interrupted |= found.solution.status is Status.INTERRUPTED
@@ -392,12 +379,15 @@ SURROGATES = Plan(
 )
 #: A cost under a robust kernel: other basins are likely, and measurements that disagree expected.
 ROBUST = replace(SURROGATES, starts=(_averaged_start, _graduated_start), outliers=None)
-#: Velocities and gravity, too, which other starts do not know.
-INERTIAL = replace(SURROGATES, starts=(_inertial_start,), outliers=None)
+#: Velocities and gravity, too: what disagrees is not looked for.
+INERTIAL = replace(SURROGATES, outliers=None)
 #: F with unknown scales, and other measurements besides.
 SIMILARITY_SUMS = replace(
     SURROGATES,
-    starts=(_nearest_start, _least_shrunk_start),
+    starts=(
+        lambda search: similarity_starts.nearest_start(search.problem),
+        lambda search: similarity_starts.least_shrunk_start(search.problem),
+    ),
     tries_own_start=True,
     outliers=None,
 )

@@ -1,21 +1,26 @@
-"""Where descents with inertial measurements begin: rotations first, then all that is linear.
+"""Where descents begin if F has no terms for what joins some nodes.
 
-For known rotations, residuals are linear in positions, velocities and gravity, whose length alone
-is a constraint: they are solved for without it, and gravity is turned to where it came out.
+With inertial measurements that is at averaged rotations, for which residuals are linear in
+positions, velocities and gravity, whose length alone is a constraint: they are solved for without
+it, and gravity is turned to where it came out.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
 from certpgo.graph import Estimate, Graph
+from certpgo.graph.capabilities import FEATURES
 from certpgo.graph.edges import components_of
 from certpgo.graph.preintegrated import VA, VB, A, B, W
+from certpgo.graph.trees import tree_initialization
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray, IntArray
-from certpgo.objective.families.preintegration import Preintegration
+from certpgo.objective.families.preintegrated import Preintegration
 from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.sum import Sum
 from certpgo.optimize.initialization import Start, start_of
@@ -24,8 +29,14 @@ from certpgo.optimize.initialization import Start, start_of
 FAINT = 1e-12
 
 
-def inertial_start(problem: Sum) -> Start:
-    """Averaged rotations, with positions, velocities and gravity that are best for them."""
+def joint_start(problem: Quadratic | Sum) -> Start:
+    """Averaged rotations, and what is best for them, with inertial measurements; else a tree."""
+    if FEATURES["inertial"].is_in(problem.measured):
+        return _inertial_start(problem)
+    return Start(tree_initialization(problem.graph), "a tree of measurements")
+
+
+def _inertial_start(problem: Any) -> Start:
     R = _rotations(problem.measured)
     [term] = [term for _, term in problem.terms if isinstance(term, Preintegration)]
     t, g = _linear(problem.measured, term, R)
