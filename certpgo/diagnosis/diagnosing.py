@@ -12,7 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from certpgo.diagnosis import estimates, ids, measurements, optimizer, priors, structure
+from certpgo.diagnosis import (
+    estimates,
+    ids,
+    measurements,
+    optimizer,
+    priors,
+    sensors,
+    structure,
+)
 from certpgo.diagnosis import truth as of_truth
 from certpgo.diagnosis.agreement import agreement
 from certpgo.diagnosis.detectability import detectable
@@ -63,11 +71,19 @@ def first_finding(examined: Examined) -> Finding | None:
 
 
 def cause_in_measurements(examined: Examined) -> Finding | None:
-    """The order of the weights or the convention that explains all measurements, or a kind."""
+    """What explains all measurements or a kind: an order of weights, a convention, a sensor.
+
+    None if nothing does, or if one measurement is all that is wrong.
+    """
     graph = examined.instance.graph
     if (order := undefined(graph, examined.trying)) is not None or graph.has_scales:
         return order
-    return measurements.convention(examined, single(examined) is None)
+    none_alone = single(examined) is None
+    told = measurements.convention(examined, none_alone)
+    if told is not None or not none_alone:
+        return told
+    sensor = sensors.found(examined)
+    return sensor.finding if sensor is not None and sensor.leaves_noise else None
 
 
 def diagnose(

@@ -13,6 +13,7 @@ from certpgo.diagnosis.study import Study, studied_problem, study
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, Instance
 from certpgo.graph.keys import NO_TIME, SECOND
+from certpgo.graph.kinds import RELATIVE, Kind
 from certpgo.graph.succession import Succession, succession
 from certpgo.io.estimates import truth_among
 from certpgo.io.format import LabelledPoses
@@ -198,6 +199,12 @@ class Examined:
         """A pose that stands still."""
         return self.problem.tangent_layout.still(self.instance.anchor)
 
+    @property
+    def world(self) -> int | None:
+        """The node that stands for the world; None if nothing is measured in it."""
+        graph = self.instance.graph
+        return graph.world if self.instance.world is None else self.instance.world
+
     @cached_property
     def order(self) -> Succession:
         """Which pose follows which."""
@@ -207,6 +214,26 @@ class Examined:
     def steps(self) -> BoolArray:
         """(m,) the first measurement from each pose to the next."""
         return odometry(self.instance.graph, self.order)
+
+    @cached_property
+    def kinds(self) -> dict[str, BoolArray]:
+        """(m,) which measurements are of which kind, in words."""
+        measured = self.instance.measurements
+        relative = measured.are(*RELATIVE)
+        steps = np.zeros(len(relative), dtype=bool)
+        steps[: len(self.steps)] = self.steps
+        closures = "loop closures" if (steps & relative).any() else "relative poses"
+        found = {
+            "odometry": relative & steps,
+            closures: relative & ~steps,
+            "pose priors": measured.are(Kind.PRIOR),
+            "position priors": measured.are(Kind.POSITION),
+            "attitude priors": measured.are(Kind.ATTITUDE),
+            "sightings": measured.are(Kind.SIGHTING),
+            "distances": measured.are(Kind.RANGE),
+            "other measurements": measured.are(Kind.OTHER),
+        }
+        return {name: rows for name, rows in found.items() if rows.any()}
 
     @cached_property
     def whole(self) -> BoolArray:

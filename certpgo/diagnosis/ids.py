@@ -120,10 +120,10 @@ def used_twice(examined: Examined) -> Finding | None:
     """
     instance, fit = examined.instance, examined.fit
     graph, steps = instance.graph, _steps(examined)
-    pairs = np.sort(graph.edges, axis=1)
+    pairs = np.sort(graph.edges, axis=1) @ [graph.num_nodes, 1]
     numbers = instance.known_numbers[: graph.num_edges]
     rows = np.flatnonzero(steps)[np.argsort(numbers[steps], kind="stable")]
-    _, first, counts = np.unique(pairs[rows], axis=0, return_index=True, return_counts=True)
+    _, first, counts = np.unique(pairs[rows], return_index=True, return_counts=True)
     twice = int((counts > 1).sum())
     if graph.has_scales or twice < STEPS or (fit is not None and not fit.is_unusually_large):
         return None

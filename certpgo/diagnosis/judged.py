@@ -9,12 +9,10 @@ import numpy as np
 from scipy import special
 
 from certpgo.diagnosis.examined import Examined
-from certpgo.diagnosis.noise import kinds_of
 from certpgo.diagnosis.study import Study, study
 from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
-from certpgo.optimize.descent import descend
 from certpgo.solve.fit import Fit
 from certpgo.solve.outliers import select
 
@@ -28,6 +26,8 @@ FEW, SETTLING = 1000, 3
 #: Measurements that are left out one by one, before a robust fit is tried; and surprise of two, one
 #: over the other, that may both be the wrong one.
 LEFT_OUT, AS_LIKELY = 3, 0.98
+#: Share of the largest surprise from which another one is the same but for rounding.
+SAME = 0.999
 #: Ratio of variances up to which noise is as stated, and from which it is seldom misstated.
 STATED, HUGE = 1.5, 50.0
 #: What is left out explains a map whose chi^2 is then as stated, or at most this share.
@@ -105,15 +105,14 @@ def judged(examined: Examined) -> Judged | None:
 
 def _without_few(examined: Examined, at: Judged, most: int) -> Judged | None:
     """One after another left out, each the most surprising one; None if more are wrong then."""
-    problem, kept = examined.problem, np.ones(len(at.wrong), dtype=bool)
+    kept = np.ones(len(at.wrong), dtype=bool)
     for _ in range(most):
         surprises = np.where(kept, at.fit.surprises, 0.0)
         # Of two that are as likely, such as all that a node has, odometry is right.
         surprises[: len(examined.steps)][examined.steps] *= AS_LIKELY
-        worst = int(np.argmax(surprises))
+        worst = int(np.argmax(surprises >= SAME * surprises.max()))
         kept[worst] = False
-        fitted = descend(problem.reweighted(kept.astype(float)), at.fit.estimate)
-        found = _kept(examined, fitted.estimate, kept)
+        found = _kept(examined, at.fit.estimate, kept)
         if found is None or (found.wrong == ~kept).all():
             return found
         at = found
@@ -155,7 +154,7 @@ def _judged(examined: Examined, fit: Study) -> Judged:
     known = fit.checked > 0
     usual = 2.0 * special.gammaincinv(0.5 * np.maximum(fit.checked, 1), 0.5)
     scales = np.ones(len(known))
-    for rows in kinds_of(examined).values():
+    for rows in examined.kinds.values():
         own = rows & known
         if own.any():
             scales[rows] = max(float(np.median(fit.surprises[own] / usual[own])), 1.0)

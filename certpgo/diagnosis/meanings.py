@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
+from certpgo.graph.information import unmeasured
 from certpgo.linalg.arrays import FloatArray
 
 
@@ -52,6 +54,14 @@ def _lower(p: int) -> tuple[tuple[int, ...], ...]:
 def _of_cholesky(M: FloatArray) -> FloatArray:
     U: FloatArray = np.triu(M)
     return np.asarray(np.swapaxes(U, 1, 2) @ U)
+
+
+def inverses(M: FloatArray) -> FloatArray:
+    """Of what is measured; rows of zeros remain so."""
+    if not unmeasured(M).any():
+        with suppress(np.linalg.LinAlgError):
+            return np.asarray(np.linalg.inv(M), dtype=np.float64)
+    return np.asarray(np.linalg.pinv(M, hermitian=True), dtype=np.float64)
 
 
 def _turned(factor: float) -> Callable[[FloatArray], FloatArray]:
@@ -100,7 +110,7 @@ OTHERS = (
         "covariance",
         "are covariances, not information",
         "invert them, or read with --weights-are covariance",
-        lambda M: np.asarray(np.linalg.pinv(M, hermitian=True), dtype=np.float64),
+        inverses,
     ),
     Meaning(
         "square-root",

@@ -137,27 +137,25 @@ def found(examined: Examined) -> Iterator[Finding]:
     if sensor is not None and sensor.leaves_noise:
         yield sensor.finding
         return
-    suspects, meaning = single, None
-    if suspects is None:
-        suspects = judged.judged(examined)
-    if single is None or single.fit.fit.is_unusual:  # else there is nothing else to explain
-        meaning = weights.other_meaning(examined)
+    suspects, meaning = judged.judged(examined) if single is None else single, None
     if suspects is None:
         return
     gain, unusual = noise.found(examined, suspects.fit)
+    # The noise has a number more to fit, and is more often misstated.
+    bar = gain - math.log(suspects.fit.fit.freedom) if unusual else -weights.RARER
+    if single is None or single.fit.fit.is_unusual:  # else there is nothing else to explain
+        least = max(bar - weights.RARER, suspects.gain(examined.best))
+        meaning = weights.other_meaning(examined, least)
     if sensor is not None:
         others = [gain, suspects.gain(examined.best), 0.0 if meaning is None else meaning[0]]
         if sensor.gain > max(others) + weights.RARER:
             yield sensor.finding
             return
-    # The noise has a number more to fit, and is more often misstated.
-    bar = gain - math.log(suspects.fit.fit.freedom) if unusual else -weights.RARER
     if meaning is not None:
-        ahead, explained = meaning[0] - bar, meaning[0] > suspects.gain(examined.best)
-        if explained and ahead > weights.RARER:
+        if meaning[0] - bar > weights.RARER:
             yield meaning[1]  # all else is as if measured so
             return
-        if explained and ahead > -weights.RARER and not suspects.wrong.any():
+        if not suspects.wrong.any():
             yield weights.either(meaning[1], unusual)
             return
     yield from wrong.found(examined, suspects)

@@ -1,16 +1,16 @@
 """By how much noise is stated, for each kind of measurement.
 
-Variances of kinds are those with which each kind's squares are what they should be, by what the fit
-leaves of each kind's noise in each kind's residuals (see `certpgo.diagnosis.study`), repeated with
-these variances: the estimate of the restricted likelihood, which also says whether other variances
-are needed at all. A kind's degrees of freedom are those that its variance is known by: numbers
-measured, less what the fit takes, and less what cannot be told from the noise of other kinds.
+First by quadratic estimates: variances with which each kind's squares are what they should be, by
+what the fit leaves of each kind's noise in each kind's residuals (see `certpgo.diagnosis.study`).
+Where few degrees of freedom determine a variance, the likeliest ones are looked for from there (see
+`certpgo.diagnosis.likelihood`). A kind's degrees of freedom are those that its variance is known
+by: numbers measured, less what the fit takes, and less what cannot be told from the noise of other
+kinds.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,9 +18,9 @@ from scipy import special
 
 from certpgo.diagnosis.examined import Examined
 from certpgo.diagnosis.finding import OVERSTATED, Finding
+from certpgo.diagnosis.likelihood import Likelihood
 from certpgo.diagnosis.study import Coupling, Study
 from certpgo.graph import Instance
-from certpgo.graph.kinds import RELATIVE, Kind
 from certpgo.graph.phrases import counted
 from certpgo.linalg.arrays import BoolArray, FloatArray
 
@@ -28,13 +28,17 @@ from certpgo.linalg.arrays import BoolArray, FloatArray
 USUAL, FEWEST = 1.4, 0.5
 #: Probability of what is unusual, and twice the log of likelihoods' ratio that needs no more words.
 UNLIKELY, NO_BETTER = 5e-5, 10.0
-#: Rounds of the fixed point; change of variances that ends them, and degrees of freedom by which
-#: these are known well enough whatever they were assumed to be.
-ROUNDS, NEAR, PLENTY = 6, 1.2, 1000
+#: Steps to the likeliest variances, gain that is not worth another, and the largest change of a
+#: logarithm; and degrees of freedom by which variances are known well enough without.
+STEPS, LITTLE, FAR, PLENTY = 5, 0.1, 1.5, 1000
+#: What variances below those stated gain at most, over what quadratic estimates say.
+ABOUT = 2.0
+#: Shares of a step that are tried until one is likelier.
+SHORTER = (1.0, 0.25, 0.0625)
 #: Probability, over `UNLIKELY`, from which no other variances are looked for.
 ORDINARY = 100.0
-#: Variances relative to the last ones stay above this share, and that of the kind's own estimate.
-LEAST, STEP = 1e-12, 0.2
+#: Variances stay above this, and this share of what the kind's own squares say.
+LEAST, SMALLEST = 1e-12, 0.2
 #: Largest strength, where it is stated too small, and too large, which does no harm: mistakes that
 #: explain more come first.
 STRONGEST, HARMLESS = 0.9, 0.2
@@ -68,26 +72,6 @@ class Noise:
         return f"{self.ratio:.3g} times the stated noise ({low:.3g} to {high:.3g}, by {freedom})"
 
 
-def kinds_of(examined: Examined) -> dict[str, BoolArray]:
-    """(m,) which measurements are of which kind, in words."""
-    measured = examined.instance.measurements
-    relative = measured.are(*RELATIVE)
-    steps = np.zeros(len(relative), dtype=bool)
-    steps[: len(examined.steps)] = examined.steps
-    closures = "loop closures" if (steps & relative).any() else "relative poses"
-    found = {
-        "odometry": relative & steps,
-        closures: relative & ~steps,
-        "pose priors": measured.are(Kind.PRIOR),
-        "position priors": measured.are(Kind.POSITION),
-        "attitude priors": measured.are(Kind.ATTITUDE),
-        "sightings": measured.are(Kind.SIGHTING),
-        "distances": measured.are(Kind.RANGE),
-        "other measurements": measured.are(Kind.OTHER),
-    }
-    return {name: rows for name, rows in found.items() if rows.any()}
-
-
 @dataclass(frozen=True, eq=False)
 class Model:
     """Variances of kinds of which some are estimated, others as stated.
@@ -104,56 +88,65 @@ class Model:
     gain: float
 
 
-def fitted(
-    first: Study, seen: Coupling, kinds: Sequence[BoolArray], free: BoolArray
-) -> Model | None:
+def fitted(seen: Coupling, likelihood: Likelihood, free: BoolArray) -> Model | None:
     """The variances of some kinds (k,), given the others; None if they cannot be told.
 
     Parameters
     ----------
-    first : at the stated noise, of all measurements that are right
-    seen : its coupling of the kinds
+    seen : the coupling of the kinds at the stated noise
+    likelihood : near the same fit
     """
-    at, variances, gain = first, np.ones(len(kinds)), 0.0
-    B, squares = seen
-    if free.all():  # what is common to all changes no fit
-        variances, gain = _together(seen)
-        squares = squares / variances
-    for number in range(ROUNDS):
-        changes, freedoms = _changes(B, squares, free)
-        if not (freedoms[free] > FEWEST).all():
+    variances, freedoms = _changes(seen, free)
+    if not (freedoms[free] > FEWEST).all():
+        return None
+    if freedoms[free].min() > PLENTY:
+        return Model(variances, freedoms, _gained(seen, variances))
+    return _likeliest(likelihood, variances, free)
+
+
+def _likeliest(likelihood: Likelihood, start: FloatArray, free: BoolArray) -> Model | None:
+    """The likeliest variances of some kinds, by Newton's method from a start."""
+    stated = likelihood.at(np.ones(len(free)))
+    best, own = likelihood.at(start), np.ix_(free, free)
+    if stated is None or best is None:
+        return None
+    for _ in range(STEPS):
+        curvature, pull = best.curvature[own], (best.squares - best.left)[free]
+        if not np.linalg.eigvalsh(curvature)[0] > 0.0:
             return None
-        variances = variances * changes
-        if np.abs(np.log(changes)).max() < math.log(NEAR) or freedoms[free].min() > PLENTY:
-            gain += _gained(B, changes)
+        step = np.zeros(len(free))
+        step[free] = np.linalg.solve(curvature, pull)
+        if 0.5 * float(pull @ step[free]) < LITTLE:
             break
-        factors = np.ones(len(first.counts))
-        for rows, variance in zip(kinds, variances.tolist(), strict=True):
-            factors[rows] = 1.0 / variance
-        again = at.under(factors)
-        if again is None:
-            return None
-        at, gain = again, first.surprise - again.surprise
-        if number < ROUNDS - 1:
-            B, squares = at.coupling(kinds, roughly=True)
-    return Model(variances, freedoms, gain)
+        step = np.clip(step, -FAR, FAR)
+        trials = (likelihood.at(best.variances * np.exp(share * step)) for share in SHORTER)
+        there = next((one for one in trials if one and one.surprise < best.surprise), None)
+        if there is None:
+            break
+        best = there
+    else:
+        return None  # it goes to nothing, or to infinity
+    freedoms = np.zeros(len(free))
+    freedoms[free] = 1.0 / np.diag(np.linalg.inv(curvature))
+    if not (freedoms[free] > FEWEST).all():
+        return None
+    return Model(best.variances, freedoms, stated.surprise - best.surprise)
 
 
-def _together(seen: Coupling) -> tuple[FloatArray, float]:
-    """(k,) the variance of all kinds if it is the same, and what that gains."""
-    freedom, chi2 = float(seen.B.sum()), float(seen.squares.sum())
-    ratio = max(chi2 / freedom, LEAST)
-    return np.full(len(seen.B), ratio), chi2 - freedom * (math.log(ratio) + 1.0)
+def _together(seen: Coupling) -> float:
+    """The variance of all kinds if it is the same."""
+    return max(float(seen.squares.sum() / seen.B.sum()), LEAST)
 
 
-def _changes(B: FloatArray, squares: FloatArray, free: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """(k,) variances of kinds over those assumed, without bias whatever these are; and freedoms."""
+def _changes(seen: Coupling, free: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """(k,) variances of kinds, without bias whatever they are; and their freedoms."""
+    B, squares = seen
     inverse = np.linalg.pinv(B[np.ix_(free, free)], hermitian=True)
     changes, freedoms = np.ones(len(B)), np.zeros(len(B))
     changes[free] = inverse @ (squares - B[:, ~free].sum(axis=1))[free]
     # A difference of squares may be negative: then as if all kinds were off by the same.
     together = squares / np.maximum(B.sum(axis=1), FEWEST)
-    changes[free] = np.maximum(changes, np.maximum(STEP * together, LEAST))[free]
+    changes[free] = np.maximum(changes, np.maximum(SMALLEST * together, LEAST))[free]
     # Squares vary with the variances that are, not with those assumed.
     own = changes[free]
     varied = inverse @ (own[:, None] * B[np.ix_(free, free)] * own) @ inverse
@@ -161,12 +154,29 @@ def _changes(B: FloatArray, squares: FloatArray, free: BoolArray) -> tuple[Float
     return changes, freedoms
 
 
-def _gained(B: FloatArray, changes: FloatArray) -> float:
-    """What variances near those assumed gain: to second order, and exactly for one kind alone."""
-    off = changes - 1.0
+def _gained(seen: Coupling, variances: FloatArray) -> float:
+    """What variances gain: exactly for what they have in common, for the rest to second order."""
+    (B, squares), ratio = seen, _together(seen)
+    if not (variances != 1.0).all():
+        ratio = 1.0
+    common = float(squares.sum()) * (1.0 - 1.0 / ratio) - float(B.sum()) * math.log(ratio)
+    r = variances / ratio
+    off = r - 1.0
     moved = off != 0.0
-    r, curved = changes[moved], (off * (B @ off))[moved]
-    return max(float((curved * (r - 1.0 - np.log(r)) / (r - 1.0) ** 2).sum()), 0.0)
+    curved = (off * (B @ off))[moved]
+    rest = float((curved * (off[moved] - np.log(r[moved])) / off[moved] ** 2).sum())
+    return max(min(common + max(rest, 0.0), _gained_at_most(seen, variances)), 0.0)
+
+
+def _gained_at_most(seen: Coupling, variances: FloatArray) -> float:
+    """What variances gain at most.
+
+    log det H is convex in the logarithms of weights, and so not below its tangent at those stated.
+    chi^2 is the largest (e^T y)^2 / y^T V y of all y that no motion changes, such as residuals e.
+    """
+    chi2, (B, squares) = float(seen.squares.sum()), seen
+    least = chi2**2 / float(variances @ squares)
+    return chi2 - least - float(B.sum(axis=1) @ np.log(variances))
 
 
 # --- Findings -------------------------------------------------------------------------------------
@@ -205,32 +215,36 @@ def _finding(noise: Noise) -> Finding:
 
 def _unusual(examined: Examined, first: Study) -> tuple[float, list[Noise]]:
     """Noise that is not as stated, in the simplest words: of all, of one kind, or of each."""
-    names = kinds_of(examined)
+    names = examined.kinds
     kinds = [rows & first.counts for rows in names.values()]
     seen = first.coupling(kinds)
-    freedom = float(seen.B.sum())
+    freedom, known = float(seen.B.sum()), np.diag(seen.B) > FEWEST
     if freedom < FEWEST:
         return 0.0, []
-    ratios, gain = _together(seen)
-    known = np.diag(seen.B) > FEWEST
-    of_each = _gained(seen.B, _changes(seen.B, seen.squares, known)[0])
+    same = np.full(len(kinds), _together(seen))
+    gain, of_each = _gained(seen, same), _gained(seen, _changes(seen, known)[0])
     if special.gammaincc(0.5 * len(kinds), 0.5 * max(gain, of_each)) > ORDINARY * UNLIKELY:
         return 0.0, []
-    models = [(gain, [Noise("all measurements", math.sqrt(ratios[0]), freedom)])]
+    likelihood = Likelihood(first, kinds)
+    models = [(gain, [Noise("all measurements", math.sqrt(same[0]), freedom)])]
     choices = [known] if known.sum() > 1 else []
     singles = [np.arange(len(kinds)) == k for k in np.flatnonzero(known)]
     while choices:
         free = choices.pop()
-        if (model := fitted(first, seen, kinds, free)) is None:
+        likely, _ = _changes(seen, free)
+        if (likely <= 1.0).all() and ABOUT * _gained(seen, likely) < gain - NO_BETTER:
+            continue
+        if (model := fitted(seen, likelihood, free)) is None:
             if free is known:
                 choices = singles
             continue
-        each = zip(names, np.sqrt(model.variances).tolist(), model.freedoms.tolist(), strict=True)
+        variances = model.variances
+        each = zip(names, np.sqrt(variances).tolist(), model.freedoms.tolist(), strict=True)
         of_kinds = [Noise(*one) for one, chosen in zip(each, free, strict=True) if chosen]
         models.append((model.gain, of_kinds))
-        if free is known and models[-1][0] > gain + NO_BETTER:  # one kind may be all that is off
-            off = np.abs(np.log(model.variances)) > 2.0 * math.log(USUAL)
-            choices = [one for one in singles if off[one].any()] if (off[known]).sum() == 1 else []
+        if free is known and model.gain > gain + NO_BETTER:  # one kind may be all that is off
+            lost = model.freedoms * (variances - 1.0 - np.log(variances))
+            choices = [one for one in singles if lost[~one].sum() < 2.0 * NO_BETTER]
     most = max(gain for gain, _ in models)
     enough = [one for one in models if one[0] > most - NO_BETTER]
     gain, of_kinds = min(enough, key=lambda one: len(one[1]))

@@ -27,8 +27,7 @@ WITHOUT_CAUSE, MOST = 0.5, 3.0
 def found(examined: Examined) -> Iterator[Finding]:
     """Priors or held nodes without which the measurements cost far less."""
     instance = examined.instance
-    world = instance.graph.world if instance.world is None else instance.world
-    fit = examined.fit
+    world, fit = examined.world, examined.fit
     if instance.graph.has_scales or (fit is not None and not fit.is_unusually_large):
         return
     # What is left may leave nodes free.

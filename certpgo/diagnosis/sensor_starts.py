@@ -16,9 +16,7 @@ from certpgo.diagnosis.conventions import FORMS, W_FIRST, Convention, quarter_tu
 from certpgo.diagnosis.edge_readings import Columns, EdgeReading
 from certpgo.diagnosis.estimates import HARDLY, UNITS
 from certpgo.diagnosis.examined import Examined
-from certpgo.diagnosis.systematic import (
-    Systematic,
-)
+from certpgo.diagnosis.systematic import Systematic, problem_at
 from certpgo.diagnosis.truth import mounting
 from certpgo.graph import Estimate
 from certpgo.graph.edges import components_of
@@ -72,10 +70,25 @@ class Others:
         return self.estimate.rotations[at], translations_of(self.estimate)[at]
 
 
+@dataclass(frozen=True, eq=False)
+class SensorStart:
+    """An error that may be, and how well it fits the map of all other measured poses.
+
+    Attributes
+    ----------
+    left : what it leaves of squares, to compare those of one kind
+    world : (d, d) rotation of the world in that map; None where nothing is measured in the world
+    """
+
+    left: float
+    error: Systematic
+    world: FloatArray | None = None
+
+
 def from_others(
     examined: Examined, error: Systematic, known: dict[bytes, Others | None]
-) -> Iterator[Systematic]:
-    """The error that fits the map of all other measured poses best."""
+) -> Iterator[tuple[Systematic, Estimate]]:
+    """The error that fits the map of all other measured poses best, and an estimate with it."""
     if error.of not in _STARTS:
         return
     graph = examined.instance.graph
@@ -92,9 +105,23 @@ def from_others(
     if len(own) < FEWEST:
         return
     trials = [*_STARTS[error.of](examined, error, others, own)]
-    least = min((left for left, _ in trials), default=math.inf)
+    least = min((one.left for one in trials), default=math.inf)
     if least < math.inf:
-        yield next(one for left, one in trials if left <= HARDLY * least)
+        best = next(one for one in trials if one.left <= HARDLY * least)
+        yield best.error, _near(examined, others, best)
+
+
+def _near(examined: Examined, others: Others, at: SensorStart) -> Estimate:
+    """The map of the others, with all other nodes where measurements without the error say."""
+    chordal = problem_at(examined, at.error).chordal
+    graph, world, known = examined.instance.graph, examined.world, others.place >= 0
+    turned = np.tile(np.eye(graph.d), (graph.num_nodes, 1, 1))
+    turned[known] = others.estimate.rotations[others.place[known]]
+    if world is not None and at.world is not None:
+        turned[world] = at.world
+    if (known | graph.is_point | (np.arange(graph.num_nodes) == world)).all():
+        return chordal.settled(Estimate(turned))
+    return start_of(chordal).estimate
 
 
 def _map_of(examined: Examined, rows: BoolArray) -> Others | None:
@@ -112,12 +139,9 @@ def _map_of(examined: Examined, rows: BoolArray) -> Others | None:
     return Others(place, end.estimate)
 
 
-Start = tuple[float, Systematic]
-
-
 def _of_sightings(
     examined: Examined, error: Systematic, others: Others, own: IntArray
-) -> Iterator[Start]:
+) -> Iterator[SensorStart]:
     """R_i (s C y + a) + t_i is the same point, from whichever pose it is seen."""
     graph = examined.instance.graph
     on_first = error.carried[own, 0]
@@ -150,7 +174,7 @@ def _of_sightings(
 
 def _of_closures(
     examined: Examined, error: Systematic, others: Others, own: IntArray
-) -> Iterator[Start]:
+) -> Iterator[SensorStart]:
     """C R C^T, s C t + (1 - C R C^T) a are the motions between the poses of the others."""
     graph = examined.instance.graph
     i, j = graph.edges[own].T
@@ -169,13 +193,13 @@ def _of_closures(
     scale = float((graph.kappa[own] / np.maximum(graph.tau[own], 1e-300)).mean())
     for C in _turns(fitting):
         off = scale * float(((C @ M @ C.T - R) ** 2).sum())
-        left, start = _start(error, None, C, np.column_stack([(w @ C.T).ravel(), arms]), v.ravel())
-        yield left + off, start
+        start = _start(error, None, C, np.column_stack([(w @ C.T).ravel(), arms]), v.ravel())
+        yield replace(start, left=start.left + off)
 
 
 def _of_positions(
     examined: Examined, error: Systematic, others: Others, own: IntArray
-) -> Iterator[Start]:
+) -> Iterator[SensorStart]:
     """Positions in the world, which may be turned and moved as a whole."""
     graph = examined.instance.graph
     node, p = graph.edges[own, 1], graph.translations[own]
@@ -191,12 +215,13 @@ def _of_positions(
         if not s > 0.0:
             continue
         off = t - s * x @ S.T - shift
-        yield float((off**2).sum()), replace(error, before=before, metres=_rounded(float(s)))
+        so_read = replace(error, before=before, metres=_rounded(float(s)))
+        yield SensorStart(float((off**2).sum()), so_read, S)
 
 
 def _of_priors(
     examined: Examined, error: Systematic, others: Others, own: IntArray
-) -> Iterator[Start]:
+) -> Iterator[SensorStart]:
     """Poses in the world, of a frame that is fixed to each."""
     graph = examined.instance.graph
     node = graph.edges[own, 1]
@@ -218,7 +243,8 @@ def _of_priors(
         off = ((t - u @ S.T - shift) ** 2).sum()
         size = float(((t - t.mean(axis=0)) ** 2).mean())
         off += size * ((S @ M @ C.T - R) ** 2).sum()
-        yield float(off), replace(error, before=before, metres=s, turn=C, arm=C @ a)
+        so_read = replace(error, before=before, metres=s, turn=C, arm=C @ a)
+        yield SensorStart(float(off), so_read, S)
 
 
 def _of_convention(one: Convention) -> EdgeReading:
@@ -265,11 +291,11 @@ def _start(
     C: FloatArray,
     columns: FloatArray,
     right: FloatArray,
-) -> Start:
+) -> SensorStart:
     """What the best unit and place leave of a turn C."""
     x = np.linalg.lstsq(columns, right, rcond=1e-6)[0]
     if not x[0] > 0.0:
-        return math.inf, error
+        return SensorStart(math.inf, error)
     off = columns @ x - right
     start = replace(
         error,
@@ -278,7 +304,7 @@ def _start(
         metres=_rounded(float(x[0])),
         arm=np.asarray(x[1:], dtype=np.float64),
     )
-    return float((off**2).sum()), start
+    return SensorStart(float((off**2).sum()), start)
 
 
 def _rounded(s: float) -> float:

@@ -19,7 +19,6 @@ from certpgo.diagnosis.conventions import axes_of, quarter_turns
 from certpgo.diagnosis.estimates import SHARE, UNITS, unit_of
 from certpgo.diagnosis.examined import Examined
 from certpgo.diagnosis.finding import Finding
-from certpgo.diagnosis.noise import kinds_of
 from certpgo.diagnosis.sensor_starts import FEWEST, Others, from_others
 from certpgo.diagnosis.study import Study
 from certpgo.diagnosis.systematic import (
@@ -29,14 +28,17 @@ from certpgo.diagnosis.systematic import (
     TURN,
     Fitted,
     Systematic,
+    at_error,
     fitted,
     score,
 )
 from certpgo.errors import CertPGOError
+from certpgo.graph import Estimate
 from certpgo.graph.phrases import cost_shown
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.solve.fit import fit_of
+from certpgo.objective.choose_cost import objective_of
+from certpgo.optimize.descent import descend
 
 #: Share of chi^2 that the score test may leave of an error that is worth a fit, and fits at most.
 LIKELY, FITTED = 0.7, 2
@@ -45,7 +47,9 @@ LARGE = 25.0
 #: Twice the logarithm of likelihoods' ratio by which what is left out would have to be needed, and
 #: its share of chi^2.
 NEEDED, SLIGHT = 16.0, 0.02
-#: The same that an error has to gain at all.
+#: What the rise of chi^2 may be off by to first order.
+FAR = 5.0
+#: Twice the logarithm that an error has to gain at all.
 GAINED = 25.0
 #: Angle to a permutation of axes from which a turn is one, degrees.
 QUARTER = 3.0
@@ -81,15 +85,11 @@ def found(examined: Examined) -> SensorError | None:
         return None
     if graph.arms is not None or (fit is not None and not fit.is_unusually_large):
         return None
-    best: Fitted | None = None
-    for error in _likely(examined, first):
-        near = None if error.before or error.metres != 1.0 or error.arm.any() else first.estimate
-        trial = fitted(examined, error, near)
-        if trial is not None and (best is None or trial.chi2 < best.chi2):
-            best = trial
+    best = _best(examined, first)
     if best is None or not first.fit.chi2 - best.chi2 > GAINED + len(best.error.free):
         return None
-    share, usual = best.chi2 / first.fit.chi2, _is_usual(examined, best)
+    # No more is left than noise as it is stated, or a small part.
+    share, usual = best.chi2 / first.fit.chi2, not best.fit.fit.is_unusually_large
     if not (share < SHARE or usual):
         return None
     best = _simplified(examined, best)
@@ -97,33 +97,39 @@ def found(examined: Examined) -> SensorError | None:
     return SensorError(gain, share < SHARE and usual, _told(examined, best))
 
 
-def _is_usual(examined: Examined, of: Fitted) -> bool:
-    """Whether no more is left than noise as it is stated."""
-    instance = replace(examined.instance, graph=of.read)
-    fit = fit_of(instance, of.fit.problem, of.fit.estimate)
-    return fit is not None and not fit.is_unusually_large
+def _best(examined: Examined, first: Study) -> Fitted | None:
+    """The error with which the measurements fit best, of those that may explain the map."""
+    fits = [at_error(examined, *one) for one in _likely(examined, first)]
+    likely = sorted((one for one in fits if one is not None), key=lambda one: one.score.left)
+    best: Fitted | None = None
+    for one in likely:
+        if best is not None and not one.score.left < best.chi2:
+            break  # no step makes it the better one
+        found = fitted(examined, one)
+        if best is None or found.chi2 < best.chi2:
+            best = found
+    return best
 
 
 # --- Errors that may be ---------------------------------------------------------------------------
 
 
-def _likely(examined: Examined, first: Study) -> list[Systematic]:
-    """The errors that may explain the map, the likeliest first."""
-    graph = examined.instance.graph
-    errors = [*_errors(examined)]
-    lefts = []
+def _likely(examined: Examined, first: Study) -> Iterator[tuple[Systematic, Estimate]]:
+    """The errors that may explain the map, and an estimate with each: the likeliest first."""
+    errors, lefts = [*_errors(examined)], []
     for error in errors:
         examined.trying(f"{NAMES[error.of]}-systematic")
         with suppress(np.linalg.LinAlgError):
-            lefts.append((score(error, first, graph).left, error))
-    chosen = [one for one in lefts if one[0] < LIKELY * first.fit.chi2]
-    found = [error for _, error in sorted(chosen, key=lambda one: one[0])[:FITTED]]
+            left = score(error, first, first.problem.measured).left
+            if left < LIKELY * first.fit.chi2:
+                lefts.append((left, error))
+    for _, error in sorted(lefts, key=lambda one: one[0])[:FITTED]:
+        yield error, first.estimate
     if first.fit.chi2 > LARGE * first.fit.freedom:
         others: dict[bytes, Others | None] = {}
         for error in errors:
             with suppress(CertPGOError, np.linalg.LinAlgError):
-                found += [*from_others(examined, error, others)]
-    return found
+                yield from from_others(examined, error, others)
 
 
 def _errors(examined: Examined) -> Iterator[Systematic]:
@@ -131,11 +137,8 @@ def _errors(examined: Examined) -> Iterator[Systematic]:
     instance = examined.instance
     graph, measured = instance.graph, instance.measurements
     d, q = graph.d, so.tangent_dim(graph.d)
-    world = graph.world if instance.world is None else instance.world
-    carries = np.ones(graph.num_nodes, dtype=bool) & ~graph.is_point
-    if world is not None:
-        carries[world] = False
-    kinds = {name: rows for name, rows in kinds_of(examined).items() if name in NAMES}
+    carries = ~graph.is_point & (np.arange(graph.num_nodes) != examined.world)
+    kinds = {name: rows for name, rows in examined.kinds.items() if name in NAMES}
     moved = np.zeros(len(measured.edges), dtype=bool)
     moved[: graph.num_edges] = graph.measures_translation
     moved[graph.num_edges :] = True
@@ -160,45 +163,48 @@ def _errors(examined: Examined) -> Iterator[Systematic]:
 def _simplified(examined: Examined, rich: Fitted) -> Fitted:
     """The same without what is not needed."""
     best = rich
-    for simpler in (_in_round_unit, _unturned, _unmoved, _unbiased):
-        for error in simpler(best.error):
-            trial = fitted(examined, error, best.fit.estimate)
-            if trial is not None and trial.chi2 < best.chi2 + max(NEEDED, SLIGHT * best.chi2):
+    for name in rich.error.free:
+        for error, off in _SIMPLER[name](best.error):
+            allowed = max(NEEDED, SLIGHT * best.chi2)
+            chosen = best.error.places(name)
+            if best.score.costs_at_least(off, chosen) > FAR * allowed:
+                continue
+            simpler = replace(error, free=tuple(one for one in error.free if one != name))
+            trial = at_error(examined, simpler, best.fit.estimate)
+            trial = trial and fitted(examined, trial)
+            if trial is not None and trial.chi2 < best.chi2 + allowed:
                 best = trial
                 break
     return best
 
 
-def _without(error: Systematic, name: str) -> tuple[str, ...]:
-    return tuple(one for one in error.free if one != name)
+Simpler = Iterator[tuple[Systematic, FloatArray]]
 
 
-def _in_round_unit(error: Systematic) -> Iterator[Systematic]:
-    if METRES in error.free:
-        free = _without(error, METRES)
-        yield replace(error, metres=1.0, free=free)
-        unit, _ = unit_of(error.metres)
-        if unit in UNITS:
-            yield replace(error, metres=UNITS[unit], free=free)
+def _in_round_unit(error: Systematic) -> Simpler:
+    unit, _ = unit_of(error.metres)
+    for metres in (1.0, *([UNITS[unit]] if unit in UNITS else [])):
+        yield replace(error, metres=metres), np.array([math.log(metres / error.metres)])
 
 
-def _unturned(error: Systematic) -> Iterator[Systematic]:
-    if TURN in error.free:
-        free, d = _without(error, TURN), len(error.arm)
-        yield replace(error, turn=np.eye(d), free=free)
-        near = max(quarter_turns(d), key=lambda Q: float(np.trace(Q.T @ error.turn)))
-        if _degrees(near.T @ error.turn) < QUARTER:
-            yield replace(error, turn=near, free=free)
+def _unturned(error: Systematic) -> Simpler:
+    d = len(error.arm)
+    near = max(quarter_turns(d), key=lambda Q: float(np.trace(Q.T @ error.turn)))
+    turns = [np.eye(d), *([near] if _degrees(near.T @ error.turn) < QUARTER else [])]
+    for turn in turns:
+        yield replace(error, turn=turn), so.log((turn @ error.turn.T)[None])[0]
 
 
-def _unmoved(error: Systematic) -> Iterator[Systematic]:
-    if ARM in error.free:
-        yield replace(error, arm=0.0 * error.arm, free=_without(error, ARM))
+def _unmoved(error: Systematic) -> Simpler:
+    yield replace(error, arm=0.0 * error.arm), -error.arm
 
 
-def _unbiased(error: Systematic) -> Iterator[Systematic]:
-    if BIAS in error.free:
-        yield replace(error, bias=0.0 * error.bias, free=_without(error, BIAS))
+def _unbiased(error: Systematic) -> Simpler:
+    yield replace(error, bias=0.0 * error.bias), -error.bias
+
+
+#: What each may be instead, and the step there.
+_SIMPLER = {METRES: _in_round_unit, TURN: _unturned, ARM: _unmoved, BIAS: _unbiased}
 
 
 def _degrees(C: FloatArray) -> float:
@@ -210,13 +216,21 @@ def _degrees(C: FloatArray) -> float:
 
 def _told(examined: Examined, of: Fitted) -> Finding:
     """The error as a finding."""
-    error, given, cost = of.error, examined.best, of.cost
+    error, given = of.error, examined.best
+    cost = _cost(examined, of)
     parts = [*_parts(error)]
     whose = "odometry edges" if error.of == "odometry" else error.of
     costs = f"so read the best fit costs {cost_shown(cost)}, as it stands {cost_shown(given)}"
     said, next = (", and ".join(part[k] for part in parts) for k in (1, 2))
     kind = f"{NAMES[error.of]}-{parts[0][0]}"
     return Finding(kind, f"{whose} {said}: {costs}", next, cost, given)
+
+
+def _cost(examined: Examined, of: Fitted) -> float:
+    """The least cost of the measurements without the error."""
+    graph = of.error.read(examined.instance.graph)
+    problem = objective_of(replace(examined.instance, graph=graph), examined.problem.cost_name)
+    return descend(problem, problem.settled(of.fit.estimate), monitor=examined.monitor).cost
 
 
 def _parts(error: Systematic) -> Iterator[tuple[str, str, str]]:

@@ -99,13 +99,15 @@ def undefined(graph: Graph, trying: Callable[[str], None] = lambda _: None) -> F
     if graph.information is None:
         return None
     rows = np.flatnonzero(whole_poses(graph) | _of_poses(graph))
-    given = _positive(graph.information_matrices[rows])
+    used, index = np.unique(graph.information.index[rows], return_inverse=True)
+    distinct = graph.information.distinct[used]
+    given = _positive(distinct)
     if given.all():
         return None
     for order in orders(graph.d):
         trying(order.kind)
-        if _positive(order.read(graph.information_matrices[rows])).all():
-            bad = int((~given).sum())
+        if _positive(order.read(distinct)).all():
+            bad = int((~given)[index].sum())
             what = "information matrix" if bad == 1 else "information matrices"
             said = (
                 f"{bad} {what} of {len(rows)} are not positive definite as read; all are if they "

@@ -140,9 +140,10 @@ def _disagreements(examined: Examined, pairs: IntArray) -> FloatArray:
     if graph.has_positions:
         parts.insert(0, np.einsum("kba,kb->ka", R, s - t))
     off = np.concatenate(parts, axis=1)
-    W, V = (information_of(answer.problem, answer.marginals, pairs[:, k], sides) for k in (0, 1))
-    definite = np.linalg.eigvalsh(np.concatenate([W, V], axis=1).reshape(-1, *W.shape[1:]))[:, 0]
-    known = (definite.reshape(-1, 2) > 0.0).all(axis=1)
+    both = pairs.T.ravel(), np.concatenate([sides, sides])
+    of_both = information_of(answer.problem, answer.marginals, *both)
+    known = (np.linalg.eigvalsh(of_both)[:, 0] > 0.0).reshape(2, -1).all(axis=0)
+    W, V = np.split(of_both, 2)
     found = np.zeros(len(pairs))
     spread = np.linalg.inv(W[known]) + np.linalg.inv(V[known])
     solved = np.linalg.solve(spread, off[known][:, :, None])[:, :, 0]

@@ -33,7 +33,7 @@ class StudiedTerm(NamedTuple):
         cls, rows: IntArray, errors: FloatArray, motions: FloatArray, weights: FloatArray
     ) -> Self:
         """With these weights (k, r, r)."""
-        root, logs = _roots(weights)
+        root, logs = roots(weights)
         return cls(
             rows, errors, motions, (root @ errors[:, :, None])[:, :, 0], root @ motions, logs
         )
@@ -47,7 +47,7 @@ class StudiedTerm(NamedTuple):
         )
 
 
-def _roots(W: FloatArray) -> tuple[FloatArray, FloatArray]:
+def roots(W: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(k, r, r) matrices C with C^T C the semidefinite ones, and (k,) their log det.
 
     That is of what they state: zeros do not count.

@@ -22,15 +22,14 @@ from certpgo.diagnosis.studied_term import StudiedTerm
 from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate
 from certpgo.graph.information import Information
-from certpgo.graph.relaxed_point import translations_of
-from certpgo.linalg import rotations as so
-from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.linalg.arrays import CSC, BoolArray, FloatArray, IntArray
 from certpgo.linalg.blocks import Layout, pinned, scatter_sum
 from certpgo.linalg.factor import Factor
 from certpgo.linalg.selected_inverse import blocks_of_pairs
 from certpgo.objective.choose_cost import Certifiable
 from certpgo.objective.costs import CHORDAL, COSTS
 from certpgo.objective.edge_equations import linearized
+from certpgo.objective.normal_equations import moved
 from certpgo.objective.sum import Sum
 from certpgo.objective.terms import gathered
 from certpgo.optimize.marginals import LARGEST
@@ -38,8 +37,9 @@ from certpgo.solve.fit import Fit
 
 #: Weight of a measurement that does not count, to keep the pattern of the matrix.
 IDLE = 1e-12
-#: Steps of Gauss and Newton to the fit, and the relative decrease that is not worth another.
-STEPS, SMALL = 3, 1e-4
+#: Steps of Gauss and Newton to the fit, and the share of the cost that the last one may be worth,
+#: which is taken to first order.
+STEPS, LAST = 3, 1e-2
 #: Share of a direction's variance that a fit must leave to check it.
 CHECKED = 1e-3
 #: Random signs that squared entries are averaged over: so many numbers in all, within limits. Their
@@ -194,71 +194,68 @@ class Study:
         left = np.where(self.counts, np.maximum(left, 0.0), self.numbers)
         return _Judged(surprises, np.maximum(checked, 0), left)
 
-    def under(
-        self, factors: FloatArray | None = None, weights: Sequence[FloatArray] | None = None
-    ) -> Study | None:
+    def under(self, weights: Sequence[FloatArray]) -> Study | None:
         """The fit to other weights near this one, to first order; None where they leave nodes free.
 
         Parameters
         ----------
-        factors : (m,) of the stated weights, by default those here
-        weights : of each part (k, r, r), by default those stated
+        weights : of each part (k, r, r)
         """
-        (n, p), m = (len(self.layout.sizes), self.parts[0].slopes.shape[2] // 2), len(self.edges)
-        f, parts = self.factors if factors is None else factors, self.parts
-        if weights is not None:
-            both = zip(parts, weights, strict=True)
-            parts = tuple(StudiedTerm.of(*part[:3], W) for part, W in both)
-        roots = np.sqrt(np.where(self.counts, f, IDLE * f))
-        diagonal, gradient, upper = np.zeros((n, p, p)), np.zeros((n, p)), np.empty((m, p, p))
-        for rows, *_, e, A, _ in parts:
-            A, right = roots[rows, None, None] * A, (roots[rows, None] * e)[:, :, None]
-            halves = A[:, :, :p], A[:, :, p:]
-            for end, half in zip(self.edges[rows].T, halves, strict=True):
-                back = np.swapaxes(half, 1, 2)
-                diagonal += scatter_sum(end, back @ half, n)
-                gradient += scatter_sum(end, (back @ right)[:, :, 0], n)
-            upper[rows] = np.swapaxes(halves[0], 1, 2) @ halves[1]
-        chordal = self.problem.chordal
-        H = chordal.pattern.assemble(diagonal, upper, self.problem.d)
+        both = zip(self.parts, weights, strict=True)
+        parts = tuple(StudiedTerm.of(*part[:3], W) for part, W in both)
+        other = replace(self, parts=parts)
+        H, gradient = other.equations(np.where(self.counts, 1.0, IDLE) * self.factors)
         H = pinned(H, np.flatnonzero(self.free == 0.0))
-        factor = chordal.symbolic(H).factor(H)
+        factor = self.problem.symbolic(H).factor(H)
         if factor is None or not _is_determined(factor, H.diagonal(), self.free):
             return None
-        moves = -self.layout.unpack(factor.solve(self.free * self.layout.pack(gradient)))
-        d, here = self.problem.d, self.estimate
-        turned = so.nearest_to_rounding(so.turned(here.rotations, moves[:, d:]))
-        there = Estimate.trusted(turned, translations_of(here) + moves[:, :d])
-        at_edges = moves[self.edges]
-        moved = tuple(part.moved(at_edges[part.rows].reshape(len(part.rows), -1)) for part in parts)
-        fit = replace(self, estimate=there, parts=moved, factors=f)
-        return replace(fit, factor=factor, diagonal=H.diagonal())
+        moved = other.moved(-factor.solve(self.free * gradient))
+        return replace(moved, factor=factor, diagonal=H.diagonal())
 
-    def coupling(self, kinds: Sequence[BoolArray], *, roughly: bool = False) -> Coupling:
+    def equations(self, factors: FloatArray) -> tuple[CSC, FloatArray]:
+        """The matrix (N, N) and gradient (N,) of measurements whose weights have factors (m,)."""
+        (n, p), m = (len(self.layout.sizes), self.parts[0].slopes.shape[2] // 2), len(self.edges)
+        diagonal, gradient, upper = np.zeros((n, p, p)), np.zeros((n, p)), np.zeros((m, p, p))
+        for rows, *_, e, A, _ in self.parts:
+            own = np.flatnonzero(factors[rows])
+            if not len(own):
+                continue
+            rows, e, A = rows[own], e[own], A[own]
+            back = factors[rows, None, None] * np.swapaxes(A, 1, 2)
+            square, pull = back @ A, (back @ e[:, :, None])[:, :, 0]
+            for end, half in zip(self.edges[rows].T, (slice(0, p), slice(p, None)), strict=True):
+                diagonal += scatter_sum(end, square[:, half, half], n)
+                gradient += scatter_sum(end, pull[:, half], n)
+            upper[rows] = square[:, :p, p:]
+        H = self.problem.chordal.pattern.assemble(diagonal, upper, self.problem.d)
+        return H, self.layout.pack(gradient)
+
+    def moved(self, step: FloatArray) -> Study:
+        """After a step (N,), to first order."""
+        moves = self.layout.unpack(step)
+        at_edges = moves[self.edges]
+        parts = tuple(
+            part.moved(at_edges[part.rows].reshape(len(part.rows), -1)) for part in self.parts
+        )
+        return replace(self, estimate=moved(self.estimate, moves), parts=parts)
+
+    def coupling(self, kinds: Sequence[BoolArray]) -> Coupling:
         """How kinds of measurements that count, given by flags (m,), see one another's noise.
 
         Expectations over signs z, as those of |((I - P) z)_k|^2 are B_kl for signs of kind l.
         I - P is a projection, so that a row of B adds up to the numbers of that kind that are left:
-        no signs are drawn for the kind of which most are, unless they are not known yet.
-
-        Parameters
-        ----------
-        roughly : by signs alone
+        no signs are drawn for the kind of which most are.
         """
         rng, count = np.random.default_rng(0), len(kinds)
-        if roughly:
-            B = np.stack([self._seen(kind, kinds, rng) for kind in kinds], axis=1)
-            B = 0.5 * (B + B.T)
-        else:
-            left = np.array([self.left[one].sum() for one in kinds])
-            most = int(np.argmax(left))
-            others = [k for k in range(count) if k != most]
-            B = np.zeros((count, count))
-            for k in others:
-                B[others, k] = self._seen(kinds[k], [kinds[other] for other in others], rng)
-            B = 0.5 * (B + B.T)
-            B[others, most] = B[most, others] = np.maximum(left - B.sum(axis=1), 0.0)[others]
-            B[most, most] = max(left[most] - B[most].sum(), 0.0)
+        left = np.array([self.left[one].sum() for one in kinds])
+        most = int(np.argmax(left))
+        others = [k for k in range(count) if k != most]
+        B = np.zeros((count, count))
+        for k in others:
+            B[others, k] = self._seen(kinds[k], [kinds[other] for other in others], rng)
+        B = 0.5 * (B + B.T)
+        B[others, most] = B[most, others] = np.maximum(left - B.sum(axis=1), 0.0)[others]
+        B[most, most] = max(left[most] - B[most].sum(), 0.0)
         squares = self.factors * self.squares
         return Coupling(B, np.array([squares[one].sum() for one in kinds]))
 
@@ -299,11 +296,13 @@ class Study:
 def _within(e: FloatArray, G: FloatArray) -> tuple[FloatArray, IntArray]:
     """(k,) squares e^T G^-1 e of the directions that a fit checks, and (k,) how many it does not.
 
-    Eigenvalues of G are at most one where they may be small, so that none is below its determinant.
+    The least of r eigenvalues is the determinant over the product of the others, which is at most
+    their mean to the power of r - 1.
     """
-    unknown = np.zeros(len(e), dtype=np.intp)
+    unknown, r = np.zeros(len(e), dtype=np.intp), e.shape[1]
     with np.errstate(all="ignore"):
-        doubtful = ~(np.linalg.det(G) > CHECKED)
+        others = np.einsum("maa->m", G) / max(r - 1, 1)
+        doubtful = ~((np.linalg.det(G) > CHECKED * others ** (r - 1)) & (others > 0.0))
     found = np.zeros(len(e))
     sure = ~doubtful
     found[sure] = (e[sure] * np.linalg.solve(G[sure], e[sure][:, :, None])[:, :, 0]).sum(axis=1)
@@ -352,20 +351,22 @@ def study(
     kept = np.ones(m, dtype=bool) if counts is None else counts
     weights = np.where(kept, f, IDLE * f)
     weighed = problem if (weights == 1.0).all() else problem.reweighted(weights)
-    layout = weighed.tangent_layout
+    layout, factor, near = weighed.tangent_layout, None, False
     still = layout.rows_of(anchor)
     free = np.ones(layout.size)
     free[still] = 0.0
-    model, factor = weighed.normal_equations(estimate), None
+    model = weighed.normal_equations(estimate)
     for left in range(STEPS, -1, -1):
         H = pinned(model.gauss_newton, still)
         factor = weighed.symbolic(H).factor(H)
         if factor is None:
             return None
-        moved = model.moved(-factor.solve(free * model.gradient)) if left else model
-        if not moved.cost < model.cost * (1.0 - SMALL):
+        gradient = free * model.gradient
+        step = -factor.solve(gradient)
+        near = -float(step @ gradient) <= LAST * model.cost
+        if near or not left or not (there := model.moved(step)).cost < model.cost:
             break
-        model = moved
+        model = there
     if factor is None or not _is_determined(factor, H.diagonal(), free):
         return None
     parts = []
@@ -375,9 +376,10 @@ def study(
         parts.append(StudiedTerm.of(rows, e, motions, term.weights))
     numbers = gathered(problem.terms, lambda term: term.numbers[0] + term.numbers[1])
     of_nodes = weighed.graph.edges, anchor, layout
-    return Study(
+    found = Study(
         problem, model.point, numbers, tuple(parts), *of_nodes, factor, H.diagonal(), f, kept
     )
+    return found.moved(step) if near else found
 
 
 def _is_determined(factor: Factor, diagonal: FloatArray, free: FloatArray) -> bool:

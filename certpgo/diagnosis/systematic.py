@@ -15,24 +15,24 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Self
+from functools import cached_property
+from typing import Self, cast
 
 import numpy as np
 
 from certpgo.diagnosis.edge_readings import EdgeReading
 from certpgo.diagnosis.examined import Examined
-from certpgo.diagnosis.study import Study, studied_problem, study
+from certpgo.diagnosis.study import Study, study
 from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate, Graph
 from certpgo.graph.mounted import Frames, mounted
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, frozen_floats
 from certpgo.linalg.blocks import scatter_sum
-from certpgo.objective.choose_cost import objective_of
-from certpgo.optimize.descent import descend
-from certpgo.optimize.initialization import start_of
+from certpgo.objective.normal_equations import moved
+from certpgo.objective.sum import Sum
 
-#: Steps to the best error, and the relative decrease of chi^2 that is not worth another.
+#: Steps to the best error, and the share of chi^2 that is not worth another.
 STEPS, SMALL = 8, 1e-3
 #: Directions of an error that leave this share of its squares are not determined.
 OPEN = 1e-6
@@ -131,6 +131,12 @@ class Systematic:
             columns = np.concatenate([known[name] for name in self.free], axis=2)
             yield np.where(self.rows[own][:, None, None], columns, 0.0)
 
+    def places(self, name: str) -> BoolArray:
+        """(c,) which coordinates of a step are of one of what is free."""
+        return np.repeat(
+            [one == name for one in self.free], [self._sizes[one] for one in self.free]
+        )
+
     def moved(self, by: FloatArray) -> Self:
         """After a step of what is free."""
         found, used = self, 0
@@ -160,12 +166,23 @@ class Score:
 
     Attributes
     ----------
-    step : of what is free
+    step : (c,) of what is free
     left : chi^2 that it leaves
+    information : (c, c) about such steps
+    moves : (N,) of the poses with the step
     """
 
     step: FloatArray
     left: float
+    information: FloatArray
+    moves: FloatArray
+
+    def costs_at_least(self, off: FloatArray, chosen: BoolArray) -> float:
+        """By how much chi^2 rises with steps ``off`` of the chosen (c,), all others being free."""
+        M = self.information
+        own, rest = M[np.ix_(chosen, chosen)], M[np.ix_(~chosen, ~chosen)]
+        across = M[np.ix_(chosen, ~chosen)]
+        return float(off @ (own - across @ np.linalg.pinv(rest, hermitian=True) @ across.T) @ off)
 
 
 def score(error: Systematic, fit: Study, read: Graph) -> Score:
@@ -180,13 +197,15 @@ def score(error: Systematic, fit: Study, read: Graph) -> Score:
         for end, half in zip(fit.edges[part.rows].T, (at[:, :p], at[:, p:]), strict=True):
             pulled += scatter_sum(end, half, n)
     packed = fit.free[:, None] * fit.layout.pack(pulled)
-    left = square - packed.T @ fit.factor.solve(packed)
+    solved = fit.factor.solve(packed)
+    left = square - packed.T @ solved
     unit = np.sqrt(np.maximum(np.diag(square), np.finfo(float).tiny))
     values, U = np.linalg.eigh(left / np.outer(unit, unit))
     known = values > OPEN
     along = (U.T @ (pull / unit))[known]
     step = -(U[:, known] @ (along / values[known])) / unit
-    return Score(step, fit.fit.chi2 - float((along**2 / values[known]).sum()))
+    explained = float((along**2 / values[known]).sum())
+    return Score(step, fit.fit.chi2 - explained, left, -solved @ step)
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,8 +213,6 @@ class Fitted:
     """An error, and the fit with it undone."""
 
     error: Systematic
-    read: Graph
-    cost: float
     fit: Study
 
     @property
@@ -203,34 +220,36 @@ class Fitted:
         """Of the fit."""
         return self.fit.fit.chi2
 
+    @cached_property
+    def score(self) -> Score:
+        """Of what is free of the error."""
+        return score(self.error, self.fit, self.fit.problem.measured)
 
-def fitted(examined: Examined, error: Systematic, near: Estimate | None) -> Fitted | None:
-    """The best error of a kind, from one that is given; None if nothing determines the map.
 
-    Parameters
-    ----------
-    near : an estimate to descend from; None for averaged rotations
-    """
-    found: Fitted | None = None
-    with suppress(CertPGOError, np.linalg.LinAlgError):
-        for _ in range(STEPS):
-            trial = _at(examined, error, near)
-            if trial is None or (found is not None and not trial.chi2 < found.chi2 * (1.0 - SMALL)):
-                break
-            found = trial
-            if not error.free:
-                break
-            near = trial.fit.estimate
-            error = error.moved(score(error, trial.fit, trial.read).step)
+def fitted(examined: Examined, start: Fitted) -> Fitted:
+    """The best error of a kind, by steps of Gauss and Newton of poses and error together."""
+    found = start
+    for _ in range(STEPS):
+        if not found.error.free or not found.score.left < found.chi2 * (1.0 - SMALL):
+            break
+        moves = found.fit.layout.unpack(found.score.moves)
+        error = found.error.moved(found.score.step)
+        trial = at_error(examined, error, moved(found.fit.estimate, moves))
+        if trial is None or not trial.chi2 < found.chi2:
+            break
+        found = trial
     return found
 
 
-def _at(examined: Examined, error: Systematic, near: Estimate | None) -> Fitted | None:
-    """The fit with an error undone."""
-    graph = error.read(examined.instance.graph)
-    problem = objective_of(replace(examined.instance, graph=graph), examined.problem.cost_name)
-    start = start_of(problem.chordal).estimate if near is None else problem.settled(near)
-    end = descend(problem, start, monitor=examined.monitor)
-    posed = studied_problem(problem)
-    fit = None if posed is None else study(posed, end.estimate, examined.anchor)
-    return None if fit is None else Fitted(error, graph, end.cost, fit)
+def at_error(examined: Examined, error: Systematic, near: Estimate) -> Fitted | None:
+    """The fit with an error undone, near an estimate."""
+    with suppress(CertPGOError, np.linalg.LinAlgError):
+        fit = study(problem_at(examined, error), near, examined.anchor)
+        return None if fit is None else Fitted(error, fit)
+    return None
+
+
+def problem_at(examined: Examined, error: Systematic) -> Sum:
+    """Squares over the stated noise of the measurements without an error."""
+    posed = cast("Sum", examined.studied)
+    return posed.of_same_edges(error.read(posed.measured))

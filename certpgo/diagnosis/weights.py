@@ -5,33 +5,33 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
 from certpgo.diagnosis.examined import Examined
 from certpgo.diagnosis.finding import Finding
-from certpgo.diagnosis.meanings import OF_QUATERNIONS, OTHERS, Meaning, orders
+from certpgo.diagnosis.meanings import OF_QUATERNIONS, OTHERS, Meaning, inverses, orders
+from certpgo.diagnosis.studied_term import roots
 from certpgo.diagnosis.study import Study, studied_problem, study
 from certpgo.errors import CertPGOError
-from certpgo.graph import Estimate, Graph
+from certpgo.graph import Graph
 from certpgo.graph.information import Information
-from certpgo.linalg.arrays import BoolArray, FloatArray
-from certpgo.objective.choose_cost import Certifiable, objective_of
-from certpgo.objective.edge_cost import EdgeCost
-from certpgo.objective.residuals import NONE
-from certpgo.objective.sum import Sum
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.linalg.blocks import scatter_sum
+from certpgo.objective.choose_cost import objective_of
+from certpgo.objective.costs import CHORDAL, COSTS
+from certpgo.objective.term import Term
 from certpgo.solve.fit import Fit
 
 #: Ratio of squares per number, of translations and rotations, that is even.
 EVEN = 4.0
 #: Degrees of freedom from which ordinary weights are this even, and no other meaning is tried.
 PLENTY, EVENLY = 1000, 1.3
-#: Ratio of chi^2 and degrees of freedom from which no fit to other weights is tried, if it is too
-#: small at the given one, and if it is too large.
-TOO_SMALL, TOO_LARGE = 0.1, 1e5
-#: What chi^2 may be off by to first order, with plenty of degrees of freedom, and with few.
-LITTLE, MUCH = 1.05, 2.0
+#: What chi^2 may be off by to first order, with plenty of degrees of freedom, and with few; and
+#: what it hardly is.
+LITTLE, MUCH, SAME = 1.05, 2.0, 0.01
 #: Twice the logarithm of the ratio of likelihoods from which a meaning is by far the better one.
 MORE = 16.0
 #: The same of how much rarer other meanings are than misstated noise, before anything is measured.
@@ -40,10 +40,14 @@ RARER = 8.0
 WEAK = 0.3
 
 
-def other_meaning(examined: Examined) -> tuple[float, Finding] | None:
+def other_meaning(examined: Examined, least: float = 0.0) -> tuple[float, Finding] | None:
     """The meaning that is by far likelier than the given one, and with which chi^2 is ordinary.
 
     Before it stands twice the log of how much likelier.
+
+    Parameters
+    ----------
+    least : below what that says nothing, as something else explains the residuals better
     """
     graph, fit, given = examined.instance.graph, examined.fit, examined.first
     if fit is None or given is None or graph.has_couplings:
@@ -51,31 +55,25 @@ def other_meaning(examined: Examined) -> tuple[float, Finding] | None:
     uneven = given.unevenness
     if not fit.is_unusual and fit.freedom > PLENTY and uneven < EVENLY:
         return None
-    best: tuple[float, Meaning, Fit] | None = None
-    for meaning, near in _likeliest(examined, given):
-        with suppress(CertPGOError, np.linalg.LinAlgError):
-            instance = replace(examined.instance, graph=meant(examined, meaning))
-            posed = objective_of(instance, examined.problem.cost_name)
-            here = posed.cost(near) / fit.freedom
-            if not TOO_SMALL < here < TOO_LARGE:
-                continue  # a fit to it costs less
-            if (found := _studied(examined, posed, near)) is None:
-                continue
-            gain, after = given.surprise - found.surprise, found.fit
-            if after.is_unusual or not gain > (MORE if best is None else best[0]):
-                continue
-            if found.unevenness < EVEN:
-                best = gain, meaning, after
-    if best is None:
+    if (likeliest := _likeliest(examined, given, max(least, MORE))) is None:
         return None
-    gain, meaning, after = best
+    meaning, found = likeliest
+    with suppress(CertPGOError, np.linalg.LinAlgError):
+        if (settled := _settled(examined, meaning, found)) is not None:
+            gain, after = given.surprise - settled.surprise, settled.fit
+            if not after.is_unusual and gain > max(least, MORE) and settled.unevenness < EVEN:
+                return gain, _finding(meaning, fit, after, uneven)
+    return None
+
+
+def _finding(meaning: Meaning, fit: Fit, after: Fit, uneven: float) -> Finding:
     costs = f"so read chi^2 is {after}, as it stands {fit}"
     offs = (abs(math.log10(one.chi2 / one.freedom)) for one in (fit, after))
     strength = WEAK + max(next(offs) - next(offs), math.log10(max(uneven, 1.0)) - 0.5, 0.0)
     if meaning.kind == "quaternion-information":
         strength = WEAK
     said = f"its information matrices {meaning.said}: {costs}"
-    return gain, Finding(meaning.kind, said, meaning.next, after.chi2, fit.chi2, strength)
+    return Finding(meaning.kind, said, meaning.next, after.chi2, fit.chi2, strength)
 
 
 def either(meaning: Finding, noise: Sequence[Finding]) -> Finding:
@@ -90,60 +88,141 @@ def either(meaning: Finding, noise: Sequence[Finding]) -> Finding:
     )
 
 
-def _likeliest(examined: Examined, given: Study) -> Iterator[tuple[Meaning, Estimate]]:
-    """The likeliest meaning by the fit to first order, with that; and those without."""
-    best: tuple[float, Meaning, Estimate] | None = None
-    off = LITTLE if given.fit.freedom > PLENTY else MUCH
+# --- Which is likeliest ---------------------------------------------------------------------------
+
+
+def _likeliest(examined: Examined, given: Study, gain: float) -> tuple[Meaning, Study] | None:
+    """The meaning that gains most by the fit to first order, with that; None if none gains more."""
+    screened = []
     for meaning in meanings(examined):
         examined.trying(meaning.kind)
-        if len(given.parts) > 1 or not isinstance(given.problem.terms[0].term, EdgeCost):
-            yield meaning, examined.answer.estimate
-        elif (weights := _edge_weights(examined, given, meaning)) is not None:
-            found = given.under(weights=[weights])
-            if found is None:
-                continue
-            if found.fit.is_unusual and not 1.0 / off < found.fit.ratio**2 < off:
-                continue
-            gain = given.surprise - found.surprise
-            if gain > (0.0 if best is None else best[0]):
-                best = gain, meaning, found.estimate
-    if best is not None:
-        yield best[1:]
-
-
-def _edge_weights(examined: Examined, given: Study, meaning: Meaning) -> FloatArray | None:
-    """(m, p, p) weights with another meaning; None if these are none, or far from the given fit."""
-    graph, (part,) = examined.instance.graph, given.parts
-    information = _meant(examined, meaning)
-    values = np.linalg.eigvalsh(information.distinct)
-    if (values[:, 0] < -NONE * values[:, -1]).any():
-        return None
-    if given.problem is examined.problem:
-        weights = information.matrices
-    else:
-        kappa, tau = _weights(examined, meaning, information)
-        weights = Information.isotropic(kappa, tau, graph.d, about="quaternion").matrices
-    e = part.errors
-    chi2 = float((e * (weights @ e[:, :, None])[:, :, 0]).sum())
-    return weights if TOO_SMALL < chi2 / given.fit.freedom < TOO_LARGE else None
+        change = _Change.of(examined, given, meaning)
+        if (most := change.gain_at_most) > gain:
+            screened.append((most, meaning, change))
+    best = None
+    for most, meaning, change in sorted(screened, key=lambda one: -one[0]):
+        if not most > gain:
+            break
+        found = given.under(change.weights)
+        if found is None or not _is_plausible(found.fit.chi2, found.fit.freedom):
+            continue
+        if (gained := given.surprise - found.surprise) > gain:
+            gain, best = gained, (meaning, found)
+    return best
 
 
 def meanings(examined: Examined) -> Iterator[Meaning]:
     """What the numbers may be."""
-    problem, graph, fit = examined.problem, examined.instance.graph, examined.fit
+    graph, fit, cost = examined.instance.graph, examined.fit, examined.problem.cost_name
     if fit is not None and fit.is_unusual:
         yield from OTHERS
     if graph.information is None:
         return
     yield from orders(graph.d)
-    if graph.d == 3 and isinstance(problem, Sum):
-        yield OF_QUATERNIONS[problem.between.rotation_information]
+    if graph.d == 3 and cost != CHORDAL:
+        yield OF_QUATERNIONS[COSTS[cost].rotation_information]
 
 
-def _studied(examined: Examined, posed: Certifiable, near: Estimate) -> Study | None:
-    """Measurements of the same poses at their fit, which is near an estimate."""
-    problem = studied_problem(posed)
-    return None if problem is None else study(problem, near, examined.anchor)
+@dataclass(frozen=True, eq=False)
+class _Change:
+    """Other weights at a fit, and what these may gain.
+
+    Attributes
+    ----------
+    index : (m,) edges of one number have the same weights, before and after
+    matrices : (m, p, p) information of the edges after
+    """
+
+    given: Study
+    index: IntArray
+    matrices: FloatArray
+
+    @classmethod
+    def of(cls, examined: Examined, given: Study, meaning: Meaning) -> Self:
+        """With the numbers of another meaning."""
+        information = _meant(examined, meaning)
+        if given.problem is examined.problem:
+            return cls(given, information.index, information.matrices)
+        kappa, tau = _weights(examined, meaning, information)
+        stated = Information.isotropic(kappa, tau, given.problem.d, about="quaternion")
+        return cls(given, information.index, stated.matrices)
+
+    @property
+    def weights(self) -> list[FloatArray]:
+        """Of each part (k, r, r)."""
+        return [self._after(rows, term) for rows, term in self.given.problem.terms]
+
+    def _after(self, rows: IntArray, term: Term) -> FloatArray:
+        is_changed = rows[0] < len(self.matrices)
+        return term.informed(self.matrices[rows]) if is_changed else term.weights
+
+    @property
+    def gain_at_most(self) -> float:
+        """Twice the log of how much likelier they may be; nothing if chi^2 is not ordinary then.
+
+        With weights C^T D C for those given C^T C: log det H is convex in log D (Cauchy and Binet),
+        so nowhere below its tangent, along which it changes by the traces of P log D. chi^2 is at
+        most that of the given residuals e, and at least (e^T e)^2 / e^T D^-1 e, as no motion
+        changes e^T A x = 0.
+        """
+        fit, parts = self.given.fit, []
+        for (rows, term), part, G in zip(
+            self.given.problem.terms, self.given.parts, self.given.remaining, strict=True
+        ):
+            own = self.index[rows] if rows[0] < len(self.index) else np.arange(len(rows))
+            _, first, index = np.unique(own, return_index=True, return_inverse=True)
+            before, after = term.weights[first], self._after(rows, term)[first]
+            stated = np.einsum("kaa->ka", before) > 0.0
+            if (np.einsum("kaa->ka", after)[stated] <= 0.0).any():
+                return -math.inf
+            parts.append((index.reshape(-1), before, after, part, G))
+        most = sum(_squared(part.errors, index, after) for index, _, after, part, _ in parts)
+        if most < fit.freedom and not _is_plausible(most, fit.freedom):
+            return -math.inf
+        inverse = logs = 0.0
+        for index, before, after, part, G in parts:
+            root, _ = roots(before)
+            try:
+                back = np.linalg.inv(root)
+            except np.linalg.LinAlgError:
+                return math.inf  # some directions are not measured
+            D, U = np.linalg.eigh(np.swapaxes(back, 1, 2) @ after @ back)
+            if not (D > 0.0).all():
+                return -math.inf
+            inverse += _squared(part.residuals, index, (U / D[:, None, :]) @ np.swapaxes(U, 1, 2))
+            left = scatter_sum(index, G, len(D))
+            logs += float((np.log(D) * np.einsum("kai,kab,kbi->ki", U, left, U)).sum())
+        least = fit.chi2**2 / inverse
+        if least > fit.freedom and not _is_plausible(least, fit.freedom):
+            return -math.inf
+        return fit.chi2 - least + logs
+
+
+def _squared(e: FloatArray, index: IntArray, W: FloatArray) -> float:
+    """The sum of e^T W e, for the W (l, r, r) of each."""
+    squares = scatter_sum(index, e[:, :, None] * e[:, None, :], len(W))
+    return float((W * squares).sum())
+
+
+def _is_plausible(chi2: float, freedom: int) -> bool:
+    """Whether chi^2 is ordinary, or may be after all where it is known to first order."""
+    off = LITTLE if freedom > PLENTY else MUCH
+    return 1.0 / off < chi2 / freedom < off or not Fit(chi2, freedom).is_unusual
+
+
+def _settled(examined: Examined, meaning: Meaning, found: Study) -> Study | None:
+    """The fit with another meaning, which is known to first order."""
+    instance = replace(examined.instance, graph=meant(examined, meaning))
+    problem = studied_problem(objective_of(instance, examined.problem.cost_name))
+    if problem is None:
+        return None
+    cost = problem.cost(found.estimate)
+    if abs(cost - found.fit.chi2) < SAME * cost:
+        return found
+    return study(problem, found.estimate, examined.anchor)
+
+
+# --- Their matrices -------------------------------------------------------------------------------
 
 
 def meant(examined: Examined, meaning: Meaning) -> Graph:
@@ -184,7 +263,7 @@ def _weights(
     M = information.distinct
     for block in (M[:, d:, d:], M[:, :d, :d]):
         stated = np.einsum("kaa->ka", block) != 0.0
-        variances = np.einsum("kaa->k", np.linalg.pinv(block, hermitian=True))
+        variances = np.einsum("kaa->k", inverses(block))
         known = variances > 0.0
         mean = np.where(known, stated.sum(axis=1) / np.where(known, variances, 1.0), 0.0)
         means.append(mean[information.index])

@@ -14,16 +14,14 @@ from scipy import special
 from certpgo.diagnosis.conventions import with_w_first
 from certpgo.diagnosis.examined import Examined
 from certpgo.diagnosis.finding import Finding
-from certpgo.diagnosis.judged import Judged, limit
+from certpgo.diagnosis.judged import SAME, Judged, limit
 from certpgo.diagnosis.study import study
 from certpgo.errors import CertPGOError
 from certpgo.graph import Graph
 from certpgo.graph.phrases import cost_shown, counted
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
-from certpgo.objective.truncated_cost import TruncatedCost
-from certpgo.optimize.descent import descend
 from certpgo.optimize.progress import Stop
-from certpgo.solve.inconsistency import budgets, proven_rises
+from certpgo.solve.inconsistency import budgets, cores
 
 #: A right reading is within what is exceeded with this chance, and has this share of the cost.
 FITS, SHARE = 1e-3, 0.05
@@ -31,14 +29,12 @@ FITS, SHARE = 1e-3, 0.05
 FEW_TRIED, CLEARLY = 0.25, 0.01
 #: Measurements that are looked at one by one, and that a sentence names.
 MOST, NAMED = 50, 4
-#: Measurements of which proofs are tried, and seconds that these may take.
-PROVABLE, PROVING = 3000, 1.0
+#: Seconds that proofs may take.
+PROVING = 1.0
 #: Neighbours that an id may be off to.
 OFF = 2
 #: Chance that some node fits, and how much larger the region is in which they are counted.
 CHANCE, COUNTED = 0.05, 5.0
-#: Share of the largest surprise from which another measurement may be the wrong one as well.
-SAME = 0.999
 
 
 @dataclass(frozen=True)
@@ -137,18 +133,16 @@ def _as_likely(examined: Examined, of: Judged) -> list[int]:
 
 
 def _proven(examined: Examined, of: Judged) -> BoolArray:
-    """(m,) which are proven to be wrong, if all others are right."""
+    """(m,) which are proven to be wrong, if all others on a path between their ends are right."""
     problem, found = examined.problem, np.zeros(len(of.wrong), dtype=bool)
-    if of.wrong.sum() > MOST or len(found) > PROVABLE:
+    if of.wrong.sum() > MOST:
         return found
     with suppress(CertPGOError, np.linalg.LinAlgError):
         budget = np.maximum(budgets(problem), of.scales * limit(of.fit.numbers))
-        posed = TruncatedCost(problem, np.where(of.wrong, budget, np.inf))
-        estimate = descend(posed.kept, of.fit.estimate).estimate
         stop = Stop(examined.monitor)
         with stop.within(PROVING):
-            rises = proven_rises(posed, estimate, stop)
-        found[posed.rejected] = rises > budget[posed.rejected]
+            sets = cores(problem, ~of.wrong, of.rows, budget, stop, trusted=~of.wrong)
+        found[[wrong for *_, wrong in sets]] = True
     return found
 
 

@@ -84,7 +84,11 @@ class EdgeCost(EdgeTerm):
     @property
     def weights(self) -> FloatArray:
         """(m, k, k) weights W of the residuals: by default the information."""
-        return self.graph.information_matrices
+        return self.informed(self.graph.information_matrices)
+
+    def informed(self, information: FloatArray) -> FloatArray:
+        """(m, k, k) weights W if these were the information matrices."""
+        return information
 
     @cached_property
     def measured(self) -> Ball:

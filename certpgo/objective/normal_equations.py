@@ -86,12 +86,12 @@ class NormalEquations:
 
     def moved(self, x: FloatArray) -> NormalEquations:
         """The normal equations after a step x (N,)."""
-        moves, d = self.problem.tangent_layout.unpack(x), self.problem.d
-        if not self.problem.has_positions:
-            turned = so.nearest_to_rounding(so.turned(self.point.rotations, moves))
-            alone = self.problem.normal_equations(Estimate.trusted(turned, None))
-            return cast("NormalEquations", alone)
-        turned = so.nearest_to_rounding(so.turned(self.point.rotations, moves[:, d:]))
-        t = translations_of(self.point) + moves[:, :d]
-        there = self.problem.normal_equations(Estimate.trusted(turned, t))
-        return cast("NormalEquations", there)
+        there = moved(self.point, self.problem.tangent_layout.unpack(x))
+        return cast("NormalEquations", self.problem.normal_equations(there))
+
+
+def moved(point: Estimate, moves: FloatArray) -> Estimate:
+    """The estimate after moves (n, p): of translations in the world's frame, then of rotations."""
+    shifts, turns = np.split(moves, [moves.shape[1] - so.tangent_dim(point.d)], axis=1)
+    turned = so.nearest_to_rounding(so.turned(point.rotations, turns))
+    return Estimate.trusted(turned, translations_of(point) + shifts if shifts.size else None)

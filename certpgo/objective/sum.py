@@ -210,7 +210,7 @@ class Sum(Objective):
         information = self.measured.information_matrices.copy()
         information[poses] = below.graph.information_matrices
         lower = self.measured.with_information(information)
-        return self._on(lower) if lower.is_definite.all() else None
+        return self.of_same_edges(lower) if lower.is_definite.all() else None
 
     def without_minorants(self, estimate: Estimate) -> IntArray:
         """(k,) indices of the measurements that have no minorant at an estimate."""
@@ -267,18 +267,18 @@ class Sum(Objective):
 
     def scaled(self, factor: float) -> Self:
         """The same measurements with all weights times ``factor``."""
-        return self._on(self.measured.scaled(factor))
+        return self.of_same_edges(self.measured.scaled(factor))
 
     def reweighted(self, factors: FloatArray) -> Self:
         """The problem with weights times factors (m,); a measurement with factor 0 is removed."""
         graph, blocks = self.measured, self.measured.blocks
         of_edges, *of_blocks = by_rows(graph, factors)
         kept = [of.reweighted(by) for of, by in zip(blocks, of_blocks, strict=True)]
-        return self._on(
+        return self.of_same_edges(
             graph.reweighted(of_edges).with_blocks(*(of for of in kept if of.num_edges))
         )
 
-    def _on(self, measured: Graph) -> Self:
+    def of_same_edges(self, measured: Graph) -> Self:
         """The problem of other measurements of the same edges; pattern and order are shared."""
         other = replace(self, measured=measured)
         other.__dict__["chordal"] = self.chordal.of_same_edges(other.graph)

@@ -70,6 +70,10 @@ class Term(ABC):
     def weights(self) -> FloatArray:
         """(k, r, r) weights W of the residuals."""
 
+    def informed(self, information: FloatArray) -> FloatArray:
+        """(k, r, r) weights W if these were the information matrices (k, p, p) of its edges."""
+        return self.weights
+
     @property
     @abstractmethod
     def scale(self) -> Scale:

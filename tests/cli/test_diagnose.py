@@ -97,6 +97,9 @@ def test_info_outliers_and_solve_name_causes(certpgo, tmp_path):
     assert "likely cause      All loop closures are inverses" in done.out
     [found] = certpgo("outliers", path, "--json").json["findings"]
     assert found["kind"] == "inverted-closures"
+    t = np.where(loop[:, None], made.graph.translations / 0.3048, made.graph.translations)
+    package.write(path, replace(made, graph=replace(made.graph, translations=t), truth=None))
+    assert "likely cause      Loop closures are in feet" in certpgo("solve", path).out
 
 
 def test_a_bad_estimate_says_nothing_of_the_measurements(certpgo, tmp_path):

@@ -8,7 +8,9 @@ from diagnosis.planted import N, changed, inverted, walk, weighed, with_position
 
 import certpgo
 from certpgo import RotationGraph
-from certpgo.diagnosis.weights import orders
+from certpgo.diagnosis import weights
+from certpgo.diagnosis.examined import Examined
+from certpgo.diagnosis.meanings import OF_QUATERNIONS, OTHERS, orders
 from certpgo.io.datasets.synthetic import random_graph
 from certpgo.io.exact import quaternion
 from certpgo.linalg import rotations as so
@@ -168,6 +170,27 @@ def test_orders_are_permutations():
             np.testing.assert_array_equal(read, np.swapaxes(read, 1, 2))
             for one, other in zip(read, M, strict=True):
                 assert sorted(one[row, column]) == sorted(other[row, column])
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_no_meaning_gains_more_than_it_may(d):
+    """Of 9 matrices; what is left out at once leaves chi^2 that is far from usual."""
+    instance, rng = walk(d), np.random.default_rng(d)
+    M = instance.graph.information_matrices
+    p, counts = M.shape[1], []
+    mixed = np.eye(p) + 0.15 * rng.standard_normal((9, p, p))
+    mixed = mixed[np.arange(len(M)) % 9]
+    M = np.swapaxes(mixed, 1, 2) @ M @ mixed
+    examined = Examined(weighed(instance, 0.5 * (M + np.swapaxes(M, 1, 2))))
+    for meaning in (*OTHERS, *orders(d), *(OF_QUATERNIONS.values() if d == 3 else ())):
+        change = weights._Change.of(examined, examined.first, meaning)
+        most, found = change.gain_at_most, examined.first.under(change.weights)
+        counts.append(most > -np.inf)
+        if found is not None and counts[-1]:
+            assert examined.first.surprise - found.surprise <= most
+        elif found is not None and (np.linalg.eigvalsh(change.matrices) > 0.0).all():
+            assert not weights._is_plausible(found.fit.chi2, found.fit.freedom)
+    assert any(counts)
 
 
 @pytest.mark.parametrize("d", [2, 3])

@@ -8,8 +8,9 @@ from diagnosis.planted import N, changed, inverted, walk, weighed
 from strategies import rng_of
 
 import certpgo
+from certpgo.diagnosis import noise
 from certpgo.diagnosis.examined import Examined
-from certpgo.diagnosis.noise import kinds_of
+from certpgo.diagnosis.likelihood import Likelihood
 from certpgo.diagnosis.study import studied_problem, study
 from certpgo.io.exact import quaternion
 from certpgo.linalg import rotations as so
@@ -171,12 +172,34 @@ def test_what_is_left_is_what_dense_algebra_leaves(d):
     expected = np.einsum("ea,eab,eb->e", part.residuals, np.linalg.inv(blocks), part.residuals)
     np.testing.assert_allclose(found.surprises, expected, rtol=1e-6)
     assert found.fit.freedom == round(np.trace(left))
-    kinds = [*kinds_of(examined).values()]
+    kinds = [*examined.kinds.values()]
     of_rows = np.repeat(kinds, p, axis=1)
     B = [[(left[np.ix_(one, other)] ** 2).sum() for other in of_rows] for one in of_rows]
     np.testing.assert_allclose(found.coupling(kinds).B, B, rtol=0.1, atol=0.5)
     whole = found.fit.chi2 + np.linalg.slogdet(H)[1] - part.logs.sum()
     assert found.surprise == pytest.approx(whole, rel=1e-9)
+    _same_likelihoods(Likelihood(found, kinds), A, part.residuals.reshape(-1), of_rows)
+
+
+def _same_likelihoods(of, A, e, of_rows):
+    """-2 log L, its slopes and what variances gain, by dense algebra and differences."""
+
+    def surprise(logs):
+        v = np.exp(logs) @ of_rows
+        H = A.T @ (A / v[:, None])
+        left = e - A @ np.linalg.solve(H, A.T @ (e / v))
+        return float((left**2 / v).sum() + np.log(v).sum() + np.linalg.slogdet(H)[1])
+
+    logs, step = np.array([1.2, -0.4]), 1e-4 * np.eye(2)
+    at, stated = of.at(np.exp(logs)), of.at(np.ones(2))
+    assert at.surprise == pytest.approx(surprise(logs), rel=1e-9)
+    slopes = [(surprise(logs + by) - surprise(logs - by)) / 2e-4 for by in step]
+    np.testing.assert_allclose(at.left - at.squares, slopes, rtol=1e-4, atol=1e-4)
+    for v in (np.exp(logs), np.array([1e-12, 1.0]), np.full(2, 4.0)):
+        gain = stated.surprise - of.at(v).surprise
+        most = noise._gained_at_most(of.fit.coupling(of.kinds), v)
+        assert gain <= most + 1e-6 * abs(most)
+    assert gain == pytest.approx(most)  # of all together
 
 
 def test_what_does_not_count_is_compared_with_what_the_others_say():

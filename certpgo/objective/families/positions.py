@@ -39,7 +39,11 @@ class Positions(EdgeTerm):
     @property
     def weights(self) -> FloatArray:
         """(k, d, d) their information T."""
-        return blocks(self.graph.information_matrices, self.graph.d)[0]
+        return self.informed(self.graph.information_matrices)
+
+    def informed(self, information: FloatArray) -> FloatArray:
+        """(k, d, d) the same of other information matrices."""
+        return blocks(information, self.graph.d)[0]
 
     def residuals(self, v: FloatArray, Q: FloatArray) -> FloatArray:
         """(k, d) residuals y, metres."""

@@ -49,6 +49,10 @@ class RotationsAlone(Term):
         """(k, r, r) weights of the residuals, zero for translations."""
         return self.cost.weights
 
+    def informed(self, information: FloatArray) -> FloatArray:
+        """(k, r, r) the same of other information matrices."""
+        return self.cost.informed(information)
+
     def residuals(self, v: FloatArray, Q: FloatArray) -> FloatArray:
         """(k, r) residuals, as of a relative pose."""
         return self.cost.residuals(v, Q)
