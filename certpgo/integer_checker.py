@@ -20,7 +20,7 @@ from functools import cache
 from importlib import import_module
 from itertools import chain
 from math import isqrt
-from operator import mul
+from operator import mul, sub
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -663,8 +663,8 @@ def minorant_holds(edge: Edge, given: Minorant, d: int) -> bool:
     residual = Residual(S, beta, gamma, turned_N, wanted, det, D, e, g)
     if d == 3:
         return spatial_holds(residual, touching)
-    size = max(x.bit_length() for row in Omega for x in row) - e
-    return planar_holds(residual, touching[0], 200 - size)
+    sizes = (max(x.bit_length() for x in numbers) for numbers in (chain(*Omega), N))
+    return planar_holds(residual, touching[0], 200 - max(map(sub, sizes, (e, g))))
 
 
 class Residual(NamedTuple):
@@ -1096,10 +1096,10 @@ def prove(
     graph: Graph, proof: Proof, d: int, claims: Sequence[Within] = ()
 ) -> tuple[Fraction, Fraction]:
     """Both bounds, and that the claims hold."""
-    for k, (edge, given) in enumerate(
+    for k, (edge, minorant) in enumerate(
         zip(graph.edges, proof.minorants, strict=bool(proof.minorants))
     ):
-        if not minorant_holds(edge, given, d):
+        if not minorant_holds(edge, minorant, d):
             raise Refused(f"the minorant of measurement {k} was not proven, or that f is convex")
     upper = (g2o_cost if proof.minorants else upper_bound)(graph, proof, d)
     lower = lower_bound(graph, proof, d)
@@ -1126,8 +1126,8 @@ def prove(
     v = [1 << (exponent - lowest) for exponent in exponents]
     for bits in PRECISIONS:
         columns: list[list[int]] = []
-        parts = *scaled(A, blocks, unit, scale, 2 * bits), tree, v, bits
-        if is_positive_semidefinite(*parts, columns=columns if claims else None):
+        given = *scaled(A, blocks, unit, scale, 2 * bits), tree, v, bits
+        if is_positive_semidefinite(*given, columns=columns if claims else None):
             break
     else:
         raise Refused("the certificate matrix was not proven positive semidefinite")

@@ -73,10 +73,6 @@ class Posed:
         world = self.instance.world
         self.anchor = self.problem.chordal.anchor if world is None else world
 
-    @property
-    def checkers(self):
-        return BOTH[:1] if self.kind == "g2o" else BOTH
-
     def write(self, within, estimate=None, reference=None):
         x = self.worse if estimate is None else estimate
         given = self.path, self.instance, x, self.certificate
@@ -129,9 +125,9 @@ def test_both_prove_what_regions_know_and_one_percent_less_is_refused(case):
     for unit in (0, 1):
         if unit == 0 and case.kind == "rotations":
             continue
-        found = [case.least(of, arrays, unit) for of in case.checkers]
+        found = [case.least(of, arrays, unit) for of in BOTH]
         assert found[-1] == pytest.approx(found[0], rel=3e-4)
-        for of in case.checkers:
+        for of in BOTH:
             claim = [None, None, None]
             claim[1 + unit] = 0.99 * found[0]
             with pytest.raises(of.Refused, match="within"):
@@ -155,7 +151,7 @@ def test_both_prove_what_regions_know_and_one_percent_less_is_refused(case):
 def test_named_nodes_are_no_further_than_all(case):
     arrays, unit = case.arrays(), int(case.kind == "rotations")
     ids = [int(k) for node, k in enumerate(case.instance.ids) if node != case.anchor]
-    for of in case.checkers[-1:]:
+    for of in BOTH[-1:]:
         each = [case.least(of, arrays, unit, k) for k in ids]
         assert max(each) == pytest.approx(case.least(of, arrays, unit), rel=3e-4)
         assert min(each) < 0.99 * max(each)
@@ -176,7 +172,7 @@ def refuses_less(case, arrays, x, other, is_pose):
     """That no claim is accepted which another estimate of as little cost contradicts."""
     metres, degrees = apart(x, other, case.anchor)
     degrees[~is_pose] = 0.0
-    for of in case.checkers:
+    for of in BOTH:
         for claim in ((None, metres.max(), None), (None, None, degrees.max())):
             if max(claim[1:], key=lambda y: y or 0.0) > 0.0:
                 with pytest.raises(of.Refused, match="within"):

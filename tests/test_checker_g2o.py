@@ -503,6 +503,9 @@ def test_the_scale_of_the_weights_changes_no_verdict(d, k):
         constants = np.ldexp(moved.constants, k)
         held = checker.minorants_hold(other, given._replace(**scaled | {"constants": constants}))
         assert np.array_equal(held, checker.minorants_hold(graph, moved))
+    lowest = np.ldexp(given.constants - weights_of(graph, given), k)
+    low = given._replace(**scaled | {"constants": lowest})
+    assert held_in_integers(other, low)[exist].all()
 
 
 @pytest.mark.parametrize("d", [2, 3])

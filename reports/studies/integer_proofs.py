@@ -1,8 +1,9 @@
 """Proofs of public sets at both levels of trust: ``python -m reports.studies.integer_proofs``.
 
-Proves each optimum of the chordal cost, and checks the proof with `certpgo/checker.py`, which
-trusts doubles, and with `certpgo/integer_checker.py`, which trusts Python's integers. Both are
-processes of their own, of one thread. Writes reports/results/integer_proofs.md.
+Proves each optimum of the chordal cost, and some of the cost of g2o, and checks the proof with
+`certpgo/checker.py`, which trusts doubles, and with `certpgo/integer_checker.py`, which trusts
+Python's integers. Both are processes of their own, of one thread. Writes
+reports/results/integer_proofs.md.
 """
 
 import sys
@@ -53,6 +54,30 @@ SETS = (
     "city10000",
     "cubicle",
     "Ellis_Island",
+    "tinyGrid3D g2o",
+    "Klaus3 g2o",
+    "toyExample g2o",
+    "smallGrid3D g2o",
+    "MIT g2o",
+    "ring g2o",
+    "intel g2o",
+    "kitti_07 g2o",
+    "kitti_00 g2o",
+    "kitti_05 g2o",
+    "manhattan g2o",
+    "M3500a g2o",
+    "M3500b g2o",
+    "M3500c g2o",
+    "parking-garage g2o",
+    "cityTrees_reduced_1k g2o",
+    "victoriaPark_reduced_1k g2o",
+    "inputGrid3D-noOutliers g2o",
+    "cityTrees10000 g2o",
+    "ais2klinik g2o",
+    "sphere2500 g2o",
+    "sphere_bignoise_vertex3 g2o",
+    "torus3D g2o",
+    "city10000 g2o",
 )
 HEADER = (
     "data",
@@ -69,17 +94,17 @@ HEADER = (
 
 def row(said: str, folder: Path) -> Iterator[str]:
     """A line of the table."""
-    name, _, alone = said.partition(" ")
+    name, _, what = said.partition(" ")
     path, proof = datasets.find(name), folder / "proof.cert"
     if path is None:
         raise FileNotFoundError(f"{name}: file not here")
     instance = io.read(path, quiet=True)
-    instance = rotations_alone(instance) if alone else instance
-    answer = certpgo.solve(instance, cost="chordal")
+    instance = rotations_alone(instance) if what == "rotations" else instance
+    answer = certpgo.solve(instance, cost="g2o" if what == "g2o" else "chordal")
     write_proof(proof, path, instance, answer.estimate, answer.certificate)
     graph = instance.graph
     yield name
-    yield "poses" if graph.has_positions else "rotations"
+    yield "g2o's cost" if what == "g2o" else "poses" if graph.has_positions else "rotations"
     yield f"{graph.num_nodes} / {graph.num_edges}"
     first, seconds, _ = measured(sys.executable, checker.__file__, path, proof)
     exact, longer, _ = measured(sys.executable, integer_checker.__file__, path, proof)
