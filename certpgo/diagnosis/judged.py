@@ -98,6 +98,8 @@ def judged(examined: Examined) -> Judged | None:
         return best
     with suppress(CertPGOError, np.linalg.LinAlgError):
         few = _without_few(examined, best, LEFT_OUT)
+        if few is not None and not few.fit.fit.is_unusually_large:
+            return few
         found = [one for one in (_robustly(examined), few) if one is not None]
         return min(found, key=lambda one: one.cost, default=best)
     return best

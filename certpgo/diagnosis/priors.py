@@ -20,6 +20,8 @@ from certpgo.optimize.descent import descend
 
 #: Priors that are left out one by one, the costliest first.
 TRIED = 3
+#: Share of chi^2 that a prior which is wrong alone accounts for, even to first order.
+HARDLY = 0.5
 #: Strength of priors that contradict all else for no known cause, over that of costs, and at most.
 WITHOUT_CAUSE, MOST = 0.5, 3.0
 
@@ -84,8 +86,10 @@ def _explains(examined: Examined, cost: float) -> bool:
 
 
 def _without(examined: Examined, row: int) -> float | None:
-    """The cost without a measurement; None if nothing checks what is left."""
-    kept = np.ones(examined.instance.graph.num_edges, dtype=bool)
+    """The cost without a measurement; None if it hardly falls, or nothing checks what is left."""
+    first, kept = examined.first, np.ones(examined.instance.graph.num_edges, dtype=bool)
+    if first is not None and first.surprises[row] < HARDLY * first.fit.chi2:
+        return None  # it is to first order what chi^2 falls by
     kept[row] = False
     with suppress(CertPGOError, np.linalg.LinAlgError):
         left = examined.instance.with_edges(kept)

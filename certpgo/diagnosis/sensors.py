@@ -88,8 +88,7 @@ def found(examined: Examined) -> SensorError | None:
     best = _best(examined, first)
     if best is None or not first.fit.chi2 - best.chi2 > GAINED + len(best.error.free):
         return None
-    # No more is left than noise as it is stated, or a small part.
-    share, usual = best.chi2 / first.fit.chi2, not best.fit.fit.is_unusually_large
+    share, usual = best.chi2 / first.fit.chi2, _is_usual(best)
     if not (share < SHARE or usual):
         return None
     best = _simplified(examined, best)
@@ -105,10 +104,17 @@ def _best(examined: Examined, first: Study) -> Fitted | None:
     for one in likely:
         if best is not None and not one.score.left < best.chi2:
             break  # no step makes it the better one
+        if best is not None and best.error.of == one.error.of and _is_usual(best):
+            continue  # there is nothing left to explain
         found = fitted(examined, one)
         if best is None or found.chi2 < best.chi2:
             best = found
     return best
+
+
+def _is_usual(of: Fitted) -> bool:
+    """Whether no more is left than noise as it is stated."""
+    return not of.fit.fit.is_unusually_large
 
 
 # --- Errors that may be ---------------------------------------------------------------------------
