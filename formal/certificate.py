@@ -111,6 +111,8 @@ def theorem(name: str, path: Path, proof_path: Path, precision: int = BITS) -> s
     graph, proof, d, poses = plain.graph, plain.proof, plain.d, plain.kind == "poses"
     if graph.free is not None:
         raise checker.Refused("the theorem is about poses of known scale, not about similarities")
+    if proof.minorants:
+        raise checker.Refused("the theorem is about F, not about the cost of g2o")
     if proof.rejected:
         raise checker.Refused("the theorem is about a cost in which no measurement is rejected")
     fields, bound = hints(graph, proof, d, precision)

@@ -72,6 +72,12 @@ def test_similarities_are_refused(tmp_path):
         certificate.theorem("Maps", path, proof)
 
 
+def test_another_cost_is_refused():
+    path = Path(__file__).parent / "data" / "proofs" / "version2_plane.g2o"
+    with pytest.raises(exact.Refused, match="not about the cost of g2o"):
+        certificate.theorem("Plane", path, path.with_suffix(".cert"))
+
+
 def axioms(said):
     """The names of the axioms that a theorem depends on."""
     return set(re.findall(r"^([A-Z][\w.]*)$", said.split("Axioms:")[1], re.MULTILINE))

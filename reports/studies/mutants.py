@@ -76,6 +76,8 @@ TESTS = {
     ),
     "certpgo/integer_checker.py": (
         "test_integer_checker*",
+        "test_checker_g2o*",
+        "test_checker_claims*",
         "test_checker_similarities*",
         "certify/test_rejection_proof*",
     ),
