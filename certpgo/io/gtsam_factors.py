@@ -18,12 +18,14 @@ import numpy as np
 from certpgo.errors import InputError
 from certpgo.graph import Instance, PoseGraph, RotationGraph
 from certpgo.graph.held import with_held
+from certpgo.graph.observations import Observations
 from certpgo.graph.phrases import counted, few, listed, shown_id
 from certpgo.graph.priors import with_world_placed
 from certpgo.graph.ranges import Ranges
 from certpgo.io.build_graph import anchored
 from certpgo.io.edge_weights import weighed
 from certpgo.io.format import ReadOptions
+from certpgo.io.gtsam_inertial import VELOCITY, Inertial, still, with_velocities
 from certpgo.io.gtsam_values import estimate_from_values
 from certpgo.io.nodes import Nodes, distinct
 from certpgo.io.records import Rows
@@ -121,21 +123,30 @@ def instance_of_factors(graph: Any, values: Any = None) -> FactorGraph:
         Factors of other types, or noise without a cost, named with their counts; two dimensions;
         no relative pose; a value that lacks, or is of another type.
     """
-    factors = _factors(graph)
+    inertial = Inertial(graph, values)
+    factors = [*_factors(graph, inertial), *_turns(inertial)]
     [d, *other] = sorted({factor.kind.d for factor in factors}) or [0]
-    if other or not any(f.kind.measures == "pose" and not f.is_prior for f in factors):
+    if other or not any(f.kind.measures != "position" and not f.is_prior for f in factors):
         raise InputError("a graph of BetweenFactorPose2 or of BetweenFactorPose3 is expected")
-    ids, is_point = _nodes(factors)
+    ids, is_point = _nodes(factors, inertial.owners)
     priors = [factor for factor in factors if factor.is_prior]
-    kept, fixed = _frame(priors)
-    between = [f for f in factors if not f.is_prior and f.kind.measures == "pose"]
+    kept, fixed = _frame(priors, alone=not inertial.steps)
+    if inertial.steps and (fixed or not kept):
+        raise InputError("gravity is one of the world: a prior with Gaussian noise is expected")
+    between = [f for f in factors if not f.is_prior and f.kind.measures != "distance"]
     instance = _of_poses(between, ids, is_point, d)
     order, world = [*between], None
     if kept:
         instance, order, world = _with_priors(instance, kept, d), [*between, *kept], len(ids)
     numbers = np.array([factor.number for factor in order])
     ranges = [factor for factor in factors if factor.kind.measures == "distance"]
-    blocks = [_ranges(instance, ranges, ids)] if ranges else []
+    blocks: list[Observations] = [_ranges(instance, ranges, ids)] if ranges else []
+    of_blocks = [factor.number for factor in ranges]
+    if inertial.steps:
+        blocks.append(steps := inertial.block(len(ids) + 1, ids))
+        each = np.array([step.number for step in inertial.steps])
+        of_blocks += np.repeat(each, steps.num_edges // len(each)).tolist()
+        instance = replace(instance, notices=(*instance.notices, inertial.notice))
     instance = replace(
         instance,
         graph=instance.graph.with_blocks(*blocks),
@@ -143,10 +154,12 @@ def instance_of_factors(graph: Any, values: Any = None) -> FactorGraph:
         fixed=tuple(numbered(ids, np.array([f.keys[0] for f in fixed], dtype=np.intp)).tolist()),
     )
     assumed = np.full(instance.graph.num_edges - len(numbers), -1)
-    of_blocks = [factor.number for factor in ranges]
     instance = replace(instance, numbers=np.r_[numbers, assumed, of_blocks].astype(np.intp))
     if values is not None:
         estimate, _ = estimate_from_values(values, ids, d, True, points=is_point, exact=True)
+        if inertial.steps and estimate.translations is not None:
+            t = with_velocities(estimate.translations, ids, inertial.owners, inertial.unit)
+            estimate = estimate.with_translations(t)
         placed = with_world_placed(instance.graph, instance.with_world(estimate))
         instance = replace(instance, initial=placed)
     if fixed and fixed[0].information is not None:
@@ -156,11 +169,23 @@ def instance_of_factors(graph: Any, values: Any = None) -> FactorGraph:
     return FactorGraph(_held(instance, fixed), kernels)
 
 
-def _factors(graph: Any) -> list[_Factor]:
-    """All factors; an InputError names those without a term, by type and with their number."""
+def _turns(inertial: Inertial) -> list[_Factor]:
+    """The rotations of inertial factors."""
+    kind = _Kind("rotation", 3, "", (False, False))
+    return [
+        _Factor(s.number, kind, (s.keys[0], s.keys[2]), s.rotation, s.turn_information, None)
+        for s in inertial.steps
+    ]
+
+
+def _factors(graph: Any, inertial: Inertial) -> list[_Factor]:
+    """All others; an InputError names those without a term, by type and with their number."""
     found, unknown = [], Counter[str]()
     for number in range(graph.size()):
-        if (factor := graph.at(number)) is None:
+        if (factor := graph.at(number)) is None or number in inertial.numbers:
+            continue
+        if type(factor).__name__ == VELOCITY and int(factor.keys()[0]) in inertial.owners:
+            found.append(_rest(number, factor, inertial))
             continue
         kind = KINDS.get(name := type(factor).__name__)
         if kind is None:
@@ -172,6 +197,13 @@ def _factors(graph: Any) -> list[_Factor]:
         total = counted(sum(unknown.values()), "factor{s}")
         raise InputError(f"{total} of {graph.size()} without a term that can be certified: {named}")
     return found
+
+
+def _rest(number: int, factor: Any, inertial: Inertial) -> _Factor:
+    """A body at rest: the point of its velocity is where it is."""
+    kind, key = _Kind("position", 3, "", (False, True)), int(factor.keys()[0])
+    information = still(factor, inertial.unit)
+    return _Factor(number, kind, (inertial.owners[key], key), np.zeros(3), information, None)
 
 
 def _factor(number: int, factor: Any, kind: _Kind) -> _Factor:
@@ -213,10 +245,10 @@ def _information(noise: Any, kind: _Kind, prior: bool, named: str) -> FloatArray
     return 0.5 * (full + full.T)
 
 
-def _nodes(factors: Sequence[_Factor]) -> tuple[IntArray, BoolArray]:
+def _nodes(factors: Sequence[_Factor], velocities: Mapping[int, int]) -> tuple[IntArray, BoolArray]:
     """The keys of all nodes, ascending, and which are points."""
-    keys = [key for factor in factors for key in factor.keys]
-    points = [one for factor in factors for one in factor.kind.points]
+    keys = [key for factor in factors for key in factor.keys] + [*velocities]
+    points = [one for factor in factors for one in factor.kind.points] + [True] * len(velocities)
     ids, flags = distinct(np.array(keys, dtype=np.intp)), np.zeros((2, len(keys)), dtype=bool)
     place = numbered(ids, np.array(keys, dtype=np.intp))
     flags = np.zeros((2, len(ids)), dtype=bool)
@@ -226,14 +258,19 @@ def _nodes(factors: Sequence[_Factor]) -> tuple[IntArray, BoolArray]:
     return ids, flags[1]
 
 
-def _frame(priors: Sequence[_Factor]) -> tuple[list[_Factor], list[_Factor]]:
-    """The priors that cost something, and those that hold a pose or choose the frame."""
+def _frame(priors: Sequence[_Factor], *, alone: bool) -> tuple[list[_Factor], list[_Factor]]:
+    """The priors that cost something, and those that hold a pose or choose the frame.
+
+    Parameters
+    ----------
+    alone : whether nothing else is measured in the world
+    """
     held = [factor for factor in priors if factor.information is None]
     keys = Counter(factor.keys[0] for factor in held)
     if twice := [key for key, count in keys.items() if count > 1]:
         raise InputError(f"{few(twice)} held by several priors: one is expected")
     kept = [factor for factor in priors if factor.information is not None]
-    if len(kept) == 1 and not held and kept[0].kind.measures == "pose":
+    if alone and len(kept) == 1 and not held and kept[0].kind.measures == "pose":
         return [], kept
     return kept, held
 

@@ -59,6 +59,10 @@ def from_gtsam(
     include it. Priors with constrained noise hold poses where they are; of several, all but the one
     of the lowest key may only be the first pose of relative poses.
 
+    Of ImuFactor and CombinedImuFactor, with fixed biases, the rotation alone has GTSAM's cost: that
+    of the steps is quadratic, with the same variance of all coordinates and without what correlates
+    them with the rotation, see ``certpgo.io.gtsam_inertial``.
+
     Robust noise of Huber, Cauchy, or Geman and McClure is a kernel of the problem, with a scale for
     each factor, if that is the only one in the graph, and is of factors between two nodes.
     Otherwise, or with ``robust="weights"``, a factor gets the weight that it has at the values: at

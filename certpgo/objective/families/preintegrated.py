@@ -68,7 +68,7 @@ class Preintegration(Term):
 
     block: Preintegrated
     takes: ClassVar[type[Observations]] = Preintegrated
-    plural: ClassVar[str] = "preintegrated steps"
+    plural: ClassVar[str] = "preintegrated steps (as in F)"
     roundings: ClassVar[float] = ROUNDINGS
 
     @property
