@@ -33,7 +33,7 @@ VELOCITY, UNEVEN = "PriorFactorVector", 1e-9
 
 
 @dataclass(frozen=True)
-class Step:
+class InertialStep:
     """What a factor measures, without gravity, at its bias.
 
     Attributes
@@ -82,7 +82,7 @@ class Inertial:
     """
 
     def __init__(self, graph: Any, values: Any = None) -> None:
-        self.steps: list[Step] = []
+        self.steps: list[InertialStep] = []
         self.numbers = set[int]()
         for number in range(graph.size()):
             name = type(factor := graph.at(number)).__name__
@@ -159,7 +159,7 @@ def still(factor: Any, unit: float) -> FloatArray:
     return np.asarray(even / unit**2)
 
 
-def _step(number: int, factor: Any, values: Any) -> Step:
+def _step(number: int, factor: Any, values: Any) -> InertialStep:
     keys = [int(key) for key in factor.keys()]  # noqa: SIM118 - not a mapping
     named = f"the {type(factor).__name__} between {shown_id(keys[0])} and {shown_id(keys[2])}"
     noise = factor.noiseModel()
@@ -173,7 +173,7 @@ def _step(number: int, factor: Any, values: Any) -> Step:
     end = measured.predict(begin, hat if bias is None else bias)
     # Of the factor with two biases, what is left where these are fixed.
     information = np.linalg.inv(np.asarray(noise.covariance(), dtype=np.float64))[:9, :9]
-    return Step(
+    return InertialStep(
         number,
         (keys[0], keys[1], keys[2], keys[3]),
         dt,
