@@ -168,7 +168,7 @@ def _ends(at: Truncation) -> FloatArray:
     B[:, p:b, p:] = -at.Q
     if p:
         B[:, 0, 0] = -1.0
-        B[:, 1:b, 0] = -at.v
+        B[:, 1:b, 0], B[:, b + 1 :, 0] = -at.v, at.graph.own_arms
     return B
 
 

@@ -88,7 +88,7 @@ OPERATIONS = {
     "robust fit": Operation("a robust fit does", _UNSTREAMED, _FULLY, _NO_LAW),
     "rejections": Operation(
         "a truncated cost does",
-        ("scales", "matrix weights"),
+        ("scales",),
         of_scales="what is below a term grows with the scale of a node, beyond any price",
     ),
     "compare": Operation("a comparison does", ("scales",), _FULLY, _OF_POSES),

@@ -307,6 +307,11 @@ class GraphData(Pairs):
         return polar_factors(self.couplings)
 
     @property
+    def own_arms(self) -> FloatArray:
+        """(m, d) arms, zeros where there are none."""
+        return np.zeros((self.num_edges, self.d)) if self.arms is None else self.arms
+
+    @property
     def steps(self) -> FloatArray:
         """(m, d) from node i to j in the frame of i, as the measured rotations have it."""
         if self.arms is None:

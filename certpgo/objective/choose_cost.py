@@ -12,8 +12,6 @@ from certpgo.errors import InputError, SpecError, refuse, require
 from certpgo.graph import Graph, Instance
 from certpgo.graph.capabilities import lacking
 from certpgo.graph.dataset import graph_of
-from certpgo.graph.kinds import Kind
-from certpgo.graph.phrases import counted
 from certpgo.graph.priors import require_determined, require_held
 from certpgo.objective.costs import CHORDAL, COSTS
 from certpgo.objective.costs.chordal import ChordalCost
@@ -86,14 +84,6 @@ def _unknown_to(cost: str, graph: Graph, *, more: bool = False) -> str:
     """What is measured that the cost of another program does not know; or empty."""
     if not more and not graph.kappa.any():
         return f"--cost {cost} needs relative poses, not positions alone"
-    if COSTS[cost].decoupled:  # minorants have no arms of their own: their sum with others is exact
-        return ""
-    if graph.arms is not None:
-        said = f"the cost of {cost} knows no sensors apart from their bodies, and no held poses"
-        return f"{said} (--cost g2o and chordal do)"
-    if alone := int(np.count_nonzero(graph.kinds == Kind.TRANSLATION)):
-        measured = counted(alone, Kind.TRANSLATION.phrase)
-        return f"the cost of {cost} needs rotations with its {measured}"
     return ""
 
 
@@ -160,9 +150,6 @@ def _under_f(measured: Graph | Instance) -> Certifiable:
         require_determined(graph, named)
     if not graph.blocks:
         return Quadratic(graph)
-    if graph.has_couplings:
-        lacks = "are for isotropic weights, not for matrix weights or directions alone"
-        raise InputError(f"{source_of(measured)}measured {graph.blocks[0].kind.plural} {lacks}")
     return (SimilaritySum if graph.has_scales else Sum)(graph, ChordalCost)
 
 

@@ -42,8 +42,6 @@ class EdgeCost(EdgeTerm):
     name: ClassVar[str]
     #: Whether the checker knows it.
     provable: ClassVar[bool] = False
-    #: Whether residuals of translations do not depend on what is known of the rotation.
-    decoupled: ClassVar[bool] = False
     #: Whether it is of positions and of rotations alone, too, and what joins its title to others.
     takes_partial: ClassVar[bool] = False
     conjunction: ClassVar[str] = ", and of"

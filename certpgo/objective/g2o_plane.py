@@ -60,7 +60,7 @@ def minorants_in_the_plane(graph: Graph, measured: Ball, y: FloatArray, E: Float
     fits &= (s.lower > 0.0) & np.isfinite(found)
     # The checker divides by the sine, of which a tiny angle leaves few digits.
     touching = np.where(np.abs(alpha) < TINY, 0.0, np.abs(alpha))[:, None]
-    return Minorants(lam, np.zeros_like(b), b, N, np.where(fits, found, -np.inf), touching)
+    return Minorants(lam, graph.own_arms, b, N, np.where(fits, found, -np.inf), touching)
 
 
 def _curvature(schur: FloatArray, theta: FloatArray, slope: FloatArray) -> FloatArray:

@@ -62,7 +62,7 @@ def minorants_in_space(graph: Graph, measured: Ball, y: FloatArray, E: FloatArra
     found = (constant - k + level - spread.size).lower
     found = np.where(fits & np.isfinite(found), found, -np.inf)
     touching = np.concatenate([q0, k[:, None]], axis=1)
-    return Minorants(lam, np.zeros_like(b), b, N, found, touching)
+    return Minorants(lam, graph.own_arms, b, N, found, touching)
 
 
 def _curvature(schur: FloatArray, x: FloatArray, slope: FloatArray) -> FloatArray:

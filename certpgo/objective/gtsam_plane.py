@@ -96,7 +96,7 @@ def minorants_in_the_plane(graph: Graph, measured: Ball, y: FloatArray, E: Float
     least = 0.5 * np.linalg.eigvalsh(np.where(sound[:, None, None], rest, np.eye(2)))[:, 0]
     x = (share * psi)[:, None] * z2
     about = _Expansion(tau, least, r, x, share, at)
-    found = Minorants(tau, a, b, N, np.zeros(len(tau)))
+    found = Minorants(tau, a + graph.own_arms, b, N, np.zeros(len(tau)))
     return _with_constants(graph, measured, found, about, sound)
 
 
@@ -119,7 +119,8 @@ def _with_constants(
 def _constants(graph: Graph, R: Ball, found: Minorants, about: _Expansion) -> FloatArray:
     """Lower bounds (m,) on f less the minorants with constant zero."""
     T, p, w = (Ball.exact(block).widened for block in _blocks(graph.information_matrices))
-    tau, a, at = Ball.exact(found.tau).widened, Ball.exact(found.a).widened, about.at
+    tau, at = Ball.exact(found.tau).widened, about.at
+    a = Ball.exact(found.a).widened - graph.own_arms
     b = R.T.apply(Ball.exact(found.b).widened - graph.translations)
     N = R.T @ found.N + tau[:, None, None] * b[:, :, None] * a[:, None, :]
     rest = T - tau[:, None, None] * np.eye(2)

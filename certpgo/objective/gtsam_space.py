@@ -105,6 +105,7 @@ def minorants_in_space(graph: Graph, measured: Ball, y: FloatArray, E: FloatArra
         sound = (terms.rho > 0.0) & (tau > 0.0) & np.isfinite(N).all(axis=(1, 2))
         sound &= np.isfinite(a + b).all(axis=1)
         tau, a, b, N = np.where(sound, tau, 1.0), _kept(a, sound), _kept(b, sound), _kept(N, sound)
+        a = a + graph.own_arms
         found = Minorants(tau, a, b, N, np.zeros_like(tau))
         constant = _constants(graph, measured, found, terms)
     return Minorants(tau, a, b, N, np.where(sound & np.isfinite(constant), constant, -np.inf))
@@ -137,7 +138,8 @@ def _constants(graph: Graph, R: Ball, found: Minorants, of: SpatialTerms) -> Flo
     """Lower bounds (m,) on f less the minorants with constant zero."""
     T, P, W = (Ball.exact(block).widened for block in blocks(graph.information_matrices, 3))
     t, tau, rho = (Ball.exact(x).widened for x in (of.t, found.tau, of.rho))
-    a, e, at, part = Ball.exact(found.a).widened, Ball.exact(of.e).widened, of.at, of.part
+    a, e = Ball.exact(found.a).widened - graph.own_arms, Ball.exact(of.e).widened
+    at, part = of.at, of.part
     b = R.T.apply(Ball.exact(found.b).widened - graph.translations)
     N = R.T @ found.N + _scaled(tau, b[:, :, None] * a[:, None, :])
     rest, eta = T - _scaled(t), t - tau

@@ -15,15 +15,17 @@ from certpgo.linalg.arrays import BoolArray, FloatArray
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Minorants(Brief):
-    """Functions m_e(v, Q) = tau |v + Q a - b|^2 - 2 <N, Q> + constant, none above its edge's cost.
+    """Functions m_e = tau |t + Q a - b|^2 - 2 <N, Q> + constant, none above its edge's cost.
 
-    They hold for all v and all rotations Q, for the stored doubles, despite rounding. They are
-    linear in the Gram matrix of the poses, so their sum is a pose graph's cost plus a constant.
+    Here t = R_i^T (t_j - t_i) and Q = R_i^T R_j. They hold for all t and all rotations Q, for the
+    stored doubles, despite rounding. They are linear in the Gram matrix of the poses, so their sum
+    is a pose graph's cost plus a constant.
 
     Attributes
     ----------
     tau : (m,) weights: positive, 0 for rotations alone, negative for truncated costs and distances
-    a, b : (m, d) arms at the edge's second and first pose, metres
+    a, b : (m, d) arms at the edge's second and first pose, metres; a is that of the measurement
+        itself, and what a minorant has more
     N : (m, d, d) couplings of the rotations
     constant : (m,) rounded down; -inf where there is no minorant
     touching : (m, k) numbers from which the constants can be verified, see
@@ -65,8 +67,7 @@ class Minorants(Brief):
         is_signed : whether tau may be negative
         """
         rotation, constant = self.summed_rotations(measured)
-        arms = self.a if measured.arms is None else self.a + measured.arms
-        armed = arms if arms.any() else None
+        armed = self.a if self.a.any() else None
         graph = PoseGraph(rotation, self.b, self.tau, armed, measured.is_point, is_signed=is_signed)
         return replace(graph, nodes=measured.nodes) if measured.has_others else graph, constant
 

@@ -132,7 +132,7 @@ def of_poses(kernel: AppliedKernel, graph: Graph, v: FloatArray, Q: FloatArray) 
     if falls is None:
         cut = Truncation(graph, kernel.squares, v, Q)
         return cut.minorants(cut.plain())
-    d, kappa, tau, c = graph.d, graph.kappa, graph.tau, kernel.squares
+    kappa, tau, c = graph.kappa, graph.tau, kernel.squares
     moved, turned = v - graph.translations, Q - graph.rotations
     q = kappa * (turned**2).sum(axis=(1, 2)) + tau * (moved**2).sum(axis=1)
     u = q / c
@@ -143,7 +143,7 @@ def of_poses(kernel: AppliedKernel, graph: Graph, v: FloatArray, Q: FloatArray) 
     N = -(weight[:, None, None] * (graph.rotations + out[:, None, None] * turned))
     aside = w * tau
     constant = _of_squares(kernel, graph, (1.0 + 0.5 * RAISED) * falls(u), u, (aside, b, weight, N))
-    return Minorants(-aside, np.zeros((len(w), d)), b, N, constant)
+    return Minorants(-aside, graph.own_arms, b, N, constant)
 
 
 def _of_squares(

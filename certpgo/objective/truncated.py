@@ -36,6 +36,7 @@ from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import Ball, sums
 from certpgo.linalg.rotations import rotation_defect
 from certpgo.objective.minorants import Minorants
+from certpgo.objective.operators import coupled
 from certpgo.objective.term import relative
 
 #: Weights over those of the measurement beyond which an edge has no minorant, as its cost is too
@@ -60,7 +61,7 @@ class Truncation:
 
     Attributes
     ----------
-    graph : k measurements with isotropic weights
+    graph : k measurements
     prices : (k,) at which their costs are truncated, in units of F
     v : (k, d) R_i^T (t_j - t_i) of the estimate; zeros for rotations alone
     Q : (k, d, d) R_i^T R_j
@@ -100,16 +101,17 @@ class Truncation:
 
     @cached_property
     def weights(self) -> FloatArray:
-        """(k, b) diagonals of D."""
-        kappa = np.repeat(self.graph.kappa[:, None], self.graph.d, axis=1)
-        if self.graph.has_positions:
-            return np.concatenate([self.graph.tau[:, None], kappa], axis=1)
-        return kappa
+        """(k, b, b) matrices D."""
+        D = np.zeros((len(self.prices), *[self.graph.d + self.moved] * 2))
+        D[:, self.moved :, self.moved :] = self.graph.polar[1]
+        if self.moved:
+            D[:, 0, 0] = self.graph.tau
+        return D
 
     @cached_property
     def residuals(self) -> FloatArray:
         """(k, d, b) F - M."""
-        turned = self.Q - self.graph.rotations
+        turned = self.Q - self.graph.polar[0]
         if not self.moved:
             return turned
         return np.concatenate([(self.v - self.translations)[:, :, None], turned], axis=2)
@@ -117,7 +119,12 @@ class Truncation:
     @cached_property
     def costs(self) -> FloatArray:
         """(k,) terms of F."""
-        return np.asarray(((self.residuals**2).sum(axis=1) * self.weights).sum(axis=1))
+        return np.asarray(self._of_columns.sum(axis=1))
+
+    @property
+    def _of_columns(self) -> FloatArray:
+        """(k, b) the shares of the columns of F - M in the costs."""
+        return np.asarray((self.residuals * (self.residuals @ self.weights)).sum(axis=1))
 
     @property
     def is_far(self) -> BoolArray:
@@ -130,11 +137,7 @@ class Truncation:
             ratio = np.minimum(self.prices, self.costs) / np.abs(self.costs - self.prices)
         near = ~self.is_far & ((ratio < FLATTEST) | (not self.exact))
         ratio[~(ratio <= STEEPEST) | near] = 0.0
-        return np.asarray((1.0 + RAISED) * ratio[:, None, None] * self._diagonal)
-
-    @property
-    def _diagonal(self) -> FloatArray:
-        return np.asarray(self.weights[:, :, None] * np.eye(self.weights.shape[1]))
+        return np.asarray((1.0 + RAISED) * ratio[:, None, None] * self.weights)
 
     def reaching(self, resistances: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The weights that reach the prices at the least load, and these loads (k,).
@@ -151,16 +154,15 @@ class Truncation:
         return _inverse(values, half, high), np.where(self.is_far, high, np.inf)
 
     def splitting(self, resistances: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """As `reaching`, with weights diag(beta_t, beta_R, ...), as proof files have them.
+        """As `reaching`, with multiples of both blocks of D, as proof files have them.
 
         Of the price c, a share x is that of the rotation's term b, and the rest of the other one a:
-        beta_R = kappa x c / (b - x c). The best of some shares is chosen.
+        of kappa the multiple is x c / (b - x c). The best of some shares is chosen.
         """
-        c, p = self.prices, self.moved
-        terms = (self.residuals**2).sum(axis=1) * self.weights
+        c, p, terms = self.prices, self.moved, self._of_columns
         a, b = terms[:, :p].sum(axis=1), terms[:, p:].sum(axis=1)
         low, high = np.maximum(1.0 - a / c, 0.0), np.minimum(b / c, 1.0)
-        best, loads = np.zeros_like(self._diagonal), np.full(len(c), np.inf)
+        best, loads = np.zeros_like(self.weights), np.full(len(c), np.inf)
         for place in SPLITS:
             x = b / (a + b) if place is None else low + place * (high - low)
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -169,12 +171,12 @@ class Truncation:
             known = self.is_far & ((ratio >= 0.0) & (ratio <= STEEPEST)).all(axis=0)
             ratio = np.where(known, (1.0 + RAISED) * ratio, 0.0)
             turned = np.repeat(ratio[1:].T, self.graph.d, axis=1)
-            W = self.weights * np.concatenate([ratio[:p].T, turned], axis=1)
-            root = np.sqrt(W)
-            load = np.linalg.eigvalsh(root[:, :, None] * resistances * root[:, None, :])[:, -1]
+            shares = np.concatenate([ratio[:p].T, turned], axis=1)
+            root = self._root * np.sqrt(shares)[:, None, :]
+            load = np.linalg.eigvalsh(np.swapaxes(root, 1, 2) @ resistances @ root)[:, -1]
             better = known & (load < loads)
             loads = np.where(better, load, loads)
-            best[better] = (W[:, :, None] * np.eye(W.shape[1]))[better]
+            best[better] = (shares[:, :, None] * self.weights)[better]
         return best, loads
 
     def loaded(self, resistances: FloatArray, load: float) -> tuple[FloatArray, FloatArray]:
@@ -189,10 +191,18 @@ class Truncation:
 
     def _modes(self, resistances: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Eigenvalues (k, b) and -vectors U of D^1/2 G D^1/2; |(F - M) D^1/2 U|^2, and D^1/2 U."""
-        root = np.sqrt(self.weights)
-        values, U = np.linalg.eigh(root[:, :, None] * resistances * root[:, None, :])
-        half = root[:, :, None] * U
+        root = self._root
+        values, U = np.linalg.eigh(np.swapaxes(root, 1, 2) @ resistances @ root)
+        half = root @ U
         return values, ((self.residuals @ half) ** 2).sum(axis=1), half
+
+    @cached_property
+    def _root(self) -> FloatArray:
+        """(k, b, b) D^1/2."""
+        if not self.graph.has_couplings:
+            return np.sqrt(self.weights)
+        values, V = np.linalg.eigh(self.weights)
+        return np.asarray((V * np.sqrt(np.maximum(values, 0.0))[:, None]) @ np.swapaxes(V, 1, 2))
 
     def dropping(self, resistances: FloatArray) -> tuple[FloatArray, FloatArray]:
         """As `reaching`, of kept measurements, whose resistances are those of S with them.
@@ -218,8 +228,8 @@ class Truncation:
         """(k, d, b) C for weights W (k, b, b)."""
         near = W.any(axis=(1, 2)) & ~self.is_far
         C = self.residuals.copy()
-        C[near] += (self.residuals * self.weights[:, None, :])[near] @ np.linalg.pinv(W[near])
-        C[:, :, self.moved :] += self.graph.rotations
+        C[near] += (self.residuals @ self.weights)[near] @ np.linalg.pinv(W[near])
+        C[:, :, self.moved :] += self.graph.polar[0]
         if self.moved:
             C[:, :, 0] += self.translations
         return C
@@ -239,13 +249,11 @@ class Truncation:
         if self.moved:
             tau = W[:, 0, 0]
             arms = W[:, 1:, 0] / np.where(tau > 0.0, tau, 1.0)[:, None]
-            if self.graph.arms is not None:
-                arms = _added_exactly(arms, self.graph.arms)
         K = W[:, self.moved :, self.moved :] - tau[:, None, None] * _outer(arms, arms)
         Z = C[:, :, self.moved :]
         b = C[:, :, 0] * self.moved + (Z @ arms[:, :, None])[:, :, 0]
-        N = -Z @ K
-        return Minorants(-tau, arms, b, N, self._constants(tau, arms, b, N))
+        N, a = -Z @ K, arms + self.graph.own_arms
+        return Minorants(-tau, a, b, N, self._constants(tau, a, b, N))
 
     @property
     def nothing(self) -> Minorants:
@@ -256,32 +264,23 @@ class Truncation:
     def _constants(
         self, tau: FloatArray, a: FloatArray, b: FloatArray, N: FloatArray
     ) -> FloatArray:
-        """(k,) the largest C with -tau |v + Q a - b|^2 - 2 <N, Q> + C <= min(f, c), rounded down.
+        """(k,) the largest C with -tau |t + Q a - b|^2 - 2 <N, Q> + C <= min(f, c), rounded down.
 
-        It is at most c for C <= c - 2 |N|_*. Against f, the best v is between t and b - Q a; what
-        is left is linear in Q.
+        It is at most c for C <= c - 2 |N|_*. Of v, the arm is a' = a less that of the measurement:
+        against f, the best v is between its b and b - Q a'; what is left is linear in Q.
         """
-        R, kappa = self.graph.rotations, self.graph.kappa
-        d, y = self.graph.d, Ball.exact(self.translations) - b
-        between = Ball.exact(np.zeros(len(kappa)))
+        own, most = terms_of_rotations(self.graph)
+        y, between = Ball.exact(self.translations) - b, Ball.exact(np.zeros(len(tau)))
         if self.graph.has_positions:
             both = (tau > 0.0) & (self.graph.tau > 0.0)
             one, other = (Ball.exact(np.where(both, w, 1.0)) for w in (tau, self.graph.tau))
             between = one * other / (one + other) * np.where(both, 1.0, 0.0)
-        coupling = Ball.exact(N) - Ball.within(R, rotation_defect(R)) * kappa[:, None, None]
-        coupling = coupling + between[:, None, None] * (y[:, :, None] * a[:, None, :])
-        squares = sums(y.squared()) + sums(Ball.exact(a).squared())
-        of_cost = 2.0 * d * Ball.exact(kappa) + between * squares - 2.0 * nuclear(coupling)
+        more = Ball.exact(a) - self.graph.own_arms
+        coupling = Ball.exact(N) - own + between[:, None, None] * (y[:, :, None] * more[:, None, :])
+        squares = sums(y.squared()) + sums(more.squared())
+        of_cost = most + between * squares - 2.0 * nuclear(coupling)
         of_price = Ball.exact(self.prices) - 2.0 * nuclear(Ball.exact(N))
         return np.minimum(of_cost.lower, of_price.lower)
-
-
-def _added_exactly(arms: FloatArray, own: FloatArray) -> FloatArray:
-    """(k, d) arms near these whose sums with the measurements' own are doubles; else zeros."""
-    near = (arms + own) - own
-    total = near + own
-    rest = (near - (total - own)) + (own - (total - (total - own)))
-    return np.where((rest == 0.0).all(axis=1, keepdims=True), near, 0.0)
 
 
 def _reached(values: FloatArray, squares: FloatArray, s: FloatArray) -> FloatArray:
@@ -326,19 +325,37 @@ def _norms(U: FloatArray) -> FloatArray:
 
 
 def untruncated(graph: Graph) -> Minorants:
-    """Minorants of measurements with isotropic weights, which differ from their costs by rounding.
+    """Minorants of measurements under F, which differ from their costs by rounding.
 
-    kappa |Q - R|^2 = 2 d kappa - 2 kappa <R, Q>, where the coupling kappa R is a rounded one of the
-    rotation R nearest to the stored matrix.
+    A rounded coupling costs its distance from that of `terms_of_rotations`.
     """
-    R, kappa = graph.rotations, graph.kappa
-    m, d = len(R), graph.d
-    N = kappa[:, None, None] * R
-    off = Ball.exact(N) - Ball.within(R, rotation_defect(R)) * kappa[:, None, None]
+    m, d, N = graph.num_edges, graph.d, coupled(graph)
+    exact, most = terms_of_rotations(graph)
+    off = Ball.exact(N) - exact
     distance = sums(off.reshaped(m, d * d).squared()).sqrt().size
     lost = 2.002 * math.sqrt(d) * Ball.exact(distance)
-    constant = (2.0 * d * Ball.exact(kappa) - lost).lower
-    zeros = np.zeros((m, d))
-    if graph.has_positions:
-        return Minorants(graph.tau, zeros, graph.translations, N, constant)
-    return Minorants(np.zeros(m), zeros, zeros, N, constant)
+    constant = (most - lost).lower
+    return Minorants(graph.tau, graph.own_arms, graph.translations, N, constant)
+
+
+def terms_of_rotations(graph: Graph) -> tuple[Ball, Ball]:
+    """N (m, d, d) and c (m,) of the terms c - 2 <N, Q> that F has of rotations Q.
+
+    kappa |Q - R|^2 = 2 d kappa - 2 kappa <R, Q>, for the rotation R nearest to the stored matrix;
+    of general edges c is twice the nuclear norm of N, see `certpgo.Graph`.
+    """
+    if graph.couplings is not None:
+        N = Ball.exact(graph.couplings)
+        return N, 2.0 * nuclear_norms(N, graph.polar[0])
+    R, kappa = graph.rotations, graph.kappa
+    exact = Ball.within(R, rotation_defect(R)) * kappa[:, None, None]
+    return exact, 2.0 * graph.d * Ball.exact(kappa)
+
+
+def nuclear_norms(N: Ball, P: FloatArray) -> Ball:
+    """The nuclear norms of matrices (m, d, d) with these almost orthogonal polar factors."""
+    m, d, _ = N.mid.shape
+    above = nuclear(N).mid
+    below = sums((N * Ball.exact(P)).reshaped(m, d * d)) / _norms(P)
+    low = np.minimum(below.lower, above)
+    return Ball.within(above, np.nextafter(above - low, np.inf))

@@ -7,28 +7,29 @@ from typing import ClassVar
 
 import numpy as np
 
-from certpgo.errors import InputError
 from certpgo.graph.scale import Scale
 from certpgo.linalg import rotations as so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import Ball, sums
+from certpgo.objective import residuals
 from certpgo.objective.edge_cost import EdgeCost
 from certpgo.objective.minorants import Minorants
-from certpgo.objective.truncated import untruncated
+from certpgo.objective.truncated import terms_of_rotations, untruncated
 
 
 @dataclass(frozen=True, eq=False)
 class ChordalCost(EdgeCost):
-    """kappa |Q - R~|_F^2 + tau |v - t~|^2, its own minorant."""
+    """tr((Q - R~) K (Q - R~)^T) + tau |v - t~|^2, its own minorant.
+
+    K = kappa I; of general edges R~ and K are the polar factors of N, see `certpgo.Graph`.
+    """
 
     name: ClassVar[str] = "chordal"
     takes_partial: ClassVar[bool] = True
     conjunction: ClassVar[str] = " and squared errors of"
 
     def __post_init__(self) -> None:
-        if self.graph.has_couplings:
-            lacks = "isotropic weights, not for matrix weights or directions alone"
-            raise InputError(f"distances and other kinds of measurements are for {lacks}")
+        """Kappa, tau and couplings are what it needs."""
 
     @property
     def title(self) -> str:
@@ -48,25 +49,25 @@ class ChordalCost(EdgeCost):
     @property
     def numbers(self) -> tuple[IntArray, IntArray]:
         """(m,) how many numbers each edge measures of a rotation, and (m,) of a translation."""
-        graph, d = self.graph, self.graph.d
-        return so.tangent_dim(d) * graph.measures_rotation, d * graph.measures_translation
+        return residuals.numbers(self.graph)
 
     @property
     def double(self) -> IntArray:
-        """(m,) how often the square of a turn counts: twice in the plane."""
-        return np.full(self.graph.num_edges, 2 if self.graph.d == 2 else 1)
+        """(m,) how often the square of a turn counts: for kappa I, twice in the plane."""
+        return residuals.double(self.graph)
 
     @property
     def weights(self) -> FloatArray:
-        """(m, d + d^2, d + d^2) weights tau and kappa."""
+        """(m, d + d^2, d + d^2) weights tau, and K for each row."""
         d, graph = self.graph.d, self.graph
-        both = np.stack([graph.tau, graph.kappa], axis=1)
-        diagonal = np.repeat(both, [d, d * d], axis=1)
-        return np.asarray(diagonal[:, :, None] * np.eye(d + d * d))
+        W = np.zeros((graph.num_edges, d + d * d, d + d * d))
+        W[:, :d, :d] = graph.tau[:, None, None] * np.eye(d)
+        W[:, d:, d:] = np.kron(np.eye(d), graph.polar[1])
+        return W
 
     def residuals(self, v: FloatArray, Q: FloatArray) -> FloatArray:
         """(m, d + d^2) residuals v - t~, then Q - R~ by rows."""
-        turned = (Q - self.graph.rotations).reshape(len(Q), -1)
+        turned = (Q - self.graph.polar[0]).reshape(len(Q), -1)
         return np.concatenate([v - self.graph.translations, turned], axis=1)
 
     def linearized(self, v: FloatArray, Q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -80,9 +81,22 @@ class ChordalCost(EdgeCost):
 
     def enclosures(self, v: Ball, Q: Ball) -> Ball:
         """(m,) balls that contain the costs of all of these (v, Q)."""
-        y, E = v - self.graph.translations, Q - self.measured
-        turned = sums(E.reshaped(len(self.edges), -1).squared())
-        return self.graph.tau * y.dot(y) + self.graph.kappa * turned
+        y = v - self.graph.translations
+        return self.graph.tau * y.dot(y) + self._turned(Q)
+
+    def _turned(self, Q: Ball) -> Ball:
+        """(m,) the terms of rotations."""
+        m, graph = len(self.edges), self.graph
+        if graph.couplings is None:
+            return graph.kappa * sums((Q - self.measured).reshaped(m, -1).squared())
+        # tr((Q - P) K (Q - P)^T) for stored P and K, and what rounding has made of N = P K.
+        P, K = map(Ball.exact, graph.polar[:2])
+        E, (N, most) = Q - P, terms_of_rotations(graph)
+        off = sums((N - P @ K).reshaped(m, -1).squared()).sqrt().size
+        traces = sums((P * (P @ K)).reshaped(m, -1)) + np.trace(K.mid, axis1=1, axis2=2)
+        less = most - traces + Ball.within(np.zeros(m), 2.0 * 1.74 * off)
+        whole: Ball = sums((E * (E @ K)).reshaped(m, -1)) + less
+        return whole
 
     def bend(self, v: FloatArray) -> FloatArray:
         """(m,) tau |v|^2."""

@@ -50,7 +50,6 @@ class G2oCost(EdgeCost):
     name: ClassVar[str] = "g2o"
     compiled_residual: ClassVar[str] = "quaternion"
     provable: ClassVar[bool] = True
-    decoupled: ClassVar[bool] = True
     rotation_information: ClassVar[RotationAbout] = "quaternion"
 
     @property

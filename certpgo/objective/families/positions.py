@@ -78,4 +78,4 @@ class Positions(EdgeTerm):
         _, _, constant = remainder(self.graph, unturned, lam, b)
         found = np.where(np.isfinite(constant.radius) & ~partial, constant.lower, -np.inf)
         N = np.zeros_like(self.graph.rotations)
-        return Minorants(lam, np.zeros_like(b), b, N, np.where(even & ~partial, 0.0, found))
+        return Minorants(lam, self.graph.own_arms, b, N, np.where(even & ~partial, 0.0, found))
