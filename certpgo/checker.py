@@ -132,6 +132,15 @@ def _floored(n: Any, shift: int, divisor: Any = 1) -> Any:
 # --- The graph ------------------------------------------------------------------------------------
 
 
+class Ranges(NamedTuple):
+    """Distances between the positions of nodes i and j, with terms w (d - |t_j - t_i|)^2."""
+
+    i: Ints
+    j: Ints
+    distances: Array  # (k,): d
+    weights: Array  # (k,): w
+
+
 class Graph(NamedTuple):
     """Measurements i -> j between nodes 0 ... n-1, numbered by ascending ids."""
 
@@ -149,6 +158,8 @@ class Graph(NamedTuple):
     priors: int = 0  # how many measurements are from the world, the last node
     scales: Array | None = None  # (m,) measured, of similarities
     free: Bools | None = None  # (n,) which poses have an unknown scale
+    arms: Array | None = None  # (m, d) points of the second poses, whose positions are measured
+    ranges: Ranges | None = None  # what else is measured
     ids: tuple[int | None, ...] = ()  # (n,) of the file, which has none of the world
 
     @property
@@ -173,7 +184,7 @@ class Edge(NamedTuple):
     q: Numbers  # in the plane an angle
     t: Numbers
     kappa: float | None  # None: it measures a position alone
-    tau: float
+    tau: float | None  # None: it measures a rotation alone
     upper: Numbers = ()  # the information, for the cost of g2o
     what: str = "poses"  # or a "sighting" of a point, one of those numbered "apart", or a "prior"
     sensor: int = 0
@@ -200,9 +211,10 @@ def read_graph(text: bytes, claim: dict[str, Any], component: bytes | None) -> G
 
     Those about similarities are in a g2o text, or an archive, see `read_archive`.
     """
-    if claim.get("kind") == "similarities" and text.startswith(b"PK"):
+    if text.startswith(b"PK"):
         return read_archive(text, claim)
     edges, points = _with_own_ids(list(_edges(text, claim)))
+    edges += _placing(edges, claim)
     if component is not None:
         if not re.fullmatch(rb"[0-9\s]*", component):
             raise Unreadable("cc.txt: ids expected")
@@ -216,9 +228,11 @@ def read_graph(text: bytes, claim: dict[str, Any], component: bytes | None) -> G
         raise Unreadable("no measurements")
     first, second, q, positions, kappa, tau, upper, what, _, s = zip(*edges, strict=True)
     ids = {k: position for position, k in enumerate(sorted({*first, *second}))}
-    turned, t = np.array([k is not None for k in kappa]), np.array(positions)
-    weights = [np.array([k or 0.0 for k in kappa]), np.array(tau)]
-    for k, (name, stated) in enumerate((("kappa", turned), ("tau", np.ones_like(turned)))):
+    turned, moved = (np.array([k is not None for k in of]) for of in (kappa, tau))
+    if not (turned | moved).all():
+        raise Unreadable("a measurement of nothing: its information is zero")
+    weights, t = [np.array([k or 0.0 for k in of]) for of in (kappa, tau)], np.array(positions)
+    for k, (name, stated) in enumerate((("kappa", turned), ("tau", moved))):
         if claim[name] is not None:
             weights[k] = np.where(stated, float(claim[name]), 0.0)
         if not ((weights[k] > 1.0 / FAR) & (weights[k] < FAR) | ~stated).all():
@@ -241,16 +255,18 @@ def read_graph(text: bytes, claim: dict[str, Any], component: bytes | None) -> G
         return graph._replace(scales=np.array(s), free=np.array([k != unit for k in ids]))
     if R is not None:
         return graph
-    return graph._replace(information=_information(upper, turned, claim["d"]))
+    return graph._replace(information=_information(upper, claim["d"]))
 
 
-def _information(upper: Sequence[Numbers], turned: Bools, d: int) -> Array:
-    """(m, p, p) matrices of upper triangles; zero in rows of rotations, where not ``turned``."""
-    information = np.zeros((len(upper), 3 * d - 3, 3 * d - 3))
-    for p, kind in ((3 * d - 3, turned), (d, ~turned)):
-        a, b = np.triu_indices(p)
-        for k in np.flatnonzero(kind).tolist():
-            information[k, a, b] = information[k, b, a] = upper[k] or np.nan
+def _information(upper: Sequence[Numbers], d: int) -> Array:
+    """(m, p, p) matrices of upper triangles, whole ones or those of positions, else zero."""
+    information = np.full((len(upper), 3 * d - 3, 3 * d - 3), np.nan)
+    sizes = {p * (p + 1) // 2: p for p in (d, 3 * d - 3)}
+    for k, numbers in enumerate(upper):
+        if p := sizes.get(len(numbers), 0):
+            information[k] = 0.0
+            a, b = np.triu_indices(p)
+            information[k, a, b] = information[k, b, a] = numbers
     if not (abs(information) < FAR).all():
         raise Unreadable("information expected on every measurement, finite and not huge")
     return information
@@ -282,6 +298,22 @@ def _with_own_ids(edges: list[Edge]) -> tuple[list[Edge], set[int]]:
         elif edge.what == "apart":
             edges[k] = edge._replace(second=edge.second + moved_by)
     return sorted(edges, key=lambda e: (e.what == "prior", e.what != "poses")), points
+
+
+def _placing(edges: list[Edge], claim: dict[str, Any]) -> list[Edge]:
+    """The position of the world in the first node that it measures, if nothing measures one.
+
+    It may have any weight: whatever else is, the world is there at no cost.
+    """
+    tau, priors = claim.get("placing"), [edge for edge in edges if edge.what == "prior"]
+    if tau is None:
+        return []
+    if type(tau) is not float or not priors or any(edge.tau is not None for edge in priors):
+        raise Unreadable("the world is placed where its attitudes alone are measured")
+    d, upper = claim["d"], Numbers()
+    if claim.get("cost") is not None:
+        upper = tuple(tau * (a == b) for a in range(d) for b in range(a, d))
+    return [priors[0]._replace(t=(0.0,) * d, kappa=None, tau=tau, upper=upper)]
 
 
 def _less(t: Array, origin: Array) -> Array:
@@ -374,13 +406,36 @@ def _g2o_edge(
     if d == 2 and not abs(q[0]) <= 1e6:
         raise ValueError("an angle beyond 1e6 radians")
     kappa, tau, upper = 1.0, 1.0, Numbers()
+    turned, moved = True, True
+    if len(words) > pose and 0.0 in (numbers[pose], numbers[-1]):
+        turned, moved = _stated(words[pose:], d)
     if claim.get("cost") is not None:
         upper = (*numbers[pose:],)
     elif len(words) > pose and None in (claim["kappa"], claim["tau"]):
-        kappa, tau = weigh(tuple(words[pose:]))
+        kappa, tau = weigh(_completed(tuple(words[pose:]), turned, moved))
         if claim["rotation_information"] == "quaternion":
             kappa *= 0.25  # half the angle, a quarter of the information
-    return Edge(int(words[0]), int(words[1]), q, t, kappa, tau, upper)
+    one = Edge(int(words[0]), int(words[1]), q, t, kappa, tau, upper)
+    return one._replace(kappa=kappa if turned else None, tau=tau if moved else None)
+
+
+def _stated(upper: Sequence[bytes], d: int) -> tuple[bool, bool]:
+    """Whether an upper triangle says something of the rotation, and of the translation."""
+    whole = np.zeros((3 * d - 3, 3 * d - 3), dtype=bool)
+    digits = [word.lower().partition(b"e")[0].strip(b"+-0.") for word in upper]
+    whole[np.triu_indices(3 * d - 3)] = [len(left) > 0 for left in digits]
+    return bool(whole[:, d:].any()), bool(whole[:d].any())
+
+
+def _completed(words: tuple[bytes, ...], turned: bool, moved: bool) -> tuple[bytes, ...]:
+    """An upper triangle with the identity in place of a block that states nothing."""
+    if turned and moved:
+        return words
+    d = 2 if len(words) == 6 else 3
+    free = np.repeat([not moved, not turned], [d, 2 * d - 3])
+    places = zip(*np.triu_indices(3 * d - 3), strict=True)
+    one = [a == b and free[a] for a, b in places]
+    return tuple(b"1" if unit else word for unit, word in zip(one, words, strict=True))
 
 
 def _similarity_edge(
@@ -407,8 +462,8 @@ def _fixed(text: bytes) -> set[int]:
     return {int(word) for word in words}
 
 
-#: The arrays of an archive that state its measurements, their types and shapes; others that may
-#: be there, and have no part in the cost.
+#: The arrays of an archive that state its measurements, their types and shapes; those that it may
+#: do without; and others that may be there, and have no part in the cost.
 _STATED = {
     "kind": ("<U5", ""),
     "version": ("<i8", ""),
@@ -421,55 +476,119 @@ _STATED = {
     "tau": ("<f8", "m"),
     "free": ("|b1", "n"),
     "points": ("|b1", "n"),
+    "arms": ("<f8", "md"),
+    "couplings": ("<f8", "mdd"),
+    "information": ("<f8", "cpp"),
+    "information_index": ("<i8", "m"),
+    "range_edges": ("<i8", "k2"),
+    "range_distances": ("<f8", "k"),
+    "range_weights": ("<f8", "k"),
 }
+_OF_RANGES = "range_edges", "range_distances", "range_weights"
+_OPTIONAL = {"points", "arms", "couplings", "information", "information_index", "scales", "free"}
 _UNUSED = re.compile(
     "ids|name|names|fixed|options|notices|world|origin|assumed|absolute|apart|moved_by|times_ns"
-    "|stated|numbers|outliers|camera|information|information_index|information_residual"
+    "|stated|numbers|outliers|camera|information_(residual|about)"
     "|(initial|truth)_(rotations|translations|scales)"
 )
 
 
 def read_archive(data: bytes, claim: dict[str, Any]) -> Graph:
-    """The similarities in an archive of arrays, `certpgo.io.formats.npz`.
+    """The graph in an archive of arrays, `certpgo.io.formats.npz`, as it is.
 
-    Nodes are numbered as there. Rotations are matrices, taken as in `shepperd`.
+    Nodes are numbered as there. Rotations are matrices, taken as in `shepperd`. Couplings take the
+    place of kappa R_ij in F, whose terms then are 2 d kappa - 2 <N, R_i^T R_j>.
     """
-    read = [claim[name] for name in ("keep", "kappa", "tau", "rotation_information")]
-    if read != ["all", None, None, "tangent"]:
-        raise Unreadable("an archive of similarities is read as it is, without options")
+    found, similar = _arrays(data, claim), claim["kind"] == "similarities"
+    n = int(found["num_nodes"])
+    if (str(found["kind"]), int(found["version"])) != ("graph", 1) or not 0 < n < 1 << 31:
+        raise Unreadable("a graph of version 1 expected")
+    if similar != ("free" in found) or similar != ("scales" in found):
+        raise Unreadable("scales are those of similarities, each with a flag")
+    flags = {k: found[k].view(np.uint8) > 0 for k in ("points", "free") if k in found}
+    points, free = flags.get("points", np.zeros(n, dtype=bool)), flags.get("free")
+    (i, j), names = found["edges"].astype(np.intp).T, ("translations", "kappa", "tau")
+    (t, kappa, tau), s, m = (found[name] for name in names), found.get("scales"), len(found["tau"])
+    if not (len(i) and 0 <= min(i.min(), j.min()) <= max(i.max(), j.max()) < n and (i != j).all()):
+        raise Unreadable(f"measurements between different nodes 0 to {n - 1} expected")
+    scaled = points & (np.zeros(n, dtype=bool) if free is None else free)
+    if points[i].any() or (points[j] & (kappa != 0.0)).any() or scaled.any():
+        raise Unreadable("a point measures nothing, and has neither a rotation nor a scale")
+    if ((kappa == 0.0) & (tau == 0.0)).any():
+        raise Unreadable("a measurement of nothing: kappa and tau are zero")
+    for name, x in (("tau", tau), ("kappa", kappa), ("scales", np.ones(m) if s is None else s)):
+        if not ((x > 1.0 / FAR) & (x < FAR) | (x == 0.0) & (name != "scales")).all():
+            raise Unreadable(f"{name} must be positive, and neither tiny nor huge")
+    N, arms = found.get("couplings"), found.get("arms")
+    for values in (t, N, arms):
+        if values is not None and not (abs(values) < FAR).all():
+            raise Unreadable("a number that is not finite, or huge")
+    ranges = _ranges(found, n)
+    if similar and not (N is None and arms is None and ranges is None):
+        raise Unreadable("similarities have no couplings, arms or distances")
+    q = np.array([_of_matrix(matrix) for matrix in found["rotations"]])
+    seen = points if points.any() else None
+    graph = Graph(n, i, j, rotations(q), t, kappa, tau, N, q, points=seen, scales=s, free=free)
+    graph = graph._replace(arms=arms, ranges=ranges, ids=(*range(n),) if not similar else ())
+    return graph if claim.get("cost") is None else _informed(graph, found)
+
+
+def _ranges(found: dict[str, Any], n: int) -> Ranges | None:
+    """The distances in an archive; None for none."""
+    if "range_edges" not in found or not len(found["range_edges"]):
+        return None
+    (i, j), d, w = found["range_edges"].astype(np.intp).T, *(found[k] for k in _OF_RANGES[1:])
+    if not (0 <= min(i.min(), j.min()) <= max(i.max(), j.max()) < n and (i != j).all()):
+        raise Unreadable(f"distances between different nodes 0 to {n - 1} expected")
+    if not ((d >= 0.0) & (d < FAR) & (w > 1.0 / FAR) & (w < FAR)).all():
+        raise Unreadable("distances from zero, with weights that are neither tiny nor huge")
+    return Ranges(i, j, d, w)
+
+
+def _informed(graph: Graph, found: dict[str, Any]) -> Graph:
+    """The graph with the information matrices of an archive."""
+    d = graph.t.shape[1]
+    p, expected = 3 * d - 3, "information expected on every measurement, finite and not huge"
+    if graph.N is not None or not {"information", "information_index"} <= found.keys():
+        raise Unreadable(expected)
+    index, distinct = found["information_index"], found["information"]
+    if distinct.shape[1:] != (p, p) or not 0 <= index.min() <= index.max() < len(distinct):
+        raise Unreadable(expected)
+    information = distinct[index]
+    if not (abs(information) < FAR).all() or (information != _T(information)).any():
+        raise Unreadable(f"{expected}, and symmetric")
+    unmeasured = information[graph.kappa == 0.0][:, d:], information[graph.tau == 0.0][:, :d]
+    if any(rows.any() for rows in unmeasured):
+        raise Unreadable("information of what is not measured")
+    return graph._replace(information=information)
+
+
+def _arrays(data: bytes, claim: dict[str, Any]) -> dict[str, Any]:
+    """The arrays of an archive that state its measurements, each of its type and shape."""
+    options = ("kappa", "tau", "component_sha256", "origin")
+    if claim["keep"] != "all" or any(claim.get(name) is not None for name in options):
+        raise Unreadable("an archive is read as it is, without options")
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as archive:
             names = archive.files
             found = {name: np.asarray(archive[name]) for name in _STATED if name in names}
     except Exception:  # damaged archives can raise anything
         raise Unreadable("an archive of arrays expected") from None
-    found.setdefault("points", np.zeros_like(found.get("free", np.zeros(0, dtype=bool))))
+    required = _STATED.keys() - _OPTIONAL - {*_OF_RANGES}
+    required |= {*_OF_RANGES} if found.keys() & {*_OF_RANGES} else set()
     others = [name for name in names if not (name in _STATED or _UNUSED.fullmatch(name))]
-    if len({*names}) < len(names) or others or found.keys() < _STATED.keys():
-        raise Unreadable("other arrays expected, in a graph of similarities")
-    sizes = {"m": found["kappa"].shape, "n": found["free"].shape, "d": (claim["d"],), "2": (2,)}
-    for name, (dtype, letters) in _STATED.items():
-        shape = sum((sizes[letter][:1] for letter in letters), ())
-        expected = np.dtype(dtype), shape, len(letters)
-        if (found[name].dtype, found[name].shape, found[name].ndim) != expected:
-            raise Unreadable(f"the array {name!r} must be {dtype} of shape {shape}")
-    n, points, free = len(found["free"]), *(found[k].view(np.uint8) > 0 for k in ("points", "free"))
-    if (str(found["kind"]), int(found["version"]), int(found["num_nodes"])) != ("graph", 1, n):
-        raise Unreadable("a graph of version 1 expected, with a flag for each node")
-    (i, j), names = found["edges"].astype(np.intp).T, ("translations", "scales", "kappa", "tau")
-    t, s, kappa, tau = (found[name] for name in names)
-    if not (len(i) and 0 <= min(i.min(), j.min()) <= max(i.max(), j.max()) < n and (i != j).all()):
-        raise Unreadable(f"measurements between different nodes 0 to {n - 1} expected")
-    if points[i].any() or (points[j] & (kappa != 0.0)).any() or (free & points).any():
-        raise Unreadable("a point measures nothing, and has neither a rotation nor a scale")
-    for name, x in (("tau", tau), ("scales", s), ("kappa", np.where(kappa == 0.0, 1.0, kappa))):
-        if not ((x > 1.0 / FAR) & (x < FAR)).all():
-            raise Unreadable(f"{name} must be positive, and neither tiny nor huge")
-    if not np.isfinite(t).all():
-        raise Unreadable("a number that is not finite")
-    q = np.array([_of_matrix(matrix) for matrix in found["rotations"]])
-    seen = points if points.any() else None
-    return Graph(n, i, j, rotations(q), t, kappa, tau, None, q, points=seen, scales=s, free=free)
+    if len({*names}) < len(names) or others or not required <= found.keys():
+        raise Unreadable("other arrays expected, in a graph of poses or similarities")
+    sizes: dict[str, int] = {"2": 2, "d": claim["d"]}
+    if found["num_nodes"].ndim == 0 and found["num_nodes"].dtype.kind == "i":
+        sizes["n"] = int(found["num_nodes"])
+    for name, values in found.items():
+        dtype, letters = _STATED[name]
+        own = zip(letters, values.shape, strict=False)
+        shape = tuple(sizes.setdefault(letter, size) for letter, size in own)
+        if (values.dtype, values.shape, values.ndim) != (np.dtype(dtype), shape, len(letters)):
+            raise Unreadable(f"the array {name!r} must be {dtype} of shape {letters}")
+    return found
 
 
 def _of_matrix(R: Array) -> tuple[float, ...]:
@@ -678,7 +797,11 @@ class EdgeBounds(NamedTuple):
 
 
 class Rejections(NamedTuple):
-    """Claims min(f_e, c) >= c - kappa |Q - C|^2 - tau |v - b|^2; see `rejections_hold`."""
+    """Claims min(f_e, c) >= c - kappa |Q - C|^2 - tau |v - b|^2; see `rejections_hold`.
+
+    Where graphs have couplings, min(f_e, c) >= k - 2 <N, Q> - tau |v - b|^2, with k in place of
+    kappa and N in place of C; see `coupled_rejections_hold`.
+    """
 
     rejected: Ints  # (k,) numbers of measurements, ascending
     prices: Array  # (k,): c
@@ -724,6 +847,7 @@ class Proof(NamedTuple):
     minorants: EdgeBounds | None = None  # for the cost of g2o
     rejections: Rejections | None = None  # for a truncated cost
     s: Array | None = None  # (n,): the estimate's scales, of similarities
+    tangents: Array | None = None  # (k, 2): see `with_tangents`
 
 
 _OPTIONS: dict[str, tuple[Any, ...]] = {
@@ -790,8 +914,8 @@ def _check_map(claim: dict[str, Any]) -> None:
         raise Unreadable("an origin is a list of d numbers, for priors")
 
 
-def read_proof(archive: Any, claim: dict[str, Any], n: int, m: int = 0) -> Proof:
-    """The arrays of a proof about n nodes and m measurements."""
+def read_proof(archive: Any, claim: dict[str, Any], n: int, m: int = 0, ranges: int = 0) -> Proof:
+    """The arrays of a proof about n nodes, m measurements and some distances."""
     d, poses = claim["d"], claim["kind"] != "rotations"
     b = d + 1 if poses else d
 
@@ -838,6 +962,7 @@ def read_proof(archive: Any, claim: dict[str, Any], n: int, m: int = 0) -> Proof
         minorants=minorants,
         rejections=rejections,
         s=array("scales", "<f8", n) if claim["kind"] == "similarities" else None,
+        tangents=array("tangents", "<f8", ranges, 2) if ranges else None,
     )
     if not np.array_equal(np.sort(proof.order), np.arange(n)):
         raise Refused("order is no permutation")
@@ -863,21 +988,31 @@ def upper_bound(
         _refuse_scales(graph, s)
         (own, e), (step, f) = _in_fractions(s), _in_fractions(graph.scales)
     N, D = exact_rotations(q)
-    (pairs, _), (measured, _), (kappa, unit) = map(integers, (q, graph.q, graph.kappa))
-    # With the scales a of A_j and g of s_ij A_i, |A_j - s_ij A_i R_ij|^2 is d (a - g)^2 plus 8 a g
-    # sin^2 of half the angle between them, whose cosine is that of quaternions.
-    cosine = (_between(pairs[i], pairs[j]) * measured).sum(axis=1)
-    norm = D[i] * D[j] * (measured * measured).sum(axis=1)
-    a, g = own[j] << f, own[i] * step
-    turned = 8 * a * g * (norm - cosine * cosine) + d * (a - g) ** 2 * norm
-    terms, unit = -_floored(-kappa * turned, FINE - 2 * (e + f), norm), unit + FINE
+    if graph.N is None:
+        (pairs, _), (measured, _), (kappa, unit) = map(integers, (q, graph.q, graph.kappa))
+        # With the scales a of A_j and g of s_ij A_i, |A_j - s_ij A_i R_ij|^2 is d (a - g)^2 plus
+        # 8 a g sin^2 of half the angle between them, whose cosine is that of quaternions.
+        cosine = (_between(pairs[i], pairs[j]) * measured).sum(axis=1)
+        norm = D[i] * D[j] * (measured * measured).sum(axis=1)
+        a, g = own[j] << f, own[i] * step
+        turned = kappa * (8 * a * g * (norm - cosine * cosine) + d * (a - g) ** 2 * norm)
+    else:
+        stated, unit = integers(np.c_[graph.N.reshape(m, d * d), graph.kappa])
+        between, norm = np.swapaxes(N[i], 1, 2) @ N[j], D[i] * D[j]
+        along = (stated[:, :-1].reshape(m, d, d) * between).sum(axis=(1, 2))
+        turned = 2 * (d * stated[:, -1] * norm - along)
+    terms, unit = -_floored(-turned, FINE - 2 * (e + f), norm), unit + FINE
     if t is not None:
-        at, exponent = integers(np.concatenate([t, graph.t]))
-        tau, f = integers(graph.tau)
+        arms = np.zeros((0, d)) if graph.arms is None else graph.arms
+        at, exponent = integers(np.concatenate([t, graph.t, arms]))
+        (tau, f), scale = integers(graph.tau), D[i]
         apart = (D[i] << e)[:, None] * (at[j] - at[i])
-        apart -= own[i][:, None] * (N[i] * at[graph.n :, None, :]).sum(axis=2)
+        apart -= own[i][:, None] * (N[i] * at[graph.n : graph.n + m, None, :]).sum(axis=2)
+        if graph.arms is not None:
+            moved = (D[i] * own[j])[:, None] * (N[j] * at[graph.n + m :, None, :]).sum(axis=2)
+            apart, scale = D[j][:, None] * apart + moved, D[i] * D[j]
         squares = tau * (apart * apart).sum(axis=1)
-        others, f = -_floored(-squares, FINE - 2 * (exponent + e), D[i] ** 2), f + FINE
+        others, f = -_floored(-squares, FINE - 2 * (exponent + e), scale**2), f + FINE
         terms, unit = (terms << max(f - unit, 0)) + (others << max(unit - f, 0)), max(unit, f)
     if cut is not None:
         prices, f = integers(cut.prices)
@@ -913,11 +1048,16 @@ def g2o_cost(graph: Graph, q: Array, t: Any) -> float:
     """
     d, n = graph.t.shape[1], graph.n
     (N, D), (M, C) = exact_rotations(q), exact_rotations(graph.q)
-    both, e = integers(np.concatenate([t, graph.t]))
-    at, step = both[:n], both[n:]
-    moved = np.einsum("mab,ma->mb", N[graph.i], at[graph.j] - at[graph.i])
-    moved = np.einsum("mab,ma->mb", M, moved - D[graph.i][:, None] * step)
-    y = _floored(moved, POINT - e, (D[graph.i] * C)[:, None])
+    arms = np.zeros((0, d)) if graph.arms is None else graph.arms
+    both, e = integers(np.concatenate([t, graph.t, arms]))
+    (at, step, arm), scale = np.split(both, [n, n + len(graph.t)]), D[graph.i]
+    apart = at[graph.j] - at[graph.i]
+    if graph.arms is not None:
+        apart = D[graph.j][:, None] * apart + np.einsum("mab,mb->ma", N[graph.j], arm)
+        scale = scale * D[graph.j]
+    moved = np.einsum("mab,ma->mb", N[graph.i], apart)
+    moved = np.einsum("mab,ma->mb", M, moved - scale[:, None] * step)
+    y = _floored(moved, POINT - e, (scale * C)[:, None])
     pairs, measured = integers(q)[0], integers(graph.q)[0]
     between = _between(measured, _between(pairs[graph.i], pairs[graph.j]))
     x, either = _angles(between) if d == 2 else _vector_parts(between)
@@ -1010,12 +1150,15 @@ def minorants_hold(graph: Graph, given: EdgeBounds) -> Bools:
 
     With v = R_i^T (t_j - t_i) and Q = R_i^T R_j. The minimum over y of e^T Omega e - tau |y - y'|^2
     is x^T S x + 2 beta.x + gamma, fractions of integers, rounded down to multiples of 2^-unit.
-    Terms of positions alone are completed by a multiple of |x|^2, which is zero for some Q.
+    Terms of positions alone are completed by a multiple of |x|^2, which is zero for some Q, and
+    those of rotations alone by one of |y|^2, which is zero for some v.
     """
-    (m, d), p, alone = graph.t.shape, graph.information.shape[1], graph.kappa == 0.0
+    (m, d), p = graph.t.shape, graph.information.shape[1]
+    alone, still = graph.kappa == 0.0, graph.tau == 0.0
     full, e = integers(np.c_[graph.information.reshape(m, p * p), given.tau])
     Omega, tau = full[:, :-1].reshape(m, p, p), full[:, -1, None, None]
     Omega[alone, d:, d:] = Omega[alone, :1, :1] * np.eye(p - d, dtype=int)
+    Omega[still, :d, :d] = Omega[still, d : d + 1, d : d + 1] * np.eye(d, dtype=int)
     T, P, W = Omega[:, :d, :d], Omega[:, :d, d:], Omega[:, d:, d:]
     A = T - tau * np.eye(d, dtype=int)
     inverse = _adjugate(A)
@@ -1036,6 +1179,7 @@ def minorants_hold(graph: Graph, given: EdgeBounds) -> Bools:
 
     unit = POINT - math.frexp(float(abs(graph.information).max()))[1]
     unturned = ~(alone & ((given.kappa != 0.0) | given.couplings.any(axis=(1, 2))))
+    unturned &= ~still | (given.tau == 0.0)
     (kappa, constant), ec = integers(np.stack([given.kappa, given.constants]))
     wanted = -_floored(-2 * d * kappa - constant, unit - ec)
     N, en = integers(given.couplings)
@@ -1141,6 +1285,38 @@ def rejections_hold(graph: Graph, given: Rejections) -> Bools:
     return np.asarray(signs & (reached >= (c * turning * moving) << (2 * POINT + 2 * unit)))
 
 
+def coupled_rejections_hold(graph: Graph, given: Rejections) -> Bools:
+    """(k,) which claims are nowhere above the price, nor above terms 2 d kappa - 2 <N_e, Q> + ...
+
+    The least of tau_e |v - t|^2 + tau |v - b|^2 over v is (tau_e || tau) |b - t|^2, as above. What
+    is left is linear in Q.
+    """
+    e, count, d = given.rejected, len(given.rejected), graph.t.shape[1]
+    sizes = [given.prices, given.kappa, graph.kappa[e], graph.tau[e], given.tau]
+    numbers, _ = integers(np.concatenate([*sizes, given.centres.ravel(), graph.N[e].ravel()]))
+    c, k, kappa, tau, move = np.split(numbers[: 5 * count], 5)
+    N, own = np.split(numbers[5 * count :].reshape(2 * count, d, d), 2)
+    (b, t), es = integers(np.stack([given.arms, graph.t[e]]))
+    both = np.where(tau + move == 0, 1, tau + move)
+    squares = ((b - t) * (b - t)).sum(axis=1)
+    between = _floored(tau * move * squares, -2 * es, both)
+    fits = _linear_hold(N, k - c) & _linear_hold(N - own, k - 2 * d * kappa - between)
+    return np.asarray(fits & (c > 0) & (move >= 0))
+
+
+def _linear_hold(N: Any, wanted: Any) -> Bools:
+    """(k,) whether 2 <N, Q> >= wanted for all rotations Q, of integers in one unit.
+
+    In the plane <N, Q> = u cos + v sin; in space it is a quadratic form of unit quaternions.
+    """
+    if N.shape[1] == 2:
+        u, v = N[:, 0, 0] + N[:, 1, 1], N[:, 1, 0] - N[:, 0, 1]
+        return np.asarray((wanted <= 0) & (wanted * wanted >= 4 * (u * u + v * v)))
+    shift, none = 1 << 64, np.zeros_like(N)  # what rounds there is below 2^-58 units
+    touching = np.tile([1.0, 0.0, 0.0, 0.0, 0.0], (len(N), 1))
+    return _spatial_hold(none, none[:, 0], N * shift, touching, wanted * shift, 0)
+
+
 def _centres(given: Rejections) -> Any:
     """Integers (k, d, d): C in units of 2^-POINT, rounded down."""
     C, e = integers(given.centres)
@@ -1153,6 +1329,8 @@ def truncated(graph: Graph, given: Rejections) -> tuple[Graph, Array]:
     kappa |Q - C|^2 is kappa (d + |C|^2) less the coupling, of which 2 d kappa are on the diagonal.
     A measurement without weights is nowhere below zero, and its price does not count.
     """
+    if graph.N is not None:
+        return _truncated_couplings(graph, graph.N, given)
     e, C, d = given.rejected, _centres(given), graph.t.shape[1]
     used = (given.kappa != 0.0) | (given.tau != 0.0)
     if not (rejections_hold(graph, given) | (~used & (given.prices > 0.0))).all():
@@ -1164,6 +1342,62 @@ def truncated(graph: Graph, given: Rejections) -> tuple[Graph, Array]:
     R[e], t[e], weights[0][e], weights[1][e] = C, given.arms, -given.kappa, -given.tau
     below = graph._replace(R=R, t=t, kappa=weights[0], tau=weights[1])
     return below, np.where(used, constants, 0.0)
+
+
+def _truncated_couplings(graph: Graph, couplings: Array, given: Rejections) -> tuple[Graph, Array]:
+    """The same of a graph with couplings."""
+    e, used = given.rejected, given.centres.any(axis=(1, 2)) | (given.tau != 0.0)
+    if not (coupled_rejections_hold(graph, given) | (~used & (given.prices > 0.0))).all():
+        raise Refused("a rejected measurement was not proven to reach its price")
+    N, t, weights = couplings.copy(), graph.t.copy(), [graph.kappa.copy(), graph.tau.copy()]
+    N[e], t[e], weights[0][e], weights[1][e] = given.centres, given.arms, 0.0, -given.tau
+    below = graph._replace(N=N, t=t, kappa=weights[0], tau=weights[1])
+    return below, np.where(used, given.kappa, 0.0)
+
+
+# --- Measured distances ---------------------------------------------------------------------------
+
+
+def ranges_cost(ranges: Ranges, t: Array) -> float:
+    """A double not below sum w (d - |t_j - t_i|)^2, computed in integers.
+
+    With s = |t_j - t_i|^2, terms are w (d^2 + s - 2 d s^(1/2)).
+    """
+    both, e = integers(np.r_[t.ravel(), ranges.distances])
+    at, d = both[: t.size].reshape(t.shape), both[t.size :]
+    w, f = integers(ranges.weights)
+    s = ((at[ranges.j] - at[ranges.i]) ** 2).sum(axis=1)
+    root = np.frompyfunc(math.isqrt, 1, 1)(s << (2 * FINE))  # not above s^(1/2)
+    return _rounded_up((w * (((d * d + s) << FINE) - 2 * d * root)).sum(), f + 2 * e + FINE)
+
+
+def with_tangents(graph: Graph, ranges: Ranges, tangents: Array) -> Graph:
+    """The graph with an edge of weight tau for each distance, of either sign.
+
+    Claims (tau, c) are w (d - s^(1/2))^2 >= tau s + c for all s >= 0. For tau < w the least of the
+    difference is -w d^2 tau / (w - tau) - c, at s^(1/2) = w d / (w - tau).
+    """
+    (w, tau, c), _ = integers(np.stack([ranges.weights, tangents[:, 0], tangents[:, 1]]))
+    (d, *_), e = _in_fractions(np.stack([ranges.distances, ranges.distances]))
+    held = (tau < w) & ((c * (w - tau) << (2 * e)) + w * d * d * tau <= 0)
+    if not held.all():
+        raise Refused("a tangent of a distance was not proven")
+    k, dim = len(w), graph.t.shape[1]
+    none, turns = np.zeros((k, dim)), None
+    if graph.R is not None:
+        one = np.zeros((k, dim, dim), dtype=object)
+        one[:, range(dim), range(dim)] = 1 << POINT
+        turns = np.concatenate([graph.R, one])
+    return graph._replace(
+        i=np.r_[graph.i, ranges.i],
+        j=np.r_[graph.j, ranges.j],
+        R=turns,
+        t=np.concatenate([graph.t, none]),
+        kappa=np.r_[graph.kappa, np.zeros(k)],
+        tau=np.r_[graph.tau, tangents[:, 0]],
+        N=None if graph.N is None else np.concatenate([graph.N, np.zeros((k, dim, dim))]),
+        arms=None if graph.arms is None else np.concatenate([graph.arms, none]),
+    )
 
 
 # --- The certificate matrix -----------------------------------------------------------------------
@@ -1197,7 +1431,9 @@ def certificate_matrix(graph: Graph, proof: Proof) -> Blocks:
     """
     n, d, i, j = graph.n, graph.t.shape[1], graph.i, graph.j
     b = d if proof.t is None else d + 1
-    (kappa, ek), (tau, et), (t, es) = map(integers, (graph.kappa, graph.tau, graph.t))
+    (kappa, ek), (tau, et) = map(integers, (graph.kappa, graph.tau))
+    levers = graph.t if graph.arms is None else np.concatenate([graph.t, graph.arms])
+    (t, arms), es = np.split(integers(levers)[0], [len(i)]), integers(levers)[1]
     Lam, el = integers(proof.multipliers)
     s, ew = (1, 0) if graph.scales is None else _in_fractions(graph.scales)
     N, en = (None, ek + ew + POINT) if graph.N is None else integers(graph.N)
@@ -1223,6 +1459,15 @@ def certificate_matrix(graph: Graph, proof: Proof) -> Blocks:
         np.add.at(diagonal[:, 0, 1:], i, moment)
         diagonal[:, 1:, 0] = diagonal[:, 0, 1:]
         upper[:, 0, 0], upper[:, 1:, 0] = -mass, -moment
+        if graph.arms is not None:
+            arm = tau[:, None] * arms << (unit - et - es)
+            np.add.at(diagonal[:, 0, 1:], j, arm)
+            diagonal[:, 1:, 0] = diagonal[:, 0, 1:]
+            upper[:, 0, 1:] = -arm
+            more = (tau[:, None] * arms << (unit - et - 2 * es))[:, :, None] * arms[:, None, :]
+            np.add.at(diagonal[:, 1:, 1:], j, more)
+            across = (lever << (unit - et - 2 * es))[:, :, None] * arms[:, None, :]
+            upper[:, 1:, 1:] -= across
         lever <<= unit - et - 2 * es
         np.add.at(diagonal[:, 1:, 1:], i, lever[:, :, None] * t[:, None, :])
     for k, (a, c) in enumerate(zip(*np.triu_indices(d), strict=True)):
@@ -1260,7 +1505,10 @@ def _refuse_turned_points(graph: Graph, points: Bools, proof: Proof) -> None:
     turned = graph.kappa != 0.0
     if graph.N is not None:
         turned = turned | graph.N.any(axis=(1, 2))
-    if (points[graph.i] | (points[graph.j] & turned)).any():
+    if graph.arms is not None:
+        turned = turned | graph.arms.any(axis=1)
+    leaving = points[graph.i] & (turned | graph.t.any(axis=1))
+    if (leaving | (points[graph.j] & turned)).any():
         raise Refused("the rotation of a point is measured")
     if proof.multipliers[points].any():
         raise Refused("a point has no rotation, and its multipliers must be zero")
@@ -1799,7 +2047,7 @@ class Answer(NamedTuple):
 
 def prove(graph: Graph, proof: Proof, claims: tuple[Within, ...] = ()) -> Answer:
     """Both bounds; raises `Refused` if they, or the claims, are not proven."""
-    given, constants = proof.minorants, np.zeros(0)
+    given, constants, of_couplings = proof.minorants, np.zeros(0), graph.N is not None
     if given is None:
         upper = upper_bound(graph, proof.q, proof.t, proof.rejections, proof.s)
         if proof.rejections is not None:
@@ -1809,6 +2057,11 @@ def prove(graph: Graph, proof: Proof, claims: tuple[Within, ...] = ()) -> Answer
         if not minorants_hold(graph, given).all():
             raise Refused("a minorant was not proven, or that information is positive definite")
         graph, constants = surrogate(graph, given), given.constants
+    if graph.ranges is not None and proof.tangents is not None and proof.t is not None:
+        of_ranges = ranges_cost(graph.ranges, proof.t)
+        upper = math.nextafter(upper + of_ranges, math.inf)
+        graph = with_tangents(graph, graph.ranges, proof.tangents)
+        constants = np.r_[constants, proof.tangents[:, 1]]
     lower = lower_bound(graph, proof.multipliers, constants)
     blocks, panels = certificate_matrix(graph, proof), list[Panel]()
     kept = panels if claims else None
@@ -1821,7 +2074,8 @@ def prove(graph: Graph, proof: Proof, claims: tuple[Within, ...] = ()) -> Answer
         N, unit = unscaled(graph, blocks, G)
         # For any estimate y that costs at most U: |X - Y| <= |X| + |Y|, |X|^2 = F(x) - L <= U - L.
         refuse_farther(graph, proof.pin, N, unit, 4 * (Fraction(upper) - Fraction(lower)), claims)
-    return Answer(upper, max(lower, 0.0), within=claims)
+    # Terms of couplings are 2 d kappa less what may be more.
+    return Answer(upper, lower if of_couplings else max(lower, 0.0), within=claims)
 
 
 def lower_bound(graph: Graph, multipliers: Array, constants: Array) -> float:
@@ -1897,7 +2151,8 @@ def checked(proof_path: str | Path, measured: Callable[[dict[str, Any]], Graph])
                 raise Unreadable(f"{proof_path}: its arrays must not be compressed")
             claim = read_claim(archive)
             graph = measured(claim)
-            proof = read_proof(archive, claim, graph.n, len(graph.i))
+            ranges = 0 if graph.ranges is None else len(graph.ranges.i)
+            proof = read_proof(archive, claim, graph.n, len(graph.i), ranges)
             given = claim.get("within", [])
             claims = tuple(Within(**one, reference=graph.ids[proof.pin]) for one in given)
     except (Refused, Unreadable):
@@ -1932,6 +2187,8 @@ def _about(graph: Graph, claim: dict[str, Any], cut: Rejections | None = None) -
     if claim.get("landmarks"):
         said.append(f"with {0 if graph.points is None else int(graph.points.sum())} landmarks")
     said += [f"with {graph.priors} priors"] * bool(claim.get("priors"))
+    if graph.ranges is not None:
+        said.append(f"and squared errors of {len(graph.ranges.i)} distances")
     said += ["numbers read as information"] * any(map(claim.get, ("landmarks", "priors")))
     added = claim["keep"] == "all"
     said.append("parallel edges added" if added else f"only the {claim['keep']} of parallel edges")

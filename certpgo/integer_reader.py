@@ -414,7 +414,7 @@ def of_matrix(M: Sequence[int]) -> Quaternion:
 def read_graph(text: bytes, claim: dict[str, Any], kept: set[int] | None) -> Graph:
     """The measurements that F is made of."""
     similar = claim.get("kind") == "similarities"
-    if similar and text.startswith(b"PK"):
+    if text.startswith(b"PK"):
         return read_archive(text, claim)
     edges, points = with_own_ids(list(read_edges(text, claim)))
     if kept is not None:
@@ -463,8 +463,8 @@ _UNUSED = {
 
 def read_archive(data: bytes, claim: dict[str, Any]) -> Graph:
     """The similarities in an archive of arrays."""
-    given = [claim[name] for name in ("keep", "kappa", "tau", "rotation_information")]
-    if given != ["all", None, None, "tangent"]:
+    given = [claim[name] for name in ("kind", "keep", "kappa", "tau", "rotation_information")]
+    if given != ["similarities", "all", None, None, "tangent"]:
         raise Unreadable("an archive of similarities is read as it is, without options")
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:

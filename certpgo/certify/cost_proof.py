@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import cast
-
 import numpy as np
 
 from certpgo import checker
 from certpgo.errors import NumericalError
+from certpgo.graph.edges import polar_factors
 from certpgo.graph.phrases import counted
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.minorants import Minorants
-from certpgo.objective.objective import Surrogate
 
 #: Shares of an edge's weights by which its constant is lowered until the checker accepts it.
 LOWER = tuple(4.0**k for k in range(-27, -11))
@@ -19,17 +17,18 @@ LOWER = tuple(4.0**k for k in range(-27, -11))
 NOTHING = -(2.0**-140)
 
 
-def claimed(graph: checker.Graph, below: Surrogate, tested: bool = True) -> checker.EdgeBounds:
-    """The minorants of a surrogate with constants that the checker accepts, or might, if untested.
+def claimed(graph: checker.Graph, minorants: Minorants, tested: bool = True) -> checker.EdgeBounds:
+    """Minorants of a graph's edges with constants that the checker accepts, or might, if untested.
 
     Raises
     ------
     NumericalError
         There are none for some measurement.
     """
-    minorants, kappa = cast("Minorants", below.minorants), below.problem.graph.kappa
     kept = minorants.exist
     found = minorants.subset(kept)
+    # What the checker has on the diagonal; any number would do.
+    kappa = np.trace(polar_factors(found.N)[1], axis1=1, axis2=2) / graph.t.shape[1]
     m, d = graph.t.shape
     touching = np.zeros((len(found.tau), 0)) if found.touching is None else found.touching
 

@@ -116,7 +116,8 @@ class NormalizedProblem(Generic[AnyObjective]):
 
     def cost_upper(self, estimate: Estimate) -> float:
         """The cost of the estimate, rounded up: F in exact arithmetic at the proof tier."""
-        if self.tier is Tier.PROOF and self.problem.is_chordal:
+        chordal = self.problem.is_chordal and not self.problem.graph.has_couplings
+        if self.tier is Tier.PROOF and chordal:
             from certpgo.certify.proof import exact_cost
 
             return exact_cost(self.problem.chordal, self.exact, estimate)

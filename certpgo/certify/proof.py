@@ -18,7 +18,6 @@ import numpy as np
 from certpgo import checker
 from certpgo.certify.dual import DualBound
 from certpgo.certify.multipliers import Shifted
-from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Point
 from certpgo.io.exact import quaternion
@@ -333,15 +332,7 @@ class _Found:
 
 
 def exact_graph(problem: Quadratic) -> checker.Graph:
-    """The problem's measurements as the checker represents them.
-
-    Raises
-    ------
-    NumericalError
-        Some have arms at their second pose, which it cannot represent.
-    """
-    if problem.graph.arms is not None:
-        raise NumericalError("the checker knows no arms at second poses")
+    """The problem's measurements as the checker represents them."""
     graph = problem.rotation.graph
     (i, j), m = graph.edges.T.astype(np.intp), graph.num_edges
     t, tau, points = np.zeros((m, graph.d)), np.ones(m), None
@@ -353,6 +344,7 @@ def exact_graph(problem: Quadratic) -> checker.Graph:
         q = quaternions(graph.rotations)
         R = checker.rotations(q)
     exact = checker.Graph(graph.num_nodes, i, j, R, t, graph.kappa, tau, N, q, points=points)
+    exact = exact._replace(arms=problem.graph.arms)
     if problem.takes_scales:
         of = cast("Any", problem.graph)
         return exact._replace(scales=of.scales, free=of.free)

@@ -23,6 +23,10 @@ Version 4 is about similarities, in a g2o file or an .npz file, and has the esti
 
     scales        (n,), 1 where known
 
+Where an .npz file has distances, their tangents are those of ``with_tangents`` in the checker:
+
+    tangents      (k, 2) weight and constant of each
+
 The claim of any but version 4 may say how far optima are, as ``within``: then the pose that is
 pinned is eliminated last.
 """
@@ -39,14 +43,16 @@ from certpgo import checker
 from certpgo.errors import FormatError, InputError, NumericalError, require_path
 from certpgo.graph import Graph, Instance
 from certpgo.graph.held import HELD
+from certpgo.graph.kinds import places_world
+from certpgo.graph.ranges import Ranges
 from certpgo.io.compressed import is_compressed
 from certpgo.io.format import format_of
 from certpgo.io.pipes import readable
 from certpgo.objective import choose_cost as costs
 
 #: Formats that the checker can read, of poses and of similarities, and what they are called.
-FORMATS = {False: ("g2o", "1dsfm"), True: ("sim3", "npz")}
-CALLED = {False: "a g2o or 1DSfM file", True: "a g2o or .npz file"}
+FORMATS = {False: ("g2o", "1dsfm", "npz"), True: ("sim3", "npz")}
+CALLED = {False: "a g2o, .npz or 1DSfM file", True: "a g2o or .npz file"}
 
 
 class RefusedProof(NumericalError, checker.Refused):  # noqa: N818 - the condition is the name
@@ -110,8 +116,6 @@ def provable(source: str | Path, instance: Instance, cost: str | None = None) ->
         have priors.
     """
     path = Path(source)
-    for block in instance.graph.blocks:
-        raise InputError(f"{path}: a proof is not about measured {block.kind.plural}")
     form, similar = format_of(path).name, instance.graph.has_scales
     if form not in FORMATS[similar]:
         said = f"{path}: a proof is about {CALLED[similar]}, not {form}"
@@ -147,24 +151,24 @@ def claim_and_graph(
 ) -> tuple[dict[str, Any], checker.Graph]:
     """The subject of the proof (hashes, kind, reading options), and the graph the checker reads."""
     similar = instance.graph.has_scales
-    if not instance.graph.has_positions and _map_of(instance):
-        said = "a proof about rotations alone is of a graph without priors (--no-priors)"
+    archived = format_of(source).name == "npz"
+    if not instance.graph.has_positions and (archived or _map_of(instance)):
+        said = "a proof about rotations alone is of a text file, without priors (--no-priors)"
         raise InputError(f"{instance.source}: {said}")
     for block in instance.graph.blocks:
-        raise InputError(f"{source}: a proof is not about measured {block.kind.plural}")
+        if similar or type(block) is not Ranges:
+            raise InputError(f"{source}: a proof is not about measured {block.kind.plural}")
     # What an archive says of options is how its numbers came about: they are read as they are.
-    options = {} if similar and format_of(source).name == "npz" else instance.options
+    options = {} if archived else instance.options
     if (stated := options.get("weights_are", "information")) != "information":
         said = f"a proof is about a file of information matrices, and {source} is read as {stated}"
         raise InputError(f"{said}: certpgo convert writes a g2o file with information matrices")
     if "also" in options:
         said = "a proof is about one file: certpgo convert with --also writes one of all"
         raise InputError(f"{source}: {said}")
-    if options.get("fixed") == HELD:
-        said = "the checker holds no nodes that a file fixes"
-        raise InputError(f"{said}: certpgo solve --no-fixed releases them")
-    if instance.graph.assumed is not None:
-        raise InputError("the checker takes attitudes with positions, of which there are none")
+    if options.get("fixed") == HELD or instance.released is not None:
+        said = "the checker holds no nodes that a file fixes: certpgo convert --constraints writes"
+        raise InputError(f"{said} an .npz file that does; certpgo solve --no-fixed releases them")
     file = source / "EGs.txt" if source.is_dir() else source
     component = file.with_name("cc.txt")
     restricted = file.name == "EGs.txt" and component.is_file()
@@ -182,7 +186,8 @@ def claim_and_graph(
         "rotation_information": options.get("rotation_information", "tangent"),
         "kappa": kappa,
         "tau": tau,
-        **({} if similar else _map_of(instance)),
+        **({} if similar or archived else _map_of(instance)),
+        **({} if archived else _placed(instance.graph)),
     }
     if cost is not None:
         meant = costs.COSTS[cost].rotation_information if instance.graph.d == 3 else "tangent"
@@ -195,22 +200,39 @@ def claim_and_graph(
         said = f"a proof is about a whole file: {source} connects {graph.n} nodes, the graph has"
         n = instance.graph.num_nodes
         raise InputError(f"{said} {n}; write that part to a file of its own")
-    if instance.graph.has_scales and not _is_read(graph, instance.graph):
+    if len(graph.i) != instance.graph.num_edges:
+        said = f"the checker reads {len(graph.i)} measurements, the graph has"
+        raise InputError(f"{source}: {said} {instance.graph.num_edges}")
+    if (similar or archived) and not _is_read(graph, instance.graph):
         said = "the graph is not that of the file: write it to an .npz file of its own"
         raise InputError(f"{source}: {said}")
     return claim, graph
 
 
 def _is_read(exact: checker.Graph, graph: Graph) -> bool:
-    """Whether the checker reads these similarities, but for rounding."""
-    R = np.ldexp(exact.R.astype(np.float64), -checker.POINT)
-    measured = exact.t, exact.scales, exact.kappa, exact.tau, R
-    flags = (exact.free, ~exact.poses)
-    own = graph.translations, graph.scales, graph.kappa, graph.tau, graph.rotations
+    """Whether the checker reads this graph, but for rounding."""
+    m, R = graph.num_edges, np.ldexp(exact.R.astype(np.float64), -checker.POINT)
+    scales = np.ones(m) if exact.scales is None else exact.scales
+    free = np.zeros(graph.num_nodes, dtype=bool) if exact.free is None else exact.free
+    arms = np.zeros_like(exact.t) if exact.arms is None else exact.arms
+    measured = exact.t, scales, exact.tau, R, arms
+    own = graph.translations, graph.scales, graph.tau, graph.rotations, graph.own_arms
+    # Terms of couplings are 2 d kappa - 2 <N, Q> there.
+    weights = exact.kappa, np.trace(graph.polar[1], axis1=1, axis2=2) / graph.d
+    coupled: list[tuple[Any, Any]] = [] if exact.N is None else [(exact.N, graph.couplings)]
+    if (ranges := graph.ranges) is not None and exact.ranges is not None:
+        of = exact.ranges
+        coupled += [(np.stack([of.i, of.j], axis=1), ranges.edges)]
+        coupled += [(of.distances, ranges.distances), (of.weights, ranges.weights)]
     return (
-        np.array_equal(np.stack([exact.i, exact.j], axis=1), graph.edges)
-        and np.array_equal(np.array(flags), np.array([graph.free, graph.is_point]))
-        and all(np.allclose(*pair, 1e-12, 1e-12) for pair in zip(measured, own, strict=True))
+        (exact.ranges is None) == (ranges is None)
+        and np.array_equal(np.stack([exact.i, exact.j], axis=1), graph.edges)
+        and np.array_equal(np.array([free, ~exact.poses]), np.array([graph.free, graph.is_point]))
+        and (exact.N is None) == (graph.couplings is None)
+        and all(
+            np.allclose(*pair, 1e-12, 1e-12)
+            for pair in [*zip(measured, own, strict=True), weights, *coupled]
+        )
     )
 
 
@@ -223,6 +245,12 @@ def _map_of(instance: Instance) -> dict[str, Any]:
         origin = instance.origin
         said |= {"priors": True, "origin": None if origin is None else origin.tolist()}
     return said
+
+
+def _placed(graph: Graph) -> dict[str, float]:
+    """The weight of the edge that puts a world somewhere; nothing without one."""
+    placing = graph.tau[places_world(graph)]
+    return {"placing": float(placing[0])} if len(placing) else {}
 
 
 def _overridden(weights: str) -> tuple[float | None, float | None]:
@@ -246,7 +274,7 @@ def arrays_of(proof: checker.Proof) -> dict[str, Any]:
         "order": proof.order.astype("<i4"),
         "delta": proof.delta.astype("<f4"),
     }
-    optional = {"translations": proof.t, "scales": proof.s}
+    optional = {"translations": proof.t, "scales": proof.s, "tangents": proof.tangents}
     arrays |= {name: array for name, array in optional.items() if array is not None}
     if proof.minorants is not None:
         arrays |= proof.minorants._asdict()

@@ -26,6 +26,7 @@ EXAMPLES = (
     "certpgo convert graph.g2o graph.npz",
     "certpgo convert solution.g2o solution.tum --estimate",
     "certpgo convert estimate.tum estimate.g2o --graph graph.g2o",
+    "certpgo convert graph.g2o held.npz --constraints",
 )
 
 
@@ -74,6 +75,13 @@ def command(
         bool,
         typer.Option("--isotropic", help="Write the weights of F, not full information matrices."),
     ] = False,
+    constraints: Annotated[
+        bool,
+        typer.Option(
+            "--constraints",
+            help="Write fixed nodes as the constraints that hold them (.npz), for proofs.",
+        ),
+    ] = False,
     *,
     reading: Reading,
 ) -> None:
@@ -91,6 +99,10 @@ def command(
     if not estimate and out.write_graph is not None and format_of(path).read_graph is not None:
         with suppress(NoMeasurements):
             converted = _as_written(given, reading)
+            if constraints:
+                # Without what it was before, it is written as it is.
+                held = reading.open(given, notices=False, operation=None)
+                converted = replace(held, released=None)
             for name, value in (("--anchor", anchor), ("--graph", graph)):
                 if value is not None:
                     raise InputError(

@@ -78,10 +78,11 @@ OPERATIONS = {
         "directions do", ("scales",), of_scales="their terms would measure scales, too"
     ),
     "joint graph": Operation("a joint graph does", ()),
-    "loop closures": Operation(
-        "a choice of loop closures does", ("scales",), of_scales="it is made by rotations alone"
+    "loop closures": Operation("a choice of loop closures does", ()),
+    "merge": Operation("certpgo merge does", ("inertial",), _FULLY),
+    "robust merge": Operation(
+        "certpgo merge --robust does", _UNSTREAMED, "it does without", _NO_LAW
     ),
-    "merge": Operation("certpgo merge does", _UNSTREAMED, _FULLY, _NO_LAW),
     "session": Operation("a session does", ("inertial",), _FULLY),
     "robust session": Operation("a robust session does", _UNSTREAMED, _FULLY, _NO_LAW),
     "follow": Operation("certpgo follow does", ("inertial",), _FULLY),
@@ -91,7 +92,7 @@ OPERATIONS = {
         ("scales",),
         of_scales="what is below a term grows with the scale of a node, beyond any price",
     ),
-    "compare": Operation("a comparison does", ("scales",), _FULLY, _OF_POSES),
+    "compare": Operation("a comparison does", ()),
     "bounds": Operation("this command does", ("scales",), _FULLY, _OF_POSES),
     "kernel": Operation(
         "a robust kernel does",
@@ -109,7 +110,9 @@ OPERATIONS = {
     "method": Operation(
         "--method does", (*_BLOCKS, "scales"), "certpgo solve does without", _OF_POSES
     ),
-    "proof": Operation("--proof does", _BLOCKS),
+    "proof": Operation(
+        "--proof does", ("own kinds", "inertial"), "the checker does not know what these cost"
+    ),
     "outliers": Operation("certpgo outliers does", _UNSTREAMED, _FULLY, _NO_LAW),
     "covariances": Operation("--covariances do", ("scales",), of_scales=_NO_LAW),
     "regions": Operation("--regions do", ("scales",), of_scales=_NO_LAW),

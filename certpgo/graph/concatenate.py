@@ -33,8 +33,8 @@ def joined(
     Raises
     ------
     GraphError
-        They are of different dimensions or kinds, or only some have couplings, or a node's scale is
-        unknown in one and known in another.
+        They are of different dimensions or kinds, or a node's scale is unknown in one and known in
+        another.
     """
     require_one_make(map(make_of, graphs))
     own = nodes or [np.arange(graph.num_nodes) for graph in graphs]
@@ -62,7 +62,7 @@ def joined(
         kappa=rows("kappa"),
         translations=rows("translations"),
         tau=rows("tau"),
-        couplings=rows("couplings") if graphs[0].has_couplings else None,
+        couplings=rows("coupled") if any(graph.has_couplings for graph in graphs) else None,
         arms=joined_arms(graphs, graphs[0].d),
         scales=rows("scales"),
         assumed=_flags([graph.assumed for graph in graphs], graphs),
@@ -81,8 +81,7 @@ def require_one_make(makes: Iterable[str]) -> None:
 
 def make_of(graph: Graph) -> str:
     """What it measures, such as ``poses in 3D``: only graphs of one make can be joined."""
-    said = f"{'poses' if graph.has_positions else 'rotations'} in {graph.d}D"
-    return f"{said} with couplings" if graph.has_couplings else said
+    return f"{'poses' if graph.has_positions else 'rotations'} in {graph.d}D"
 
 
 def _unknown_scales(

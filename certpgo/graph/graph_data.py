@@ -307,6 +307,13 @@ class GraphData(Pairs):
         return polar_factors(self.couplings)
 
     @property
+    def coupled(self) -> FloatArray:
+        """(m, d, d) couplings N: kappa R_ij where edges are isotropic."""
+        if self.couplings is None:
+            return np.asarray(self.kappa[:, None, None] * self.rotations)
+        return self.couplings
+
+    @property
     def own_arms(self) -> FloatArray:
         """(m, d) arms, zeros where there are none."""
         return np.zeros((self.num_edges, self.d)) if self.arms is None else self.arms

@@ -44,13 +44,16 @@ def mounted(graph: Graph, edges: IntArray, first: Frames, second: Frames) -> Gra
 
     Parameters
     ----------
-    graph : isotropic; between frames that are each on a node
+    graph : between frames that are each on a node
     edges : (m, 2) the nodes that carry the frames
     first, second : where those of the first and second nodes are
     """
     A, B = first.rotations, second.rotations
     R = A @ graph.rotations @ np.swapaxes(B, 1, 2)
-    moved = replace(graph, edges=edges, rotations=R)
+    N = graph.couplings
+    if N is not None:
+        N = A @ N @ np.swapaxes(B, 1, 2)
+    moved = replace(graph, edges=edges, rotations=R, couplings=N)
     if not graph.has_positions:
         return moved
     arms = second.translations

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -188,9 +187,6 @@ def with_directions(
     weights = broadcast(kappa, k)
     pairs = np.stack([place, nodes], axis=1)
     check_weights("kappa", weights, pairs)
-    if not graph.has_couplings:
-        coupled = graph.kappa[:, None, None] * graph.rotations
-        graph = replace(graph, couplings=coupled, information=None)
     seen_by = of_couplings(
         graph.num_nodes + added,
         pairs,
@@ -223,12 +219,10 @@ def placing(graph: Graph, world: int) -> Graph:
     known = (of_world & moved).any() or measures_from(graph, world)
     if known or not of_world.any() or not moved.any():
         return graph
-    d, none = graph.d, graph.couplings
-    if none is not None:
-        none = np.zeros((1, d, d))
+    d = graph.d
     edge, still, is_so = graph.edges[of_world][:1], np.eye(d)[None], np.array([True])
     tau = np.median(graph.tau[moved])
-    place = RotationGraph(graph.num_nodes, edge, still, np.zeros(1), none)
+    place = RotationGraph(graph.num_nodes, edge, still, np.zeros(1))
     put = PoseGraph(place, np.zeros((1, d)), np.array([tau]), None, graph.is_point, is_so, is_so)
     put = stated_by(graph, put)
     return joined([graph, put], graph.num_nodes, graph.is_point)
@@ -240,8 +234,8 @@ def measures_from(graph: Graph, node: int) -> bool:
 
 
 def stated_by(graph: Graph, part: Graph) -> Graph:
-    """A part for a graph, with information matrices if that has some."""
-    if (own := graph.information) is None:
+    """A part for a graph, with information matrices if that has some, and these can state it."""
+    if (own := graph.information) is None or part.has_couplings:
         return part
     return part.with_information(own.stating(part.kappa, part.tau))
 

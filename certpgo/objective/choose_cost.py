@@ -12,6 +12,7 @@ from certpgo.errors import InputError, SpecError, refuse, require
 from certpgo.graph import Graph, Instance
 from certpgo.graph.capabilities import lacking
 from certpgo.graph.dataset import graph_of
+from certpgo.graph.information import Information
 from certpgo.graph.priors import require_determined, require_held
 from certpgo.objective.costs import CHORDAL, COSTS
 from certpgo.objective.costs.chordal import ChordalCost
@@ -75,8 +76,8 @@ def _takes(graph: Graph, cost: str, *, more: bool = False) -> bool:
     """Whether a graph has what the cost needs: of F alone, no definite information matrices."""
     if cost == CHORDAL:
         return True
-    if not graph.has_positions:
-        return False
+    if graph.information is None:
+        return not (graph.has_positions or graph.has_couplings)
     return bool(graph.is_definite.all()) and not _unknown_to(cost, graph, more=more)
 
 
@@ -227,7 +228,9 @@ def source_of(posed: object) -> str:
 
 
 def informed(measured: Graph | Instance, cost: str) -> Graph:
-    """The graph, if it has poses and their information matrices.
+    """The graph, if it has the information matrices of its edges.
+
+    Of rotations alone kappa states them, as a variance of the turn about each axis does.
 
     Raises
     ------
@@ -237,6 +240,11 @@ def informed(measured: Graph | Instance, cost: str) -> Graph:
     graph = graph_of(measured)
     if graph.information is not None:
         return graph
+    if not (graph.has_positions or graph.has_couplings):
+        about = COSTS[cost].rotation_information
+        return graph.with_information(
+            Information.isotropic(graph.kappa, 0.0 * graph.kappa, graph.d, None, about)
+        )
     if graph is measured and graph.has_positions:
         given = "graph.with_information(matrices) of every edge"
         raise InputError(f"cost={cost!r} needs information: {given}")
@@ -247,8 +255,6 @@ def informed(measured: Graph | Instance, cost: str) -> Graph:
 
 def _lack(graph: Graph, options: Mapping[str, str]) -> str:
     """Why a graph, read with these options, has no information matrices."""
-    if not graph.has_positions:
-        return "these are rotations alone"
     if options.get("weights", "file") != "file":
         return "other weights were chosen"
     if options.get("rotation_information") == "rpy":

@@ -80,7 +80,7 @@ def _data_matrix_of_pairs(pattern: BlockPattern, graph: Any, sums: operators.Nod
     upper = np.zeros((graph.num_edges, 4, 4))
     upper[:, :2, :2] = -half[:, None, None] * of_positions
     upper[:, 2:, :2] = -lever
-    upper[:, 2:, 2:] = -_turning(operators.coupled(graph))
+    upper[:, 2:, 2:] = -_turning(graph.coupled)
     if graph.arms is not None:
         arms = _pairs(graph.arms)
         first += scatter_sum(j, half[:, None, None] * np.swapaxes(arms, 1, 2), n)

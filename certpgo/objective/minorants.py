@@ -52,12 +52,14 @@ class Minorants(Brief):
 
     def replaced(self, chosen: BoolArray, others: Minorants) -> Minorants:
         """The same with others, as many as are chosen, at the chosen edges."""
-        both = []
+        both = {}
         for name in ("tau", "a", "b", "N", "constant"):
-            values = getattr(self, name).copy()
-            values[chosen] = getattr(others, name)
-            both.append(values)
-        return Minorants(*both)
+            both[name] = getattr(self, name).copy()
+            both[name][chosen] = getattr(others, name)
+        if self.touching is not None:
+            both["touching"] = self.touching.copy()
+            both["touching"][chosen] = 0.0 if others.touching is None else others.touching
+        return Minorants(**both)
 
     def summed(self, measured: Graph, *, is_signed: bool = False) -> tuple[Graph, float]:
         """The graph of poses, and the constant, that add up to those of ``measured``.
@@ -67,6 +69,8 @@ class Minorants(Brief):
         is_signed : whether tau may be negative
         """
         rotation, constant = self.summed_rotations(measured)
+        if not measured.has_positions:
+            return rotation, constant
         armed = self.a if self.a.any() else None
         graph = PoseGraph(rotation, self.b, self.tau, armed, measured.is_point, is_signed=is_signed)
         return replace(graph, nodes=measured.nodes) if measured.has_others else graph, constant

@@ -47,13 +47,6 @@ def spread(graph: Graph) -> FloatArray:
     return scatter_sum(i, K_left, n) + scatter_sum(j, K, n)
 
 
-def coupled(graph: Graph) -> FloatArray:
-    """(m, d, d) couplings N: kappa R_ij where edges are isotropic."""
-    if graph.couplings is None:
-        return np.asarray(graph.kappa[:, None, None] * graph.rotations)
-    return graph.couplings
-
-
 def moments(graph: Graph) -> tuple[FloatArray, FloatArray]:
     """(n, d) and (n, d, d) first and second moments, weighted by tau, of the arms at each node."""
     n, (i, j) = graph.num_nodes, graph.edges.T
@@ -75,7 +68,7 @@ def connection_laplacian(blocks: BlockPattern, graph: Graph, shift: float = 0.0)
     Eriksson et al. blkdiag(deg I) - Rtilde, eq. 9. F(R) = tr(R L R^T). Of general edges, the
     polar factors and -N.
     """
-    return blocks.assemble(spread(graph) + shift * np.eye(graph.d), -coupled(graph))
+    return blocks.assemble(spread(graph) + shift * np.eye(graph.d), -graph.coupled)
 
 
 def data_matrix(blocks: BlockPattern, graph: Graph, sums: NodeSums) -> CSC:
@@ -93,7 +86,7 @@ def data_matrix(blocks: BlockPattern, graph: Graph, sums: NodeSums) -> CSC:
     upper[:, 0, 0] = -tau
     # Rotation of i against translation of j.
     upper[:, 1:, 0] = -tau[:, None] * graph.translations
-    upper[:, 1:, 1:] = -coupled(graph)
+    upper[:, 1:, 1:] = -graph.coupled
     if graph.arms is not None:
         upper[:, 0, 1:] = -tau[:, None] * graph.arms
         upper[:, 1:, 1:] += upper[:, 1:, :1] * graph.arms[:, None, :]

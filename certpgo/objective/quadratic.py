@@ -151,9 +151,7 @@ class Quadratic(EdgeOperators):
         """Why there are no proofs of the cost; empty if there are."""
         if self.graph.has_others:
             return "the proof tier knows no nodes of other kinds than the graph's own"
-        others = "edges with matrix weights, couplings or arms"
-        said = f"the proof tier is for isotropic weights, not for {others}"
-        return said if self.graph.has_matrix_weights else ""
+        return ""
 
     def check(self, estimate: Estimate) -> None:
         """Refuse an estimate of another graph, or one whose known scales are others."""

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
 from certpgo.errors import refuse
-from certpgo.graph import Estimate, Graph
+from certpgo.graph import Graph
 from certpgo.graph.capabilities import lacking
 from certpgo.graph.scale import Scale
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
@@ -17,7 +18,7 @@ from certpgo.objective.costs.chordal import ChordalCost
 from certpgo.objective.kernels import AppliedKernel
 from certpgo.objective.marginalized import isotropic_below
 from certpgo.objective.minorants import Minorants
-from certpgo.objective.objective import Surrogate
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.robust_minorants import robust_minorants
 from certpgo.objective.sum import Sum
 from certpgo.objective.term import Term
@@ -38,6 +39,7 @@ class Robust(Term):
     term: Term
     kernel: AppliedKernel
     below: Graph | None
+    has_whole_arms: ClassVar[bool] = True
 
     @property
     def edges(self) -> IntArray:
@@ -172,22 +174,17 @@ class RobustSum(Sum):
         """None: there are no values at points of higher rank."""
         return None
 
-    def surrogate_of(self, minorants: Minorants) -> Surrogate:
-        """The problem of minorants of all measurements, see `Sum.surrogate_of`."""
-        kept = minorants.exist
-        if self.has_positions or not self.graph.with_edges(kept).is_connected:
-            return super().surrogate_of(minorants)
-        form = replace(self.chordal, is_part=True)
+    @cached_property
+    def form_of_sums(self) -> Quadratic:
+        """The problem whose pattern surrogates share, of any sign."""
+        form = replace(self.chordal, is_part=not self.has_positions)
         form.__dict__["analyses"] = self.chordal.analyses
-        general, constant = minorants.subset(kept).summed_rotations(self.graph.with_edges(kept))
-        return Surrogate(form.of_same_edges(general), constant, minorants)
+        return form
 
-    def _summed(self, found: Minorants, chosen: BoolArray) -> tuple[Graph, float]:
-        return found.subset(chosen).summed(self.graph.with_edges(chosen), is_signed=True)
-
-    def residual_lengths(self, estimate: Estimate) -> FloatArray | None:
-        """(m,) as of sums; None of rotations alone."""
-        return super().residual_lengths(estimate) if self.has_positions else None
+    def summed(self, found: Minorants, chosen: BoolArray) -> tuple[Graph, float]:
+        """Edges and a constant that add up to the chosen minorants (m,)."""
+        found, graph = found.subset(chosen), self.graph.with_edges(chosen)
+        return found.summed(graph, is_signed=self.has_positions)
 
     def relaxed(self) -> RobustSum | None:
         """With lower costs of relative poses, as without the kernel."""

@@ -207,7 +207,7 @@ class SimilaritySum(Sum):
         constant = np.where(of_edges, 0.0, fits)
         return super().surrogate_of(replace(minorants, constant=constant))
 
-    def _summed(self, found: Minorants, chosen: BoolArray) -> tuple[Graph, float]:
+    def summed(self, found: Minorants, chosen: BoolArray) -> tuple[Graph, float]:
         """The edges of F, and those of the chosen minorants of blocks; the sum of constants."""
         of_rows = chosen & (np.arange(len(chosen)) >= self._m)
         tau = np.where(of_rows, found.tau, self.graph.tau)

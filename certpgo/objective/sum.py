@@ -185,14 +185,19 @@ class Sum(Objective):
         if not kept.all() and not (kept.any() and graph.with_edges(kept).is_connected):
             raise NumericalError("measurements with minorants do not connect the graph")
         frozen = kept & ~self.lifted if self.measured.blocks else kept
-        general, constant = self._summed(found, frozen)
+        general, constant = self.summed(found, frozen)
         ranges = self.measured.ranges
         if frozen.all() or ranges is None or not len(self._distances):
-            return Surrogate(self.chordal.of_same_edges(general), constant, minorants)
+            return Surrogate(self.form_of_sums.of_same_edges(general), constant, minorants)
         below = LiftedDistances(general.with_blocks(ranges), self.engine, self.chordal.roundings)
         return Surrogate(below, constant, minorants)
 
-    def _summed(self, found: Minorants, chosen: BoolArray) -> tuple[Graph, float]:
+    @property
+    def form_of_sums(self) -> Quadratic:
+        """The problem whose pattern surrogates share."""
+        return self.chordal
+
+    def summed(self, found: Minorants, chosen: BoolArray) -> tuple[Graph, float]:
         """A graph and a constant that add up to the chosen minorants (m,)."""
         graph, signed = self.graph, bool(self.measured.blocks)
         if not chosen.all():
@@ -241,13 +246,8 @@ class Sum(Objective):
     @property
     def unprovable(self) -> str:
         """Why there are no proofs of the cost; empty if there are."""
-        if self.measured.blocks:
-            return f"the proof tier is not for {self.title}"
-        if self.graph.has_others or self.graph.arms is not None:
-            return self.chordal.unprovable
-        if self.between.provable:
-            return ""
-        return f"proofs and their tier are for the chordal cost and g2o's, not for {self.title}"
+        said = f"the proof tier is not for {self.title}, whose minorants are rounded"
+        return said if self.chordal.roundings else self.chordal.unprovable
 
     @property
     def numbers(self) -> tuple[IntArray, IntArray]:
@@ -319,7 +319,9 @@ class Sum(Objective):
         return enclosures_of(self.terms, estimate)
 
     def residual_lengths(self, estimate: Estimate) -> FloatArray | None:
-        """(m,) norms of t_j - t_i - R_i t_ij, then of other residuals that are lengths, metres."""
+        """(m,) norms of t_j - t_i - R_i t_ij, then of other lengths, metres; None without any."""
+        if not self.has_positions:
+            return None
         m = self.measured.num_edges
         lengths = cast("FloatArray", self.chordal.residual_lengths(estimate))
         for rows, term in self.terms:
@@ -393,8 +395,6 @@ class Sum(Objective):
         bad, information = int((~self.of_edges.is_definite).sum()), self.measured.information
         if not bad or information is None:
             return ""
-        of_all = f"{bad} of {self.measured.num_edges} information matrices"
-        return (
-            f"{of_all} are {information.indefinite}: "
-            f"{self.title} has no proven lower bound there (--cost chordal has)"
-        )
+        of_all = f"{bad} of {self.measured.num_edges} information matrices are"
+        lacks = f"{self.title} has no proven lower bound there (--cost chordal has)"
+        return f"{of_all} {information.indefinite}: {lacks}"

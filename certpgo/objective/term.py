@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import importlib
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -48,6 +48,8 @@ class Term(ABC):
     in_metres: ClassVar[bool] = False
     #: Whether the cost has a value at points of any rank, see `certpgo.graph.relaxed_point.Lift`.
     lifts: ClassVar[bool] = False
+    #: Whether the arms of its minorants have those of the measurements in them already.
+    has_whole_arms: ClassVar[bool] = False
     #: What its residual is called in the compiled kernel, for this class alone; "" if it has none.
     compiled_residual: ClassVar[str] = ""
 
@@ -121,7 +123,14 @@ class Term(ABC):
 
     @abstractmethod
     def minorants(self, v: FloatArray, Q: FloatArray) -> Minorants:
-        """Minorants that touch the costs at (v, Q), up to rounding."""
+        """Minorants that touch the costs at (v, Q), up to rounding; a is besides the arms."""
+
+    def whole_minorants(self, v: FloatArray, Q: FloatArray) -> Minorants:
+        """The minorants with all of their arms, those of the measurements among them."""
+        found, arms = self.minorants(v, Q), self.arms
+        if arms is None or self.has_whole_arms:
+            return found
+        return replace(found, a=found.a + arms)
 
     def bend(self, v: FloatArray) -> FloatArray:
         """(k,) the quadratic part of the costs in moves v (k, d); by default none."""
@@ -196,6 +205,7 @@ class EdgeTerm(Term):
     """
 
     graph: Graph
+    has_whole_arms: ClassVar[bool] = True
 
     @property
     def edges(self) -> IntArray:

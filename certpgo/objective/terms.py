@@ -120,8 +120,8 @@ def enclosure_of(terms: Sequence[Placed], estimate: Estimate) -> tuple[float, fl
 def minorants_of(terms: Sequence[Placed], v: FloatArray, Q: FloatArray) -> Minorants:
     """Those of all rows that touch at v (m, d) and Q (m, d, d)."""
     if len(terms) == 1:
-        return terms[0].term.minorants(v, Q)
-    found = [(rows, term.minorants(v[rows], Q[rows])) for rows, term in terms]
+        return terms[0].term.whole_minorants(v, Q)
+    found = [(rows, term.whole_minorants(v[rows], Q[rows])) for rows, term in terms]
     names = [one.name for one in fields(Minorants) if one.name != "touching"]
     columns = {name: placed([(r, getattr(m, name)) for r, m in found]) for name in names}
     known = [(rows, m.touching) for rows, m in found if m.touching is not None]

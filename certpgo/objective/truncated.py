@@ -36,7 +36,6 @@ from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.ball_arithmetic import Ball, sums
 from certpgo.linalg.rotations import rotation_defect
 from certpgo.objective.minorants import Minorants
-from certpgo.objective.operators import coupled
 from certpgo.objective.term import relative
 
 #: Weights over those of the measurement beyond which an edge has no minorant, as its cost is too
@@ -329,7 +328,7 @@ def untruncated(graph: Graph) -> Minorants:
 
     A rounded coupling costs its distance from that of `terms_of_rotations`.
     """
-    m, d, N = graph.num_edges, graph.d, coupled(graph)
+    m, d, N = graph.num_edges, graph.d, graph.coupled
     exact, most = terms_of_rotations(graph)
     off = Ball.exact(N) - exact
     distance = sums(off.reshaped(m, d * d).squared()).sqrt().size

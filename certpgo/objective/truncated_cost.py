@@ -279,11 +279,8 @@ class TruncatedCost(Objective):
 
     def surrogate_of(self, minorants: Minorants) -> Surrogate:
         """The problem of minorants of all measurements."""
-        if self.graph.has_positions:
-            graph, constant = minorants.summed(self.graph, is_signed=True)
-            return Surrogate(self._general.of_same_edges(graph), constant, minorants)
-        rotation, constant = minorants.summed_rotations(self.graph)
-        return Surrogate(self._general.of_same_edges(rotation), constant, minorants)
+        graph, constant = minorants.summed(self.graph, is_signed=True)
+        return Surrogate(self._general.of_same_edges(graph), constant, minorants)
 
     def _untruncated(self, point: Point) -> Minorants:
         """Minorants of the measurements' costs that touch at a point, zero where there are none."""

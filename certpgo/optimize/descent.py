@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from certpgo.graph import Estimate
 from certpgo.objective.objective import Objective
+from certpgo.objective.quadratic import Quadratic
 from certpgo.objective.truncated_cost import TruncatedCost
 from certpgo.optimize import levenberg_marquardt
 from certpgo.optimize.monitor import Iteration, Monitor, Stopwatch, silent
@@ -64,8 +65,20 @@ def polished(
 
 
 def rested(problem: Objective, point: Estimate) -> Estimate:
-    """The stationary point near an estimate, to as many digits as a proof shows."""
+    """The stationary point near an estimate, to as many digits as a proof shows.
+
+    The estimate itself, where negative weights leave a surrogate without a minimum.
+    """
+    if isinstance(problem, Quadratic) and _has_no_minimum(problem):
+        return point
     return problem.settled(polished(problem, problem.settled(point), near=True))
+
+
+def _has_no_minimum(problem: Quadratic) -> bool:
+    """Whether negative weights of translations, or of their levers, prevail."""
+    if not (problem.has_positions and problem.graph.is_signed):
+        return False
+    return not min(problem.graph.tau.sum(), problem.lever_weights.sum()) > 0.0
 
 
 def _taking_back(

@@ -25,6 +25,7 @@ from certpgo.graph import Estimate
 from certpgo.graph.relaxed_point import Point
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.complex_relaxation import is_over_complex_numbers, over_complex_numbers
+from certpgo.objective.minorants import Minorants
 from certpgo.objective.objective import Surrogate
 from certpgo.objective.quadratic import Quadratic
 from certpgo.optimize.descent import CLOSE, descend, polished, rested
@@ -73,6 +74,8 @@ def bound_near(
         return bound_of_prices(normalized, point, cost, sharp=sharp, tight=tight)
     if problem.is_lifted:
         found = range_bound(normalized.eased.lifted_form, point, cost)
+        if found is not None and normalized.tier is Tier.PROOF:
+            found = _proven(normalized, found, None, point)
     else:
         found = _bound_at(normalized, point, cost, sharp=sharp, tight=tight)
     how = {"sharp": sharp, "tight": tight, "refine": refine}
@@ -110,10 +113,9 @@ def raised(normalized: NormalizedProblem[Any], minimum: LocalMinimum) -> LocalMi
 def proven(normalized: NormalizedProblem[Any], minimum: LocalMinimum) -> DualBound | None:
     """The bound of a minimum at the proof tier, from that of the standard tier."""
     problem, found = normalized.problem, minimum.bound
-    again = found is not None and is_over_complex_numbers(
-        found.form
-    )  # of which there are no proofs
-    if problem.is_chordal or len(problem.rejected) or again:
+    # Of bounds over complex numbers there are no proofs.
+    again = found is not None and is_over_complex_numbers(found.form)
+    if problem.is_chordal or len(problem.rejected) or again or problem.is_lifted:
         return bound_near(normalized, minimum.point, minimum.cost)
     return None if found is None else reproven(normalized, found)
 
@@ -122,10 +124,18 @@ def reproven(normalized: NormalizedProblem[Any], found: DualBound) -> DualBound 
     """A surrogate's bound of the standard tier at the proof tier; None if that fails."""
     if found.support is None:
         return None
-    from certpgo.certify.proof import proven_surrogate
+    return _proven(normalized, found, found.support.minorants, found.support.point)
 
-    minorants, point = found.support.minorants, found.support.point
-    below = normalized.problem.surrogate_of(minorants).problem
+
+def _proven(
+    normalized: NormalizedProblem[Any], found: DualBound, minorants: Minorants | None, point: Point
+) -> DualBound | None:
+    """The bound by the tangents of all measurements at a point, of which some may be known."""
+    from certpgo.certify.proof import proven_surrogate
+    from certpgo.objective.tangents import quadratic_of, tangents_at
+
+    minorants = tangents_at(normalized.problem, point, minorants)
+    below = quadratic_of(normalized.problem, minorants)
     if isinstance(point, Estimate):
         point = rested(below, point)
     return proven_surrogate(below, minorants.constant[minorants.exist], point, found)
@@ -328,8 +338,11 @@ def _of_form(
     found = _of_point(normalized, surrogate, point, cost, sharp=sharp, tight=tight)
     if found is None or not proof:
         return found
-    from certpgo.certify.proof import exact_graph, proven_bound
+    from certpgo.certify.proof import exact_graph, proven_bound, proven_surrogate
 
+    if form.graph.has_couplings:
+        constants = form.minorants(point).constant
+        return proven_surrogate(form, constants, rested(form, cast("Estimate", point)), found)
     exact = normalized.exact if form is normalized.problem else exact_graph(form)
     return proven_bound(form, exact, rested(form, cast("Estimate", point)), found)
 

@@ -21,7 +21,7 @@ from scipy import special
 from certpgo.certify.wording import named_cost
 from certpgo.errors import GraphError, InputError, require
 from certpgo.graph import Estimate, Graph, Instance
-from certpgo.graph.capabilities import require_capable
+from certpgo.graph.capabilities import lacking, require_capable
 from certpgo.graph.concatenate import joined
 from certpgo.graph.display import Speaking
 from certpgo.graph.held import refuse_held
@@ -205,10 +205,13 @@ def merge(
     parts = tuple(results_of(alone, instances))
     answer = search(problem, chosen)
     # Residuals are judged by the file's own noise, whatever is minimised.
+    if robust:
+        require_capable(whole.graph, "robust merge")
     judged = objective_of(whole)
     fit = _fit(judged, answer.estimate)
-    disagreeing = across[outlying(judged, judged.edge_costs(fit), 1.0)[across]]
-    left_out = False
+    disagreeing, left_out = across[:0], False
+    if not lacking(whole.graph, "robust merge"):
+        disagreeing = across[outlying(judged, judged.edge_costs(fit), 1.0)[across]]
     if len(disagreeing):
         # Least squares spreads the error of a wrong measurement over right ones.
         own = np.setdiff1d(np.arange(judged.graph.num_edges), across)
@@ -250,7 +253,9 @@ def _in_first_frame(
 
 
 def _tails(problem: Posed, estimate: Estimate) -> FloatArray:
-    """Probabilities that correct measurements are as far off, or further."""
+    """Probabilities that correct measurements are as far off, or further; nan without a law."""
+    if lacking(problem.measured, "robust merge"):
+        return np.full(problem.graph.num_edges, np.nan)
     if problem.cost_name != CHORDAL:
         chi2, numbers = problem.edge_costs(estimate), sum(problem.numbers)
     else:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from numbers import Integral
 from pathlib import Path
@@ -26,6 +27,7 @@ from certpgo.certify.rejection_proof import claimed_rejections
 from certpgo.certify.resistances import packed
 from certpgo.certify.truncated_bound import below_with, resistances
 from certpgo.errors import (
+    GraphError,
     InputError,
     NumericalError,
     refuse,
@@ -43,6 +45,7 @@ from certpgo.objective.choose_cost import Sum
 from certpgo.objective.complex_relaxation import is_over_complex_numbers
 from certpgo.objective.objective import Objective
 from certpgo.objective.quadratic import Quadratic
+from certpgo.objective.tangents import quadratic_of, tangents_at
 from certpgo.objective.truncated_cost import TruncatedCost
 from certpgo.optimize.descent import rested
 from certpgo.solve.rejection_bounds import at_rest, optimum_of_kept
@@ -113,7 +116,8 @@ def write_proof(
     problem = None
     if prices is None and not instance.graph.has_scales and certificate.objective != CHORDAL:
         problem = problem_of_certificate(instance, certificate)
-    claim, graph = claim_and_graph(source, instance, None if problem is None else problem.cost_name)
+    cost = None if problem is None or problem.cost_name == costs.CHORDAL else problem.cost_name
+    claim, graph = claim_and_graph(source, instance, cost)
     claim |= {} if prices is None else {"version": 3}
     if within is not None:
         claim["within"] = [{"node": None, "metres": within[0], "degrees": within[1]}]
@@ -121,7 +125,7 @@ def write_proof(
 
     def evidence(find: Finder) -> BoundEvidence:
         if prices is not None:
-            cut = TruncatedCost(Quadratic(instance.graph), prices)
+            cut = TruncatedCost(costs.objective_of(instance, costs.CHORDAL), prices)
             return _of_rejections(cut, graph, certificate, seen)
         if problem is None:
             return _of_f(instance, graph, certificate, seen, find)
@@ -183,6 +187,7 @@ class BoundEvidence:
     multipliers: FloatArray
     witness: Witness
     minorants: checker.EdgeBounds | None = None
+    tangents: FloatArray | None = None
     rejections: checker.Rejections | None = None
 
     @classmethod
@@ -208,7 +213,7 @@ def _proof(instance: Instance, estimate: Estimate, found: BoundEvidence) -> chec
     if instance.graph.has_scales:
         similar = cast("Quadratic", costs.objective_of(instance))
         proof = proof._replace(s=similar.scales.of(estimate))
-    return proof._replace(rejections=found.rejections)
+    return proof._replace(rejections=found.rejections, tangents=found.tangents)
 
 
 #: `prove`, or `proposed`.
@@ -227,7 +232,7 @@ def _of_f(
         raise NumericalError("there is no lower bound above zero to prove")
     normalized = _normalized(costs.objective_of(instance, costs.CHORDAL), certificate)
     problem, unit = normalized.problem, normalized.unit
-    graph = graph._replace(kappa=graph.kappa / unit, tau=graph.tau / unit)
+    graph = _over(graph, unit)
     point = rested(problem, certificate.refined)
     fallback = _fallback(problem, point, certificate, unit)
     return BoundEvidence.of(find(problem, graph, point, fallback, reference=reference), unit)
@@ -242,11 +247,14 @@ def problem_of_certificate(instance: Instance, certificate: Certificate) -> Sum:
         There are no proofs about that cost.
     """
     for name in costs.costs_of(instance):
-        if name != costs.CHORDAL and (
-            (problem := costs.objective_of(instance, name)).title == certificate.objective
-        ):
+        problem = None
+        with suppress(GraphError):
+            problem = costs.objective_of(instance, name)
+        if isinstance(problem, Sum) and problem.title == certificate.objective:
             refuse(problem.unprovable)
-            return cast("Sum", problem)
+            if not (name == costs.CHORDAL or costs.COSTS[name].provable):
+                raise InputError(f"{instance.name}: the checker does not know the cost of {name}")
+            return problem
     what = "rotations alone" if not instance.graph.has_positions else instance.name
     raise InputError(f"{certificate.objective} is no cost of {what}, so no proof is about it")
 
@@ -258,7 +266,7 @@ def of_cost(
     reference: int | None = None,
     find: Finder = prove,
 ) -> BoundEvidence:
-    """The evidence of a bound on the cost of another program.
+    """The evidence of a bound on a sum of terms: those of a program, and of distances.
 
     Parameters
     ----------
@@ -272,22 +280,34 @@ def of_cost(
         There is none.
     """
     support = certificate.support
-    if support is None or certificate.multipliers is None:
+    if certificate.multipliers is None or (support is None and not problem.is_lifted):
         raise NumericalError("there is no lower bound above zero to prove")
-    if support.lowered:
+    if support is not None and support.lowered:
         said = "the bound is that of a lower cost, without cross terms or large eigenvalues"
         raise NumericalError(f"{said}; proof files hold minorants of the cost itself")
     normalized = _normalized(problem, certificate)
-    unit = normalized.unit
-    graph = graph._replace(information=graph.information / unit)
-    below, point = normalized.problem.surrogate_of(support.minorants), support.point
-    given = claimed(graph, below, tested=find is prove)
+    problem, unit = normalized.problem, normalized.unit
+    point: Point = certificate.refined if support is None else support.point
+    minorants = tangents_at(problem, point, None if support is None else support.minorants)
+    below = quadratic_of(problem, minorants)
+    edges = np.arange(len(minorants.tau)) < problem.measured.num_edges
+    tangents = np.stack([minorants.tau, minorants.constant], axis=1)[~edges]
+    given, measured = None, _over(graph, unit)
+    if graph.information is not None:
+        given = claimed(measured, minorants.subset(edges), tested=find is prove)
+        measured = checker.surrogate(measured, given)
+    if measured.ranges is not None:
+        measured = checker.with_tangents(measured, measured.ranges, tangents)
     if isinstance(point, Estimate):
-        point = rested(below.problem, point)
-    fallback = _fallback(below.problem, point, certificate, unit)
-    measured = checker.surrogate(graph, given)
-    found = find(below.problem, measured, point, fallback, reference=reference)
-    return BoundEvidence.of(found, unit, minorants=scaled(unit, given))
+        point = rested(below, point)
+    fallback = _fallback(below, point, certificate, unit)
+    found = find(below, measured, point, fallback, reference=reference)
+    return BoundEvidence.of(
+        found,
+        unit,
+        minorants=None if given is None else scaled(unit, given),
+        tangents=unit * tangents if len(tangents) else None,
+    )
 
 
 def _of_rejections(
@@ -296,11 +316,11 @@ def _of_rejections(
     """The evidence of a bound on F truncated, whose graph has all measurements."""
     if certificate.objective != posed.title:
         raise InputError("proofs about rejected measurements are of the chordal cost F, truncated")
-    if not np.array_equal(np.stack([graph.i, graph.j], axis=1), posed.graph.edges):
+    if not np.array_equal(np.stack([graph.i, graph.j], axis=1), posed.measured.edges):
         raise NumericalError("the checker has the measurements in another order")
     normalized = _normalized(posed, certificate)
     problem, unit = normalized.problem, normalized.unit
-    graph = graph._replace(kappa=graph.kappa / unit, tau=graph.tau / unit)
+    graph = _over(graph, unit)
     point = certificate.refined
     point = at_rest(problem, point, problem.truncation(point).plain())
     W = problem.truncation(point).plain()
@@ -315,8 +335,32 @@ def _of_rejections(
         ] is None and W.any():
             W[loads >= np.median(loads[W.any(axis=(1, 2))])] = 0.0
         found, given = proven
-    weights = {name: unit * getattr(given, name) for name in ("prices", "kappa", "tau")}
-    return BoundEvidence.of(found, unit, rejections=given._replace(**weights))
+    names = ("prices", "kappa", "tau", *(() if graph.N is None else ("centres",)))
+    weights = {name: unit * getattr(given, name) for name in names}
+    tangents = _tangents(problem, point, W)
+    return BoundEvidence.of(
+        found,
+        unit,
+        rejections=given._replace(**weights),
+        tangents=unit * tangents if len(tangents) else None,
+    )
+
+
+def _over(graph: checker.Graph, unit: float) -> checker.Graph:
+    """The graph with all weights divided by a power of two."""
+    ranges = graph.ranges and graph.ranges._replace(weights=graph.ranges.weights / unit)
+    N = None if graph.N is None else graph.N / unit
+    whole = graph._replace(kappa=graph.kappa / unit, tau=graph.tau / unit, N=N, ranges=ranges)
+    if graph.information is None:
+        return whole
+    return whole._replace(information=graph.information / unit)
+
+
+def _tangents(problem: TruncatedCost, point: Estimate, W: FloatArray) -> FloatArray:
+    """(k, 2) weights and constants of the minorants of distances."""
+    found = problem.minorants(point, W)
+    rows = np.arange(problem.measured.num_edges, len(found.tau))
+    return np.stack([found.tau[rows], found.constant[rows]], axis=1)
 
 
 def _with_minorants(
@@ -333,6 +377,8 @@ def _with_minorants(
     bound = None if W.any() else dual_bound(below, point)
     fallback = None if bound is None else bound.multipliers
     measured = checker.truncated(graph, given)[0]
+    if graph.ranges is not None:
+        measured = checker.with_tangents(measured, graph.ranges, _tangents(problem, point, W))
     return prove(below, measured, point, fallback, reference=reference), given
 
 

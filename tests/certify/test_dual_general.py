@@ -11,7 +11,6 @@ from strategies import definite, dimensions, general_graph, pose_graph, rng_of, 
 from certpgo import certify, solve
 from certpgo.certify.assembly_errors import assembly_errors
 from certpgo.certify.dual import dual_bound
-from certpgo.errors import InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.relaxed_point import Lift
 from certpgo.linalg import rotations as so
@@ -103,17 +102,16 @@ def test_matrix_weights_of_little_noise_are_certified(seed, d):
         assert found.refined_cost - found.lower_bound <= 1e-8 * found.refined_cost
     certificate = certify(problem, solve(general).estimate, tier="standard")
     assert certificate.verdict.value == "CERTIFIED"
-    with pytest.raises(InputError, match="the proof tier is for isotropic weights"):
-        certify(problem, Estimate(R, t), tier="proof")
+    proven = certify(problem, solve(general).estimate, tier="proof")
+    assert certificate.lower_bound <= proven.lower_bound <= proven.refined_cost
 
 
-def test_what_only_rounding_leaves_open_is_not_proven_about_isotropic_weights():
-    """With rtol = 0 solve escalates to a proof, which the checker has for isotropic edges only."""
+def test_what_only_rounding_leaves_open_of_matrix_weights():
+    """With rtol = 0 solve escalates to a proof."""
     graph, _, _ = pose_graph(rng_of(5), 6, 2, noise=0.05)
     general = graph.with_matrix_weights(definite(rng_of(6), graph.num_edges, 3))
     for options in ({"rtol": 1e-15}, {"rtol": 1e-12}, {"rtol": 1e-9}):
         result = solve(general, atol=0.0, **options)
-        assert result.certificate.tier.value == "standard"
         assert result.certificate.lower_bound <= result.cost <= result.certificate.cost_upper
         assert result.certificate.cost_upper == pytest.approx(result.cost, rel=1e-9)
 

@@ -17,6 +17,7 @@ from certpgo.linalg import factor
 from certpgo.linalg import rotations as so
 from certpgo.objective.quadratic import Quadratic
 from certpgo.solve.proving import write_proof
+from reports.studies.pairs.graphs import drawn
 
 
 @given(seeds, dimensions)
@@ -177,13 +178,13 @@ def test_a_proof_is_about_the_component_beside_a_scene(tmp_path, kept, by_folder
 
 def test_what_cannot_be_proven_is_said_and_nothing_is_written(tmp_path):
     graph, _, _ = pose_graph(rng_of(7), 6, 3)
-    certpgo.write(tmp_path / "graph.npz", graph)
+    certpgo.write(tmp_path / "graph.pyfg", graph)
     certpgo.write(tmp_path / "graph.g2o", graph)
     instance = certpgo.read(tmp_path / "graph.g2o", quiet=True)
     answer = certpgo.solve(instance, cost="chordal")
     out = tmp_path / "out.cert"
     with pytest.raises(InputError, match="convert"):
-        write_proof(out, tmp_path / "graph.npz", instance, answer.estimate, answer.certificate)
+        write_proof(out, tmp_path / "graph.pyfg", instance, answer.estimate, answer.certificate)
     other, _, _ = pose_graph(rng_of(8), 5, 3)
     certpgo.write(tmp_path / "other.g2o", other)
     with pytest.raises(InputError, match="whole file"):
@@ -229,3 +230,36 @@ def test_measurements_that_nearly_cancel_are_still_proven(d, weight):
     answer = certpgo.solve(graph)
     certificate = certify(Quadratic(graph), answer.estimate, tier="proof")
     assert certificate.verdict is Verdict.CERTIFIED
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize(
+    "kinds",
+    [
+        ("matrix weights", "distances"),
+        ("mounted sensors", "landmarks"),
+        ("directions", "relative translations"),
+        ("attitudes",),
+        ("distances", "priors", "relative rotations"),
+    ],
+)
+def test_archives_of_all_kinds_are_proven_and_damaged_proofs_refused(tmp_path, kinds, d):
+    """What is raised, whether constants, weights of distances or multipliers, is refused."""
+    whole, path, proof = drawn(kinds, d, d), tmp_path / "g.npz", tmp_path / "p.cert"
+    certpgo.write(path, whole)
+    instance = certpgo.read(path, quiet=True)
+    answer = certpgo.solve(instance)
+    said = write_proof(proof, path, instance, answer.estimate, answer.certificate)
+    assert said.relative_gap < 1e-7
+    assert said.lower <= answer.cost * (1.0 + 1e-9) <= said.upper * (1.0 + 2e-9)
+    with np.load(proof) as archive:
+        arrays = dict(archive)
+    columns = [("constants", slice(None))] * ("constants" in arrays)
+    columns += [("tangents", np.s_[:, k]) for k in (0, 1) if "tangents" in arrays]
+    for name, at in [*columns, ("multipliers", np.s_[:, 0])]:
+        values = arrays[name].copy()
+        size = arrays["kappa"] if name == "constants" else values[at]
+        values[at] += 1e-3 * np.abs(size).max()
+        np.savez(tmp_path / "damaged.npz", **arrays | {name: values})
+        with pytest.raises(checker.Refused):
+            checker.check(path, tmp_path / "damaged.npz")

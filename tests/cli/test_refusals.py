@@ -84,15 +84,10 @@ def test_bounds_and_comparisons_say_what_they_make_of_distances(certpgo, beacon,
     assert "spanning_tree: the graph has 2 components" in compared.err
 
 
-def test_no_proof_is_about_distances(certpgo, beacon):
+def test_a_proof_about_distances_is_about_an_archive(certpgo, beacon):
     done = certpgo("prove", beacon)
-    assert (
-        done.code,
-        "beacon.pyfg: ERROR: a proof is not about measured distances" in done.out,
-    ) == (
-        1,
-        True,
-    )
+    said = "a proof is about a g2o, .npz or 1DSfM file, not pyfg"
+    assert (done.code, said in done.out) == (1, True)
 
 
 def test_a_translation_beyond_doubles_names_its_edge(certpgo, tmp_path):

@@ -26,6 +26,8 @@ def merged(graph, robust):
     if graph.has_couplings:
         rotation = of_couplings(4, edges, same, same)
     between = PoseGraph(rotation, np.zeros((2, 3)), np.ones(2))
+    if graph.has_scales:
+        between = between.with_unknown_scales(np.tile(graph.free[:2], 2))
     return certpgo.merge(maps, Instance("c", between, np.array([0, 1, 10, 11])), robust=robust)
 
 
@@ -35,7 +37,8 @@ ASKED = {
     "directions": lambda g: certpgo.with_directions(g, np.arange(2), np.eye(3)[:2], kappa=1.0),
     "joint graph": lambda g: joined([g, g], N),
     "loop closures": with_rotations,
-    "merge": lambda g: (merged(g, robust=False), merged(g, robust=True)),
+    "merge": lambda g: merged(g, robust=False),
+    "robust merge": lambda g: merged(g, robust=True),
     "session": lambda g: certpgo.Session().add(g),
     "robust session": lambda g: certpgo.RobustSession().add(g),
     "follow": lambda g: list(streamed(g)),

@@ -229,8 +229,6 @@ def test_a_wrong_loop_to_a_held_pose_is_named_as_in_the_file(tmp_path):
 def test_what_cannot_be_held_is_said(tmp_path):
     path = written(tmp_path / "g.g2o", 2, np.random.default_rng(1), fixed=(0, 5))
     instance = certpgo.read(path, quiet=True)
-    with pytest.raises(InputError, match="gtsam knows no sensors apart"):
-        certpgo.solve(instance, cost="gtsam")
     # As it was read it is not what the source states any more.
     changed = replace(instance, graph=instance.graph.with_weights(3.0, 7.0))
     certpgo.write(tmp_path / "out.npz", changed)

@@ -457,13 +457,12 @@ def test_closed_forms_for_isotropic_weights_refuse_others():
     require_capable(cycle, "isotropic method")
 
 
-def test_there_are_no_proofs_for_general_edges():
-    """The checker knows isotropic weights only: what it would prove is about another problem."""
+def test_the_proof_tier_of_general_edges():
     graph, _, _ = pose_graph(rng_of(1), 5, 3)
     general = graph.with_matrix_weights(definite(rng_of(2), graph.num_edges, 4))
-    with pytest.raises(InputError, match="the proof tier is for isotropic weights"):
-        solve(general, tier="proof")
-    assert Quadratic(general).rotation.graph.is_general
+    proven, standard = (solve(general, tier=tier).certificate for tier in ("proof", "standard"))
+    assert proven.verdict.value == "CERTIFIED"
+    assert standard.lower_bound <= proven.lower_bound <= proven.refined_cost
 
 
 def test_weights_of_rotations_alone():

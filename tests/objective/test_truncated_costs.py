@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 from strategies import definite, pose_graph, rng_of
 
-from certpgo import certify, merge, read, solve_robustly
+from certpgo import certify, merge, read, solve, solve_robustly
 from certpgo.certify.certificate import Verdict
 from certpgo.graph import PoseGraph, RotationGraph, matrix_weights
 from certpgo.linalg import rotations as so
@@ -62,7 +62,7 @@ def test_wrong_loops_are_rejected_and_certified(dataset):
     )
 
 
-def test_edges_with_matrix_weights_are_solved_but_their_rejections_not_certified():
+def test_rejections_of_edges_with_matrix_weights_are_certified():
     graph, *_ = pose_graph(rng_of(0), 12, 3, extra=40, noise=0.01)
     R = np.array(graph.rotations)
     R[-1] = so.random(rng_of(1), 1, 3)[0]
@@ -73,11 +73,13 @@ def test_edges_with_matrix_weights_are_solved_but_their_rejections_not_certified
     assert isinstance(Quadratic(general), Quadratic)
     answer = solve_robustly(general)
     assert answer.solution.rejected.tolist() == [graph.num_edges - 1]
-    assert answer.rejection is None
-    assert (
-        "rejections are not certified: a truncated cost does not take matrix weights"
-        in answer.solution.note
-    )
+    rejection = answer.rejection
+    assert rejection.verdict is Verdict.CERTIFIED
+    # Of either choice, by descent: the price and the rest, or all of it.
+    kept = general.with_edges(np.arange(graph.num_edges - 1))
+    choices = solve(kept).cost + rejection.prices.sum(), solve(general).cost
+    assert rejection.certificate.lower_bound <= min(choices) * (1.0 + 1e-12)
+    assert rejection.certificate.cost_upper == pytest.approx(min(choices), rel=1e-9)
 
 
 def drawn_as_g2o_states(path, seed, n=30, loops=30):

@@ -64,8 +64,9 @@ class GtsamCost(EdgeCost):
     @property
     def title(self) -> str:
         """The cost in the words of GTSAM's users."""
+        kind = "Pose" if self.graph.has_positions else "Rot"
         return (
-            f"twice GTSAM's error of BetweenFactorPose{self.graph.d} (full logarithm) "
+            f"twice GTSAM's error of BetweenFactor{kind}{self.graph.d} (full logarithm) "
             "with full information"
         )
 

@@ -135,12 +135,6 @@ UNASKED = (
 REFUSED = (
     # Costs of other programs.
     _is_refused(
-        "needs poses with information matrices on every edge(; these are rotations alone|, as)",
-        "The costs of g2o and GTSAM are of poses.",
-        relative_poses="rotations alone",
-        cost=_OTHERS,
-    ),
-    _is_refused(
         "needs poses with information matrices on every edge(; other weights were chosen|, as)",
         "The costs of g2o and GTSAM have the file's matrices, no other weights.",
         weights=_WEIGHTS,
@@ -151,12 +145,6 @@ REFUSED = (
         "The costs of g2o and GTSAM need matrices.",
         matrices="none",
         cost=_OTHERS,
-    ),
-    _is_refused(
-        "the cost of gtsam needs rotations with its",
-        "In GTSAM's cost a relative translation is not measured without the rotation.",
-        partial_edges="steps",
-        cost="gtsam",
     ),
     _is_refused(
         "no isotropic cost is known to be below",
@@ -183,13 +171,7 @@ REFUSED = (
         "Held poses turn what is not measured out of the axes.",
         held="several",
         partial_edges="axes",
-        cost="g2o",
-    ),
-    _is_refused(
-        "knows no sensors apart from their bodies, and no held poses",
-        "GTSAM's cost knows no held poses.",
-        held="several",
-        cost="gtsam",
+        cost=_OTHERS,
     ),
     # Weights.
     _is_refused(
@@ -206,10 +188,24 @@ REFUSED = (
         files=_SEVERAL,
     ),
     _is_refused(
-        "a proof is about a g2o or 1DSfM file, not",
-        "The checker reads g2o files.",
+        "a proof is about a g2o, .npz or 1DSfM file, not",
+        "The checker reads g2o files, and archives.",
         proof=_PROOFS,
-        file=("npz", "pyfg"),
+        file="pyfg",
+    ),
+    _is_refused(
+        "an archive of similarities is read as it is, without options|"
+        "a proof about rotations alone is of a text file",
+        "The checker of integers reads archives of similarities alone.",
+        proof="integers",
+        file="npz",
+    ),
+    _is_refused(
+        "a proof about rotations alone is of a text file",
+        "An archive that the checker reads has positions.",
+        proof="file",
+        file="npz",
+        relative_poses="rotations alone",
     ),
     _is_refused(
         "--proof needs an estimate of all nodes",
@@ -218,15 +214,9 @@ REFUSED = (
         estimate="part",
     ),
     _is_refused(
-        "--proof does not take distances|the proof tier is not for .*distances",
-        "No proofs of distances.",
-        proof=("tier", *_PROOFS),
-        distances="some",
-    ),
-    _is_refused(
-        "--proof is for --cost chordal and g2o|proofs and their tier are for the chordal cost",
-        "No proofs of GTSAM's cost.",
-        proof=("tier", *_PROOFS),
+        "--proof is for --cost chordal and g2o",
+        "The checker does not know GTSAM's cost.",
+        proof=_PROOFS,
         cost="gtsam",
     ),
     _is_refused(
@@ -259,23 +249,11 @@ REFUSED = (
         for prior in _priors()
     ),
     _is_refused(
-        "the proof tier is for isotropic weights, not for edges with .* arms",
-        "The proof tier knows no arms, which held poses have.",
-        proof="tier",
-        held="several",
-    ),
-    _is_refused(
         "the checker cannot read it: .* information that is not positive definite",
         "The checker reads definite matrices.",
         proof=_PROOFS,
         weights=("file", "quaternion"),
-        partial_edges=_PARTIAL,
-    ),
-    _is_refused(
-        "information that is not positive definite|takes attitudes with positions",
-        "The checker reads definite matrices.",
-        proof=_PROOFS,
-        attitudes="some",
+        partial_edges="axes",
     ),
     _is_refused(
         "--rejected --proof is for --cost chordal",

@@ -44,25 +44,26 @@ def table(found: list[tuple[Asked, Answer]]) -> Iterator[str]:
     """The page: shares, then everything that is refused with its message."""
     yield "# Everything with everything\n"
     yield (
-        "Small graphs in the plane and in space, each with two features, given to each command. "
-        "`python -m reports.studies.pairs --out FILE` tries them again.\n"
+        "Small graphs in the plane and in space, each with two features, given to each command, in "
+        "a g2o file or else in an archive. `python -m reports.studies.pairs --out FILE` tries them "
+        "again. What a file's format has no record of cannot be written: it is counted by itself, "
+        "and so is what ended without an answer or a reason.\n"
     )
-    yield "| pairs of | tried | certified | other answers | refused | share |"
-    yield "|---|---:|---:|---:|---:|---:|"
+    yield "| pairs of | tried | certified | other answers | no record | refused | share | broken |"
+    yield "|---|---:|---:|---:|---:|---:|---:|---:|"
     groups = [*dict.fromkeys(one.group for one, _ in found)]
     for name in (*groups, "all"):
         own = [answer for one, answer in found if name in (one.group, "all")]
         counts = Counter(answer.how for answer in own)
         refused = counts["refused"] / len(own)
-        yield (
-            f"| {name} | {len(own)} | {counts['certified']} | {counts['answered']} | "
-            f"{counts['refused']} | {refused:.1%} |"
-        )
+        columns = ("certified", "answered", "unwritten", "refused")
+        known = " | ".join(str(counts[how]) for how in columns)
+        yield f"| {name} | {len(own)} | {known} | {refused:.1%} | {counts['broken']} |"
     yield "\n## What is refused\n"
     yield "| what | operation | cost | message |"
     yield "|---|---|---|---|"
     for one, answer in found:
-        if answer.how == "refused":
+        if answer.how in ("refused", "unwritten", "broken"):
             kinds = " and ".join(one.kinds)
             yield f"| {kinds} | {one.operation} | {one.cost or 'own'} | {answer.said} |"
 

@@ -5,19 +5,23 @@ from __future__ import annotations
 import contextlib
 import io
 import re
+import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from certpgo import CertPGOError, write
 from certpgo.cli import main
-from certpgo.graph import Instance
+from certpgo.graph.held import with_held
 from reports.studies.pairs.graphs import between, drawn
 
-#: Exit codes of answers; 1 and 2 are refusals.
-CERTIFIED, ANSWERED = 0, (3, 4, 5)
+#: Exit codes of answers, and of what is refused: a proof that is not found is one.
+CERTIFIED, ANSWERED, REFUSED = 0, (3, 4, 5), (1, 2, 6)
+#: What is said where a file's format has no record of something.
+NO_RECORD = re.compile(r"^only .* files? .*holds? |^pyfg (holds|has) |^g2o has ")
 #: Verdicts of rejections that are none.
 UNCERTIFIED = re.compile(r"rejections are not certified: ([^\n]*)")
+UNPROVEN = re.compile(r"no proof was written to \S*: ([^\n]*)")
 
 
 @dataclass(frozen=True)
@@ -29,17 +33,15 @@ class Way:
     commands : one after another; ``{g}`` is the graph's file, ``{o}`` a name for what is written
     takes_cost : whether the last command has ``--cost``
     wrong : whether one measurement is to be wrong by far
-    suffix : of the file that it needs, if not any
     """
 
     commands: tuple[str, ...]
     takes_cost: bool = False
     wrong: bool = False
-    suffix: str = ""
 
 
-def _of(*commands: str, cost: bool = False, wrong: bool = False, suffix: str = "") -> Way:
-    return Way(commands, cost, wrong, suffix)
+def _of(*commands: str, cost: bool = False, wrong: bool = False) -> Way:
+    return Way(commands, cost, wrong)
 
 
 OPERATIONS = {
@@ -83,7 +85,10 @@ class Asked:
 
 @dataclass(frozen=True)
 class Answer:
-    """``certified``, ``answered``, ``refused`` or ``broken``, and what was said."""
+    """``certified``, ``answered``, ``unwritten``, ``refused`` or ``broken``, and what was said.
+
+    Unwritten is what a file's format has no record of.
+    """
 
     how: str
     said: str = ""
@@ -92,18 +97,39 @@ class Answer:
 def answered(one: Asked, folder: Path, seed: int) -> Answer:
     """The weaker answer of those in the plane and in space."""
     found = [_answered(one, folder, seed, d) for d in (2, 3)]
-    order = ["broken", "refused", "answered", "certified"]
+    order = ["broken", "refused", "unwritten", "answered", "certified"]
     return min(found, key=lambda answer: order.index(answer.how))
 
 
 def _answered(one: Asked, folder: Path, seed: int, d: int) -> Answer:
+    """The answer for a g2o file, where that holds the graph, or else for an archive."""
+    for suffix in (".g2o", ".npz"):
+        for path in folder.iterdir():  # an answer is not that of another question
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+        found = _asked(one, folder, seed, d, suffix)
+        if found.how not in ("refused", "unwritten"):
+            return found
+    return found
+
+
+def _asked(one: Asked, folder: Path, seed: int, d: int, suffix: str) -> Answer:
     way = OPERATIONS[one.operation]
     names = {"o": str(folder / "out")}
     try:
         whole = drawn(one.kinds, seed, d, wrong=way.wrong)
-        names["g"] = str(_written(whole, folder / "graph"))
+        path = folder / "graph.npz"
+        if suffix == ".g2o":
+            with contextlib.suppress(CertPGOError):
+                write(folder / "graph.g2o", whole)
+                path = folder / "graph.g2o"
+        if path.suffix == ".npz":
+            # As by `certpgo convert --constraints`.
+            held = whole if suffix == ".g2o" else replace(with_held(whole), released=None)
+            write(path, held)
+        names["g"] = str(path)
         if "{j}" in way.commands[-1]:
-            names["j"] = str(_written(between(whole, 1000), folder / "between"))
+            names["j"] = str(folder / "between.npz")
+            write(folder / "between.npz", between(whole, 1000))
     except CertPGOError as error:
         return Answer("refused", f"{error}")
     codes, text = [], ""
@@ -113,8 +139,11 @@ def _answered(one: Asked, folder: Path, seed: int, d: int) -> Answer:
             words += ["--cost", one.cost]
         code, text = _run(words)
         codes.append(code)
-        if code in (1, 2):
-            return Answer("refused", _short(text, folder))
+        if code in REFUSED:
+            said = UNPROVEN.search(text)
+            message = said[1] if said else _short(text, folder)
+            unwritten = command.startswith("convert") and NO_RECORD.match(message)
+            return Answer("unwritten" if unwritten else "refused", message)
     uncertified = UNCERTIFIED.search(text)
     if uncertified:
         return Answer("refused", uncertified[1])
@@ -132,7 +161,7 @@ def _run(words: Sequence[str]) -> tuple[int, str]:
             code = main(words)
         except Exception as error:  # what is no message is a fault
             return -1, f"{type(error).__name__}: {error}"
-    return code, err.getvalue() if code in (1, 2) else out.getvalue()
+    return code, err.getvalue() if code in REFUSED else out.getvalue()
 
 
 def _short(text: str, folder: Path) -> str:
@@ -141,12 +170,3 @@ def _short(text: str, folder: Path) -> str:
     said = lines[-1] if lines else ""
     said = re.sub(rf"{re.escape(str(folder))}/\S*?:? ", "", said)
     return re.sub(r"^(error|certpgo): ", "", said).replace("|", "/")
-
-
-def _written(whole: Instance, path: Path) -> Path:
-    """A file that holds a graph: a g2o file where that does."""
-    with contextlib.suppress(CertPGOError):
-        write(path.with_suffix(".g2o"), whole)
-        return path.with_suffix(".g2o")
-    write(path.with_suffix(".npz"), whole)
-    return path.with_suffix(".npz")

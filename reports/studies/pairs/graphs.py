@@ -224,6 +224,9 @@ def matrix_weights(of: Drawn) -> Drawn:
     """Matrix weights."""
     p = of.graph.d + of.graph.has_positions
     W = random_information(of.rng, of.graph.num_edges, p, of.graph.d, False) / NOISE**2
+    # A point has no rotation.
+    seen = of.graph.is_point[of.graph.edges[:, 1]]
+    W[seen, 1:], W[seen, :, 1:] = 0.0, 0.0
     return replace(of, graph=of.graph.with_matrix_weights(W))
 
 
@@ -294,6 +297,8 @@ def between(whole: Instance, offset: int) -> Instance:
     own = whole.graph.information
     stated = None if own is None else own.stating(kappa, tau)
     graph = PoseGraph(rotation, apart, tau, information=stated)
+    if whole.graph.has_scales:
+        graph = graph.with_unknown_scales(np.tile(whole.graph.free[nodes], 2))
     if whole.graph.has_couplings:
         graph = graph.with_matrix_weights(np.tile(np.eye(d + 1) / NOISE**2, (3, 1, 1)))
     return Instance("between", graph, ids)
