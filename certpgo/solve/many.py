@@ -12,7 +12,7 @@ import threading
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from functools import partial
 from typing import Any, TypeVar
 
@@ -241,7 +241,13 @@ def _by_executor(
     begun = deque[tuple[str, Future[Result]]]()
     try:
         for place, item in enumerate(items):
-            begun.append((_named(place, item), executor.submit(work, item, monitor)))
+            try:
+                future = executor.submit(work, item, monitor)
+            except BrokenExecutor:
+                while begun:  # one of these broke it
+                    yield _result(*begun.popleft())
+                raise
+            begun.append((_named(place, item), future))
             if len(begun) > AHEAD * workers:
                 yield _result(*begun.popleft())
         while begun:
