@@ -68,7 +68,7 @@ def worth_keeping(normalized: Truncated, estimate: Estimate, prices: FloatArray)
     size = max(MANY // found.b, 1)
     order = np.flatnonzero((loads < FULL) & ~proven[kept])
     parts = [order[k : k + size] for k in range(0, len(order), size)]
-    whole = W + own.weights[:, :, None] * np.eye(found.b)
+    whole = W + own.weights
     waiting = [g for part in parts for g in together(found, whole, part, FULL - loads[part])]
     while waiting and not normalized.stop.should_stop():
         group = waiting.pop()
