@@ -89,10 +89,26 @@ class GraduatedNonConvexity(Iterative):
         ----------
         trusted : (k,) measurements that are known to be right: their weights stay 1
         """
-        watch = Stopwatch()
-        point = initial or _start(problem)
-        problem.check(point)
         c = self.scale * np.sqrt(quantiles(problem, self.probability))
+
+        def truncated(found: Solution) -> float:
+            return float(np.minimum(problem.edge_costs(found.estimate), c**2).sum())
+
+        starts = _starts(problem) if initial is None else [initial]
+        ends = (self._from(start, problem, c, trusted, monitor) for start in starts)
+        return min(ends, key=truncated)
+
+    def _from(
+        self,
+        point: Estimate,
+        problem: Quadratic,
+        c: FloatArray,
+        trusted: IntArray | None,
+        monitor: Monitor,
+    ) -> Solution:
+        """The solution from a start, where residuals above c (m,) are truncated."""
+        watch = Stopwatch()
+        problem.check(point)
         r = np.sqrt(problem.edge_costs(point))
         mu = 1.0 / float(np.clip(2.0 * (r / c).max() ** 2 - 1.0, 1e-6, CONVEX))
         progress = Progress(monitor, self.tolerance, self.max_iterations, watch)
@@ -120,15 +136,16 @@ class GraduatedNonConvexity(Iterative):
         return fitted(problem, kept, point, progress, note=_threshold(problem, float(c.max())))
 
 
-def _start(problem: Quadratic) -> Estimate:
+def _starts(problem: Quadratic) -> list[Estimate]:
     """Poses along the tree of the earliest measurements.
 
     Where some measure no whole pose, such as GPS and sightings, these are fitted together with the
-    tree of the earliest ones that do: loop closures must not take part, as some may be wrong.
+    tree of the earliest ones that do: loop closures do not take part, as some may be wrong. Of the
+    others some may be, too: another start fits all.
     """
     graph = problem.graph
     if not graph.is_partial:
-        return SpanningTree("earliest").solve(problem).estimate
+        return [SpanningTree("earliest").solve(problem).estimate]
     whole = graph.measures_rotation & graph.measures_translation
     order = np.arange(1.0, graph.num_edges + 1.0)
     tree = edges_of(graph, spanning_tree(graph, np.where(whole, order, graph.num_edges + order)))
@@ -136,7 +153,8 @@ def _start(problem: Quadratic) -> Estimate:
     weights[tree] = 1.0
     weighted = problem.reweighted(weights)
     start = start_of(weighted)
-    return newton(weighted, start.estimate, near=start.near).estimate
+    without_loops = newton(weighted, start.estimate, near=start.near).estimate
+    return [without_loops, start_of(problem).estimate]
 
 
 def largest_angle(problem: Quadratic, c: float) -> float:
