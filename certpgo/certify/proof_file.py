@@ -126,7 +126,7 @@ def provable(source: str | Path, instance: Instance, cost: str | None = None) ->
     unusual = graph.is_partial or bool(chosen or _map_of(instance))
     unusual |= graph.information is not None and bool(graph.information.is_partial.any())
     # Other files are read by both alike, and only once that is needed.
-    if cost is not None and unusual:
+    if cost is not None and (unusual or form == "npz"):
         claim_and_graph(path, instance, None if cost == costs.CHORDAL else cost)
     return path
 

@@ -6,7 +6,10 @@ import arbs
 import numpy as np
 import pytest
 from flint import arb, fmpq
+from scipy.optimize import least_squares
+from strategies import rng_of, rotation_graph
 
+import certpgo
 from certpgo import PoseGraph
 from certpgo.graph import RotationGraph
 from certpgo.linalg import rotations as so
@@ -226,3 +229,24 @@ def test_a_term_that_is_not_convex_has_no_minorant(kind, monkeypatch):
     for module in (gtsam_plane, gtsam_terms):
         monkeypatch.setattr(module, "ROOM", 5.001)
     assert not cost.minorants(*where).exist.all()
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_rotations_alone_are_averaged_by_their_angles(d):
+    """Of weights that F has of small angles; against SciPy, from several starts."""
+    graph, R = rotation_graph(rng_of(5), 7, d, extra=8, noise=0.1)
+    found = {tier: certpgo.solve(graph, cost="gtsam", tier=tier) for tier in ("standard", "proof")}
+    i, j = graph.edges.T
+    weights = graph.kappa * (1.0 if d == 2 else 2.0)
+
+    def residuals(x):
+        R = so.exp(x.reshape(graph.num_nodes, -1))
+        turns = so.log(np.swapaxes(R[i] @ graph.rotations, 1, 2) @ R[j])
+        return (np.sqrt(weights)[:, None] * turns).ravel()
+
+    starts = [R, found["standard"].estimate.rotations]
+    least = min(2.0 * least_squares(residuals, so.log(one).ravel()).cost for one in starts)
+    for answer in found.values():
+        assert answer.verdict.value == "CERTIFIED"
+        assert answer.cost == pytest.approx(least, rel=1e-8)
+        assert answer.certificate.lower_bound <= least * (1.0 + 1e-12)

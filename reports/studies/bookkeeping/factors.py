@@ -75,6 +75,12 @@ UNASKED = (
     *(_cannot(relative_poses="rotations alone", **prior) for prior in _priors()),
     _cannot(relative_poses="rotations alone", distances="some"),
     _cannot(relative_poses="rotations alone", law="unit"),
+    # The oracle has F of them; tests compare their other costs with SciPy.
+    _cannot(relative_poses="rotations alone", cost=_OTHERS),
+    # What states one block of information alone, the checker of integers does not read.
+    _cannot(proof="integers", partial_edges=("turns", "steps")),
+    _cannot(proof="integers", attitudes="some"),
+    _cannot(proof="integers", file="npz"),  # archives of similarities alone
     # Points have numbers of their own in the plane alone, and in g2o files.
     _cannot(landmarks="numbered apart", dimension="space"),
     _cannot(landmarks="numbered apart", distances="some"),
@@ -194,11 +200,11 @@ REFUSED = (
         file="pyfg",
     ),
     _is_refused(
-        "an archive of similarities is read as it is, without options|"
-        "a proof about rotations alone is of a text file",
-        "The checker of integers reads archives of similarities alone.",
-        proof="integers",
+        "the graph is not that of the file|a proof about rotations alone is of a text file",
+        "A proof about an archive is about its own weights.",
+        proof="file",
         file="npz",
+        weights=_WEIGHTS,
     ),
     _is_refused(
         "a proof about rotations alone is of a text file",
