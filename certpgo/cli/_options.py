@@ -207,8 +207,8 @@ def tier_for(proof: Path | None, tier: str | None, cost: str | None) -> str | No
         raise InputError("--tier screen proves nothing and is for Python only: use --tier standard")
     if proof is None:
         return tier
-    if cost not in (None, CHORDAL) and not COSTS[cost].provable:
-        known = " and ".join([CHORDAL, *(name for name in COSTS if COSTS[name].provable)])
+    if cost is not None and not COSTS[cost].provable:
+        known = " and ".join(name for name in COSTS if COSTS[name].provable)
         raise InputError(f"--proof is for --cost {known}, not for --cost {cost}")
     return tier or "proof"
 

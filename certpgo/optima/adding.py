@@ -143,7 +143,7 @@ def prepare(
     if proof is None:
         found = solve(instance, cost=cost, initial=estimate, tier=_tier(problem, cost))
         certificate, point = found.certificate, found.estimate
-        provable = cost == CHORDAL or COSTS[cost].provable
+        provable = COSTS[cost].provable
         evidence = _evidence(path, instance, point, certificate, exact_within, provable)
         verdict, scale = certificate.verdict.value, certificate.scale
     else:
@@ -249,7 +249,7 @@ def _evidence(
 
 def _tier(problem: Certifiable, cost: str) -> str:
     """The strongest tier there is for a problem."""
-    provable = cost == CHORDAL or COSTS[cost].provable
+    provable = COSTS[cost].provable
     return "proof" if provable and not getattr(problem, "unprovable", "") else "standard"
 
 

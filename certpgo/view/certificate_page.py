@@ -19,6 +19,7 @@ from certpgo.graph.phrases import bound_shown, cost_shown, counted, gap_shown
 from certpgo.io.surfaces import Surface
 from certpgo.linalg.arrays import IntArray
 from certpgo.objective.choose_cost import (
+    COSTS,
     Certifiable,
 )
 from certpgo.optimize.monitor import Iteration
@@ -382,7 +383,7 @@ def _recheck(
     judging = " ".join((options, *map(quoted, origin.judging))).strip()
     certify = f"certpgo certify {quoted(origin.graph)} {quoted(estimate)} {judging}".rstrip()
     tier = "" if certificate.tier.value == "standard" else f" --tier {certificate.tier.value}"
-    if problem.unprovable:
+    if problem.unprovable or not COSTS[problem.cost_name].provable:
         return "To certify the estimate again:", [*lines_, f"{certify}{tier}"]
     return "No proof file was written. To certify the estimate again and write a proof:", [
         *lines_,

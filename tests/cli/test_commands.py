@@ -7,6 +7,7 @@ from itertools import islice
 import numpy as np
 import pytest
 import threadpoolctl
+from strategies import pose_graph, rng_of
 
 import certpgo as package
 from certpgo.cli import command_names
@@ -412,10 +413,8 @@ def test_compare_names_the_cost_it_judges_by(certpgo, square, tmp_path):
 
 
 def test_a_graph_without_the_cost_fails_the_comparison_or_is_a_row(certpgo, square, tmp_path):
-    from certpgo.io.datasets.synthetic import winding_cycle
-
-    path, out = tmp_path / "cycle.npz", tmp_path / "r"
-    package.write(path, winding_cycle(5, 0.1, 0)[0])
+    path, out = tmp_path / "poses.npz", tmp_path / "r"
+    package.write(path, package.Instance("poses", pose_graph(rng_of(0), 5, 2)[0], np.arange(5)))
     common = ("--methods", "certified", "--cost", "gtsam", "--out", out, "--json")
     alone = certpgo("compare", path, *common)
     assert (alone.code, alone.out, alone.err.count("\n")) == (1, "", 1)

@@ -115,8 +115,6 @@ def test_the_register_tells_them_from_poses(certpgo, essential, tmp_path):
         ("solve", "{}", "--covariances", "c.csv"),
         ("outliers", "{}"),
         ("bounds", "{}"),
-        ("sparsify", "{}", "--keep", "50%", "-o", "s.g2o"),
-        ("suggest", "{}"),
         ("convert", "{}", "c.pyfg"),
         ("certify", "{}", "{}", "--cost", "g2o"),
     ],
@@ -246,11 +244,8 @@ def test_functions_refuse_too():
     for call in (
         lambda: library.with_directions(graph, [1], there + 1.0, kappa=1.0),
         lambda: library.solve_robustly(instance),
-        lambda: library.sparsify(instance, 0.5),
-        lambda: library.suggest_loops(graph),
         lambda: library.certify(graph, truth, rejected=np.array([0])),
         lambda: library.RobustSession().add(graph),
-        lambda: library.merge([graph, graph], graph, offset=100),
         lambda: library.solve(instance).covariance(1),
         lambda: library.reweigh(
             replace(

@@ -397,20 +397,14 @@ def test_what_has_no_information_is_refused(square, tmp_path):
         solve(read(square, quiet=True), cost="g2o2")
 
 
-def test_gtsams_cost_has_no_proof_tier(square):
+def test_gtsams_cost_has_all_tiers(square):
     instance = read(square, quiet=True)
     problem = objective_of(instance, "gtsam")
-    for run in (
-        lambda: solve(instance, cost="gtsam", tier="proof"),
-        lambda: certify(problem, instance.initial, tier="proof"),
-    ):
-        with pytest.raises(
-            InputError,
-            match="g2o's, not for twice GTSAM",
-        ):
-            run()
-    screened = certify(problem, solve(instance, cost="gtsam").estimate, tier="screen")
-    assert screened.verdict.value == "BOUNDED"
+    estimate = solve(instance, cost="gtsam", tier="proof").estimate
+    found = {tier: certify(problem, estimate, tier=tier) for tier in ("screen", "proof")}
+    assert found["screen"].verdict.value == "BOUNDED"
+    assert found["proof"].verdict.value == "CERTIFIED"
+    assert found["proof"].lower_bound <= found["proof"].cost_upper
 
 
 def test_disconnected_graphs_are_refused_or_solved_apart(tmp_path):
@@ -542,10 +536,6 @@ def test_the_command_line_has_costs(square, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (
-            ("--cost", "gtsam", "--tier", "proof"),
-            "for the chordal cost and g2o's, not for",
-        ),
         (("--cost", "g2o", "--unit-weights"), "needs poses with information matrices"),
         (("--cost", "g2o", "--method", "newton"), "is for --cost chordal"),
         (("--cost", "gtsam", "--proof", "x.npz"), "is for --cost chordal and g2o"),

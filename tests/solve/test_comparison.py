@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from strategies import pose_graph, rng_of
 
-from certpgo import certify, read, solve
+from certpgo import Instance, certify, read, solve
 from certpgo.certify.region import limits
 from certpgo.certify.regions import Regions
 from certpgo.certify.tolerances import ATOL, NEGLIGIBLE, RTOL
@@ -164,9 +165,9 @@ def test_gtsams_optimizers_minimise_its_cost(uneven):
 
 
 def test_graphs_without_the_cost_are_refused(uneven):
-    cycle = winding_cycle(5, 0.1, 0)[0]
+    poses = Instance("poses", pose_graph(rng_of(0), 5, 2)[0], np.arange(5))
     with pytest.raises(InputError, match="needs poses with information matrices"):
-        next(compare(cycle, cost="g2o"))
+        next(compare(poses, cost="g2o"))
     [row] = compare(uneven, [Competitor("newton", cost="g2o")], cost="g2o")
     assert row.error == "newton does not minimise the cost g2o"
 

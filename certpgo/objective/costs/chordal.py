@@ -25,6 +25,7 @@ class ChordalCost(EdgeCost):
     """
 
     name: ClassVar[str] = "chordal"
+    provable: ClassVar[bool] = True
     takes_partial: ClassVar[bool] = True
     conjunction: ClassVar[str] = " and squared errors of"
 
