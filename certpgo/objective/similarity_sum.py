@@ -207,6 +207,11 @@ class SimilaritySum(Sum):
         constant = np.where(of_edges, 0.0, fits)
         return super().surrogate_of(replace(minorants, constant=constant))
 
+    @property
+    def unprovable(self) -> str:
+        """Why there are no proofs of the cost."""
+        return f"the proof tier is not for {self.title}"
+
     def summed(self, found: Minorants, chosen: BoolArray) -> tuple[Graph, float]:
         """The edges of F, and those of the chosen minorants of blocks; the sum of constants."""
         of_rows = chosen & (np.arange(len(chosen)) >= self._m)
