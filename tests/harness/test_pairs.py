@@ -12,8 +12,9 @@ CELLS = {
         (("distances",), "outliers", ""),
         (("distances", "landmarks"), "robust follow", "g2o"),
         (("directions",), "solve", ""),
+        (("held nodes",), "proof", ""),
     ],
-    "refused": [(("relative poses",), "robust proof", "g2o"), (("held nodes",), "proof", "")],
+    "refused": [(("relative poses",), "robust proof", "g2o")],
 }
 
 
