@@ -153,6 +153,14 @@ def calls(of):
             [0],
             [[0.0, 0.0, 1.0]],
         ),
+        "with_preintegrated": (
+            lambda *a: certpgo.with_preintegrated(
+                *a, np.eye(3)[None], *np.zeros((2, 1, 3)), kappa=1.0, weights=np.ones((1, 2))
+            ),
+            graph,
+            [[0, 1]],
+            [0.1],
+        ),
         "with_priors": (
             lambda *a: certpgo.with_priors(*a, tau=1.0),
             graph,
@@ -178,6 +186,7 @@ OTHERS |= {"Certificate", "CertifiedSolution", "Disagreement", "LogarithmFit", "
 OTHERS |= {
     "Diagnosis",
     "Finding",
+    "Preintegrated",
     "ProvenDistance",
     "Region",
     "Reweighed",
