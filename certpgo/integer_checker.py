@@ -1151,6 +1151,8 @@ def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
     Both are read by integer_reader.py, in the folder or the package of this file.
     """
     name = "integer_reader"
+    if not __package__:
+        sys.path.insert(0, str(Path(__file__).parent))  # which PYTHONSAFEPATH leaves out
     reader: Any = import_module(f"{__package__}.{name}" if __package__ else name)
     try:
         text = reader.plain(graph_path, proof_path)
